@@ -1,0 +1,258 @@
+"""The typed intermediate representation: a synchronous stream program in SSA form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal
+
+from compiler.ops import Op, ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.types import Axis, Type
+from spec_schema.source import Span
+from spec_schema.units import Unit
+
+NodeId = int
+"""Position of a node in its graph; operands always stand before the node that uses them."""
+
+InvalidPolicy = Literal["clamp", "hold", "flag", "trust"]
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One operation: its operands, the static type of its value and its place in the spec."""
+
+    op: Op
+    args: tuple[NodeId, ...]
+    type: Type
+    span: Span | None = field(default=None, compare=False)
+    label: str | None = field(default=None, compare=False)
+    """Name of the equation, output or layer that this value is, for comments and reports."""
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """Nodes in an order in which they can be evaluated."""
+
+    nodes: tuple[Node, ...] = ()
+
+    def __getitem__(self, node: NodeId) -> Node:
+        return self.nodes[node]
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def __iter__(self) -> Iterator[tuple[NodeId, Node]]:
+        return iter(enumerate(self.nodes))
+
+
+class Role(Enum):
+    """Why a signal is in the log."""
+
+    INPUT = "input"
+    """Read by the step: part of the deployed interface."""
+    TARGET = "target"
+    """Read by losses and metrics only."""
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A logged quantity: an input, or a target that only training reads."""
+
+    name: str
+    role: Role
+    axes: tuple[Axis, ...] = ()
+    unit: Unit | None = None
+    range: tuple[float, float] | None = None
+    on_invalid: InvalidPolicy = "flag"
+    doc: str = ""
+    span: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A learnable array: initial value in C order, bounds and unit are physical.
+
+    The optimiser works on a raw variable: physical = scale·raw without bounds, a sigmoid between two
+    bounds, a softplus above or below one (SEMANTICS: one mechanism for all optimisers).
+    """
+
+    name: str
+    axes: tuple[Axis, ...] = ()
+    unit: Unit | None = None
+    initial: tuple[float, ...] = (0.0,)
+    minimum: float | None = None
+    maximum: float | None = None
+    scale: float = 1.0
+    learn: bool = True
+    doc: str = ""
+    span: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """A state that the spec declares under `states:`."""
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """A buffer of the last samples of a signal or value, made by the compiler."""
+
+    source: str
+    """What is buffered: an input or a named equation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tape:
+    """The values of a closed signal up to `ahead−1` samples after t, made by closing a loop."""
+
+    signal: str
+    ahead: int
+
+
+Origin = Declared | History | Tape
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Memory between steps. A buffer (History, Tape) has the window as its last axis, oldest first."""
+
+    name: str
+    axes: tuple[Axis, ...]
+    unit: Unit | None
+    origin: Origin
+    next: NodeId
+    """Node of `Program.step` whose value the state takes after the step."""
+    start: NodeId
+    """Node of `Program.start` whose value the state has before the first step."""
+    range: tuple[float, float] | None = None
+    doc: str = ""
+    span: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """What an output stands for: `signal[t+ahead]`."""
+
+    signal: str
+    ahead: int
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A named result of the step."""
+
+    name: str
+    node: NodeId
+    predicts: Prediction | None = None
+    doc: str = ""
+    span: Span | None = field(default=None, compare=False)
+
+
+class Measure(Enum):
+    """How a loss becomes a number: the mean over steps, starts, window and dims of …."""
+
+    MSE = "mse"
+    """… (prediction − target)²."""
+    RMSE = "rmse"
+    """… (prediction − target)², then its root per batch."""
+    MAE = "mae"
+    """… |prediction − target|."""
+    HUBER = "huber"
+    """… e²/2 for |e| ≤ 1, |e| − 1/2 beyond, e = prediction − target."""
+    MEAN = "mean"
+    """… the prediction itself: an expression that is already a cost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """One term of the training objective; elements whose target is NaN are not scored."""
+
+    name: str
+    measure: Measure
+    prediction: NodeId
+    target: NodeId | None
+    weight: float = 1.0
+    span: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """A named dimension of the spec and the labels of its elements, empty where it has none."""
+
+    name: str
+    size: int
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A model as a pure function of logs, states and parameters: `step` at every t, `start` at t0.
+
+    *Window form*: `ReadSignal` nodes read any samples of the inputs. *Step form* (`to_step_form`):
+    they read sample t, a preview [t … t+n] or one delayed sample, and buffers hold the past.
+    """
+
+    name: str
+    sample_time: float | None
+    """Seconds between samples; None for a static model whose rows are independent samples."""
+    signals: tuple[Signal, ...]
+    parameters: tuple[Parameter, ...]
+    states: tuple[State, ...]
+    step: Graph
+    start: Graph
+    outputs: tuple[Output, ...]
+    losses: tuple[Loss, ...] = ()
+    dimensions: tuple[Dimension, ...] = ()
+    doc: str = ""
+    spec_hash: str = ""
+    """sha256 of the spec's text, so that weights and generated files can name their source."""
+
+    def signal(self, name: str) -> Signal:
+        return next(signal for signal in self.signals if signal.name == name)
+
+    def parameter(self, name: str) -> Parameter:
+        return next(parameter for parameter in self.parameters if parameter.name == name)
+
+    def state(self, name: str) -> State:
+        return next(state for state in self.states if state.name == name)
+
+    def output(self, name: str) -> Output:
+        return next(output for output in self.outputs if output.name == name)
+
+    def state_names_read(self) -> frozenset[str]:
+        """States whose value the step uses, directly or through a window."""
+        ops = (node.op for node in self.step.nodes)
+        return frozenset(
+            op.name if isinstance(op, ReadState) else op.state
+            for op in ops
+            if isinstance(op, ReadState | Window)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """The samples t+first … t+last of a signal that something reads."""
+
+    first: int
+    last: int
+
+    def union(self, other: Extent) -> Extent:
+        return Extent(min(self.first, other.first), max(self.last, other.last))
+
+
+def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
+    """The samples that the graph reads of each signal, from the log or as the step sees them."""
+    wanted = ReadLog if log else ReadSignal
+    found: dict[str, Extent] = {}
+    for _, node in graph:
+        if isinstance(node.op, wanted):
+            extent = Extent(node.op.first, node.op.last)
+            previous = found.get(node.op.signal)
+            found[node.op.signal] = previous.union(extent) if previous else extent
+    return found
+
+
+def parameters_read(graph: Graph) -> frozenset[str]:
+    """Names of the parameters that the graph uses."""
+    return frozenset(n.op.name for _, n in graph if isinstance(n.op, ReadParameter))
