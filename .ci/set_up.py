@@ -1,0 +1,164 @@
+"""Makes the environment in .venv from requirements.lock, with the standard library alone.
+
+Run by `make` with the Python that the environment shall use. A stamp is written only after its
+step has succeeded, so an interrupted run starts that step again, and a finished one returns at
+once.
+"""
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+ENVIRONMENT = ROOT / ".venv"
+PYTHON = ENVIRONMENT / "bin" / "python"
+LOCK = ROOT / "requirements.lock"
+PROJECT = ROOT / "pyproject.toml"
+VENV_PACKAGE = "python3.11-venv"
+
+
+class SetUpError(Exception):
+    """What stopped the set-up, in one sentence for the person who ran it."""
+
+
+def main() -> int:
+    try:
+        check_python()
+        # An environment outlives neither its interpreter nor its folder, so both are in the key.
+        once("dependencies", digest(LOCK, sys.version, str(ROOT)), install_dependencies)
+        once("package", digest(PROJECT), install_package)
+    except SetUpError as error:
+        print(f"set-up: {error}", file=sys.stderr)
+        return 2
+    except subprocess.CalledProcessError as error:
+        print(f"set-up: this command failed: {' '.join(error.cmd)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("set-up: interrupted; run make again to go on", file=sys.stderr)
+        return 130
+    return 0
+
+
+def check_python() -> None:
+    if sys.version_info[:2] != (3, 11):
+        found = ".".join(str(part) for part in sys.version_info[:3])
+        raise SetUpError(
+            f"requirements.lock is made for Python 3.11 and this is {found}; "
+            "name another with make PYTHON=/path/to/python3.11."
+        )
+
+
+def once(name: str, key: str, step: Callable[[], None]) -> None:
+    """Runs `step` unless its stamp holds `key`."""
+    stamp = ENVIRONMENT / f"{name}.stamp"
+    if stamp.is_file() and stamp.read_text() == key:
+        return
+    stamp.unlink(missing_ok=True)
+    step()
+    unfinished = stamp.with_suffix(".unfinished")
+    unfinished.write_text(key)
+    unfinished.replace(stamp)
+
+
+def digest(path: Path, *more: str) -> str:
+    sha = hashlib.sha256(path.read_bytes())
+    for text in more:
+        sha.update(b"\0" + text.encode())
+    return sha.hexdigest()
+
+
+def install_dependencies() -> None:
+    """A fresh environment with exactly the locked packages; half an older one is never kept."""
+    if Path(sys.prefix).resolve() == ENVIRONMENT:
+        raise SetUpError("the Python of .venv cannot make .venv anew; run deactivate first.")
+    if ENVIRONMENT.exists():
+        shutil.rmtree(ENVIRONMENT)
+    installer = make_environment()
+    tell("installing requirements.lock into .venv (the first time some gigabytes, mostly torch)")
+    call(
+        *installer,
+        "install",
+        "--require-hashes",
+        "--disable-pip-version-check",
+        "--quiet",
+        "--progress-bar=off",
+        f"--requirement={LOCK}",
+    )
+
+
+def install_package() -> None:
+    """msnn itself, from this folder; its build tools are in the lock, so nothing is fetched."""
+    tell("installing msnn from this folder into .venv")
+    call(
+        str(PYTHON),
+        "-m",
+        "pip",
+        "install",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-index",
+        "--disable-pip-version-check",
+        "--quiet",
+        f"--editable={ROOT}",
+    )
+
+
+def make_environment() -> list[str]:
+    """Makes .venv; returns the pip command that installs into it.
+
+    Debian keeps ensurepip, which puts pip into an environment, in a package of its own. Without
+    it a pip beside this Python can serve the environment from outside; without that, too, the
+    package is installed.
+    """
+    if not has("ensurepip") and not has("pip"):
+        install_debian_package(VENV_PACKAGE)
+    if has("ensurepip"):
+        call(sys.executable, "-m", "venv", str(ENVIRONMENT))
+        return [str(PYTHON), "-m", "pip"]
+    call(sys.executable, "-m", "venv", "--without-pip", str(ENVIRONMENT))
+    return [sys.executable, "-m", "pip", "--python", str(PYTHON)]
+
+
+def has(module: str) -> bool:
+    importlib.invalidate_caches()
+    return importlib.util.find_spec(module) is not None
+
+
+def install_debian_package(package: str) -> None:
+    command = f"apt-get install {package}"
+    rights = administrator()
+    if shutil.which("apt-get") is None or rights is None:
+        raise SetUpError(f"this Python has neither pip nor ensurepip; run: sudo {command}")
+    tell(f"this Python has neither pip nor ensurepip: {command}")
+    call(*rights, "apt-get", "update", "--quiet=2")
+    call(*rights, "env", "DEBIAN_FRONTEND=noninteractive", *command.split(), "--yes", "--quiet=2")
+    if not has("ensurepip"):
+        raise SetUpError(f"{command} was of no use to {sys.executable}; name another with PYTHON=")
+
+
+def administrator() -> list[str] | None:
+    """The words before a command that needs root; None where that would need a password."""
+    if os.geteuid() == 0:
+        return []
+    sudo = shutil.which("sudo")
+    if sudo is None:
+        return None
+    free = subprocess.run([sudo, "-n", "true"], capture_output=True, check=False)
+    return [sudo, "-n"] if free.returncode == 0 else None
+
+
+def call(*command: str) -> None:
+    subprocess.run(command, check=True)
+
+
+def tell(text: str) -> None:
+    print(f"set-up: {text}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
