@@ -1,0 +1,1 @@
+"""Turns a Spec into a typed Program: names, dims, units, time, passes and the interpreter."""

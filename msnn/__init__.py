@@ -1,0 +1,1 @@
+"""The tool people touch: specs to trained, validated and exported models."""
