@@ -1,0 +1,36 @@
+"""Writes files whole or not at all: under a temporary name beside the target, then renamed to it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Writes UTF-8 text with `\\n` line ends on every system; returns the path."""
+    return write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, data: bytes) -> Path:
+    """Writes the bytes; returns the path. OSError leaves what stood there before."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+    return path
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary path for a writer that opens files itself; renamed to `path` if it succeeds.
+
+    Missing folders are made. The name carries the process id, so that two processes that write the
+    same file do not mix; the last to finish wins.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,35 @@
+"""Files appear whole, and a writer that fails leaves the old file and nothing beside it."""
+
+from pathlib import Path
+
+import pytest
+
+from backends.atomic_write import replacing, write_bytes, write_text
+
+
+def test_writes_text_with_unix_line_ends_into_new_folders(tmp_path: Path):
+    path = write_text(tmp_path / "a" / "b" / "model.txt", "τ = 1\nend\n")
+    assert path.read_bytes() == "τ = 1\nend\n".encode()
+
+
+def test_replaces_what_was_there(tmp_path: Path):
+    path = tmp_path / "model.bin"
+    write_bytes(path, b"old")
+    write_bytes(path, b"new")
+    assert path.read_bytes() == b"new"
+    assert [p.name for p in tmp_path.iterdir()] == ["model.bin"]
+
+
+def test_a_failing_writer_leaves_the_old_file(tmp_path: Path):
+    path = tmp_path / "model.bin"
+    write_bytes(path, b"old")
+    with pytest.raises(ZeroDivisionError), replacing(path) as temporary:
+        temporary.write_bytes(b"half")
+        raise ZeroDivisionError
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["model.bin"]
+
+
+def test_a_writer_that_writes_nothing_is_an_error(tmp_path: Path):
+    with pytest.raises(FileNotFoundError), replacing(tmp_path / "model.bin"):
+        pass
