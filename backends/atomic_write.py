@@ -1,9 +1,9 @@
-"""Writes files whole or not at all: under a temporary name beside the target, then renamed to it."""
+"""Writes files whole or not at all: under a temporary name beside the target, then renamed."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,7 +21,7 @@ def write_bytes(path: Path, data: bytes) -> Path:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path) -> Generator[Path]:
     """A temporary path for a writer that opens files itself; renamed to `path` if it succeeds.
 
     Missing folders are made. The name carries the process id, so that two processes that write the
