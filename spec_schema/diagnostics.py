@@ -1,0 +1,76 @@
+"""What is said to a user about a spec: messages as data, apart from how they are printed."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from spec_schema.source import Span
+
+Severity: TypeAlias = Literal["error", "warning", "note"]
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One message with a stable code.
+
+    `span` is the smallest place at fault and `label` stands under its underline; `secondary` are
+    further places with their labels. Notes are facts, `help` is the repair. Only the constructors
+    in `spec_schema.errors` build diagnostics, so that each sentence is written once.
+    """
+
+    code: str
+    severity: Severity
+    message: str
+    span: Span | None
+    label: str = ""
+    secondary: tuple[tuple[Span, str], ...] = ()
+    notes: tuple[str, ...] = ()
+    help: str | None = None
+
+
+class SpecError(Exception):
+    """A stage failed; carries every diagnostic of that stage, warnings included."""
+
+    def __init__(self, diagnostics: Iterable[Diagnostic]) -> None:
+        self.diagnostics = tuple(diagnostics)
+        super().__init__("; ".join(describe(diagnostic) for diagnostic in self.diagnostics))
+
+
+def describe(diagnostic: Diagnostic) -> str:
+    """One line: `file:line:column: error[E0301]: message`, as compilers print it."""
+    span = diagnostic.span
+    place = f"{span.file}:{span.line}:{span.column}: " if span else ""
+    return f"{place}{diagnostic.severity}[{diagnostic.code}]: {diagnostic.message}"
+
+
+class Findings:
+    """Collects the diagnostics of one stage, so that a user sees all of them at once."""
+
+    def __init__(self) -> None:
+        self._diagnostics: list[Diagnostic] = []
+
+    def report(self, *diagnostics: Diagnostic) -> None:
+        """Adds diagnostics; one that is there already (an alias read twice) is not repeated."""
+        for diagnostic in diagnostics:
+            if diagnostic not in self._diagnostics:
+                self._diagnostics.append(diagnostic)
+
+    @property
+    def in_order(self) -> tuple[Diagnostic, ...]:
+        """All diagnostics in the order of their places in the file; those without one come last."""
+        return tuple(sorted(self._diagnostics, key=_place))
+
+    @property
+    def failed(self) -> bool:
+        """Whether an error is among them."""
+        return any(diagnostic.severity == "error" for diagnostic in self._diagnostics)
+
+    def raise_errors(self) -> None:
+        """Raises SpecError with everything found if an error is among it."""
+        if self.failed:
+            raise SpecError(self.in_order)
+
+
+def _place(diagnostic: Diagnostic) -> tuple[bool, str, int, int]:
+    span = diagnostic.span
+    return (False, span.file, span.line, span.column) if span else (True, "", 0, 0)

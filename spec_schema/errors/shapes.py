@@ -1,0 +1,78 @@
+"""E04xx: dimensions and shapes."""
+
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.source import Span
+
+
+def axes_differ(
+    operation: str,
+    left: str,
+    right: str,
+    reason: str,
+    span: Span,
+    left_span: Span,
+    right_span: Span,
+    repair: str | None,
+) -> Diagnostic:
+    """E0401: operands whose axes cannot meet."""
+    return Diagnostic(
+        "E0401",
+        "error",
+        f"`{operation}` cannot align its operands: {reason}",
+        span,
+        "here",
+        secondary=((left_span, f"this is {left}"), (right_span, f"this is {right}")),
+        notes=("operands are aligned by the names of their axes",),
+        help=repair,
+    )
+
+
+def wrong_axes(what: str, wanted: str, found: str, span: Span) -> Diagnostic:
+    """E0402: a value with other axes than its place needs."""
+    return Diagnostic(
+        "E0402", "error", f"{what} must be {wanted}, not {found}", span, f"this is {found}"
+    )
+
+
+def window_needed(layer: str, span: Span) -> Diagnostic:
+    """E0403: a layer that works on a time window and got one sample."""
+    return Diagnostic(
+        "E0403",
+        "error",
+        f"`{layer}` needs a time window",
+        span,
+        "this is one sample",
+        help=f"give the layer `window: 5`, or call `{layer}(x.past(5))`",
+    )
+
+
+def layer_called_differently(layer: str, before: str, now: str, span: Span) -> Diagnostic:
+    """E0404: a layer called with two different shapes; its weights are shared."""
+    return Diagnostic(
+        "E0404",
+        "error",
+        f"`{layer}` is called with {now} here and with {before} elsewhere",
+        span,
+        "another shape",
+        notes=("one layer called twice shares its weights",),
+        help="declare a second layer",
+    )
+
+
+def unknown_dimension(name: str, span: Span) -> Diagnostic:
+    """E0405: a dimension that `dims:` does not list."""
+    return Diagnostic(
+        "E0405",
+        "error",
+        f"unknown dimension `{name}`",
+        span,
+        "not in `dims:`",
+        help=f"add it: `dims: {{{name}: 3}}`",
+    )
+
+
+def no_such_axis(function: str, axis: str, axes: str, span: Span) -> Diagnostic:
+    """E0406: an axis that the value does not have."""
+    return Diagnostic(
+        "E0406", "error", f"`{function}` over `{axis}`: the value has {axes}", span, "no such axis"
+    )

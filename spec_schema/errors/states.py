@@ -1,0 +1,87 @@
+"""E07xx: states and loops."""
+
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.source import Span
+
+
+def state_without_law(name: str, span: Span) -> Diagnostic:
+    """E0701: a state that nothing moves."""
+    return Diagnostic(
+        "E0701",
+        "error",
+        f"the state `{name}` needs `der:` or `next:`",
+        span,
+        "nothing says how it moves",
+        help="`der:` is the derivative of a continuous state, `next:` the value of a discrete one",
+    )
+
+
+def algebraic_loop(names: tuple[str, ...], span: Span) -> Diagnostic:
+    """E0702: values that need each other in the same step."""
+    return Diagnostic(
+        "E0702",
+        "error",
+        f"algebraic loop: {' → '.join(names)}",
+        span,
+        "needs its own value in the same step",
+        help="break it with a state or a past sample",
+    )
+
+
+def not_a_state(function: str, span: Span) -> Diagnostic:
+    """E0703: `next` or `flow` of something that is not a state."""
+    return Diagnostic(
+        "E0703", "error", f"`{function}` takes the name of a state", span, "not a state"
+    )
+
+
+def simulation_in_init(name: str, span: Span) -> Diagnostic:
+    """E0704: an initial value that reads the simulation it starts."""
+    return Diagnostic(
+        "E0704",
+        "error",
+        f"`init` cannot read the state `{name}`: the simulation has not begun",
+        span,
+        "a simulated value",
+        help=f"write `{name}.meas` for its logged value",
+    )
+
+
+def no_such_prediction(name: str, span: Span) -> Diagnostic:
+    """E0705: an output that predicts something that is not logged."""
+    return Diagnostic(
+        "E0705",
+        "error",
+        f"`predicts` names `{name}`, which is not an input, target or state",
+        span,
+        "not logged",
+    )
+
+
+def two_feedbacks(signal: str, first: str, second: str, span: Span) -> Diagnostic:
+    """E0706: two outputs that would feed one closed signal."""
+    return Diagnostic(
+        "E0706",
+        "error",
+        f"`{first}` and `{second}` both predict `{signal}`",
+        span,
+        "one feedback path is needed to close the loop",
+    )
+
+
+def not_closable(signal: str, span: Span | None, reason: str) -> Diagnostic:
+    """E0707: a loop that cannot be closed."""
+    return Diagnostic(
+        "E0707", "error", f"`{signal}` cannot be closed: {reason}", span, "closed here"
+    )
+
+
+def flow_of_discrete(name: str, span: Span) -> Diagnostic:
+    """E0708: the integrator's result for a state without derivative."""
+    return Diagnostic(
+        "E0708",
+        "error",
+        f"`flow({name})` needs `der:` in the state `{name}`",
+        span,
+        "no derivative",
+    )

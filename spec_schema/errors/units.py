@@ -1,0 +1,61 @@
+"""E05xx: units of measurement."""
+
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.source import Span
+
+
+def malformed_unit(problem: str, span: Span, repair: str | None) -> Diagnostic:
+    """E0501: a text that is not a unit."""
+    return Diagnostic(
+        "E0501",
+        "error",
+        problem,
+        span,
+        "not a unit",
+        help=f"write `{repair}`" if repair else None,
+    )
+
+
+def two_units(written: str, declared: str, span: Span, declaration: Span) -> Diagnostic:
+    """E0502: a value with one unit in an entry that declares another."""
+    return Diagnostic(
+        "E0502",
+        "error",
+        f"the value is in {written}, but the unit is declared as {declared}",
+        span,
+        written,
+        secondary=((declaration, f"declared as {declared} here"),),
+        help="write the unit once",
+    )
+
+
+def incomparable_unit(written: str, wanted: str, span: Span) -> Diagnostic:
+    """E0503: a unit of the wrong dimension."""
+    return Diagnostic(
+        "E0503", "error", f"{written} is not a unit of {wanted}", span, f"expected {wanted}"
+    )
+
+
+def units_differ(
+    operation: str, found: str, expected: str, span: Span, secondary: tuple[tuple[Span, str], ...]
+) -> Diagnostic:
+    """W0504: units that an operation cannot take together; an error under `--strict-units`."""
+    return Diagnostic(
+        "W0504",
+        "warning",
+        f"units do not fit in `{operation}`: {found} where {expected} is expected",
+        span,
+        f"{expected} expected",
+        secondary=secondary,
+    )
+
+
+def declared_unit_differs(name: str, found: str, declared: str, span: Span) -> Diagnostic:
+    """W0505: an expression in another unit than its entry declares."""
+    return Diagnostic(
+        "W0505",
+        "warning",
+        f"`{name}` is declared in {declared}, its expression is in {found}",
+        span,
+        f"this is in {found}",
+    )

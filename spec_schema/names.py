@@ -1,0 +1,36 @@
+"""Which words may name things, and which are taken."""
+
+import keyword
+import re
+import unicodedata
+
+NAME_PATTERN = "[A-Za-zͰ-Ͽ][A-Za-z0-9_Ͱ-Ͽ]*"
+_NAME = re.compile(NAME_PATTERN)
+_TAKEN = {
+    "t": "it is the index of time",
+    "dt": "it is the sample time",
+    "pi": "it is the number π",
+}
+
+
+def normalised(name: str) -> str:
+    """NFKC, as Python's parser does it to names in expressions."""
+    return unicodedata.normalize("NFKC", name)
+
+
+def is_name(name: str) -> bool:
+    """Whether a text, once normalised, follows the grammar of NAME.
+
+    `x²` does not, although NFKC makes `x2` of it: nobody means that.
+    """
+    return name.isidentifier() and _NAME.fullmatch(normalised(name)) is not None
+
+
+def why_reserved(name: str) -> str | None:
+    """Why nothing may be declared under this name; None when it is free."""
+    return _TAKEN.get(name) or ("it is a word of Python" if is_python_word(name) else None)
+
+
+def is_python_word(name: str) -> bool:
+    """Whether the parser of expressions, which is Python's, cannot read it as a name."""
+    return keyword.iskeyword(name)

@@ -1,0 +1,66 @@
+"""Places in files: the text a person wrote, and spans that point into it."""
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from functools import cached_property
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Span:
+    """A stretch of a file: 1-based lines and columns counted in characters, the end exclusive."""
+
+    file: str
+    line: int
+    column: int
+    end_line: int
+    end_column: int
+
+    def to(self, other: "Span") -> "Span":
+        """The stretch from the start of this span to the end of `other`."""
+        return Span(self.file, self.line, self.column, other.end_line, other.end_column)
+
+
+@dataclass(frozen=True)
+class SourceText:
+    """A file's name and text; turns character offsets into spans.
+
+    Lines end at LF, CR LF or CR, as editors count them.
+    """
+
+    path: str
+    text: str
+
+    @cached_property
+    def _starts(self) -> tuple[int, ...]:
+        starts = [0]
+        text = self.text
+        for offset, character in enumerate(text):
+            ends_line = character == "\n" or (
+                character == "\r" and text[offset + 1 : offset + 2] != "\n"
+            )
+            if ends_line:
+                starts.append(offset + 1)
+        return tuple(starts)
+
+    @property
+    def line_count(self) -> int:
+        """How many lines the text has; an empty text has one."""
+        return len(self._starts)
+
+    def span(self, start: int, end: int) -> Span:
+        """The span of `text[start:end]`; offsets beyond the text are moved to its end."""
+        line, column = self.position(start)
+        end_line, end_column = self.position(max(start, end))
+        return Span(self.path, line, column, end_line, end_column)
+
+    def position(self, offset: int) -> tuple[int, int]:
+        """1-based line and column of a character offset."""
+        offset = min(max(offset, 0), len(self.text))
+        line = bisect_right(self._starts, offset)
+        return line, offset - self._starts[line - 1] + 1
+
+    def line(self, number: int) -> str:
+        """The text of a 1-based line, without its line end."""
+        start = self._starts[number - 1]
+        end = self._starts[number] if number < self.line_count else len(self.text)
+        return self.text[start:end].rstrip("\r\n")
