@@ -135,8 +135,9 @@ def install_debian_package(package: str) -> None:
     if shutil.which("apt-get") is None or rights is None:
         raise SetUpError(f"this Python has neither pip nor ensurepip; run: sudo {command}")
     tell(f"this Python has neither pip nor ensurepip: {command}")
-    call(*rights, "apt-get", "update", "--quiet=2")
-    call(*rights, "env", "DEBIAN_FRONTEND=noninteractive", *command.split(), "--yes", "--quiet=2")
+    quietly = ("--quiet=2", "--option=Dpkg::Use-Pty=0")
+    call(*rights, "apt-get", "update", *quietly)
+    call(*rights, "env", "DEBIAN_FRONTEND=noninteractive", *command.split(), "--yes", *quietly)
     if not has("ensurepip"):
         raise SetUpError(f"{command} was of no use to {sys.executable}; name another with PYTHON=")
 

@@ -27,12 +27,12 @@ def test_it_holds_the_five_packages_only(wheel: zipfile.ZipFile):
     assert {name for name in top if not name.endswith(".dist-info")} == PACKAGES
 
 
-def test_it_holds_every_module_and_template_of_the_checkout(wheel: zipfile.ZipFile):
+def test_it_holds_every_file_of_their_folders(wheel: zipfile.ZipFile):
     here = {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in (ROOT / package).rglob("*")
-        if path.suffix in {".py", ".j2", ".typed"}
+        if path.is_file() and "__pycache__" not in path.parts
     }
     assert here <= set(wheel.namelist())
 
