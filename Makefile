@@ -38,7 +38,7 @@ format: setup
 	.venv/bin/ruff format
 
 benchmark: setup
-	@for script in benchmarks/*/run.py; do echo "== $$script"; $(PY) "$$script" || exit 1; done
+	@for script in $(sort $(wildcard benchmarks/*/run.py)); do echo "== $$script"; $(PY) "$$script" || exit 1; done
 
 lock: setup
 	.venv/bin/uv pip compile pyproject.toml --all-extras --group dev --generate-hashes --upgrade \

@@ -28,7 +28,7 @@ class SetUpError(Exception):
 
 def main() -> int:
     try:
-        check_python()
+        check_python(sys.version_info[:3])
         # An environment outlives neither its interpreter nor its folder, so both are in the key.
         once("dependencies", digest(LOCK, sys.version, str(ROOT)), install_dependencies)
         once("package", digest(PROJECT), install_package)
@@ -44,9 +44,9 @@ def main() -> int:
     return 0
 
 
-def check_python() -> None:
-    if sys.version_info[:2] != (3, 11):
-        found = ".".join(str(part) for part in sys.version_info[:3])
+def check_python(version: tuple[int, int, int]) -> None:
+    if version[:2] != (3, 11):
+        found = ".".join(str(part) for part in version)
         raise SetUpError(
             f"requirements.lock is made for Python 3.11 and this is {found}; "
             "name another with make PYTHON=/path/to/python3.11."
