@@ -1,0 +1,192 @@
+"""Feeds inputs from the outputs that predict them instead of from the log (rule R4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from compiler.builder import GraphBuilder
+from compiler.evaluation_order import CycleError, evaluation_order
+from compiler.graph_copy import copy_node, samples
+from compiler.ops import ReadSignal, Window
+from compiler.program import Node, NodeId, Output, Program, Role, Signal, State, Tape
+from compiler.program import extents as extents_of
+from compiler.types import WINDOW, Axis, Type
+from spec_schema.source import Span
+
+
+class LoopFault(Enum):
+    """Why a loop cannot be closed."""
+
+    UNKNOWN = "the program has no input of this name"
+    UNPREDICTED = "no output predicts it"
+    PREDICTED_TWICE = "more than one output predicts it"
+    AXES = "the output that predicts it has other axes"
+    FUTURE = "a sample is read that no output has predicted yet"
+    CYCLE = "its value depends on itself within one step"
+
+
+class LoopError(Exception):
+    """A loop that cannot be closed: why, for which input, where, and a cycle's values by name."""
+
+    def __init__(
+        self,
+        kind: LoopFault,
+        signal: str,
+        cycle: tuple[str, ...] = (),
+        span: Span | None = None,
+    ) -> None:
+        through = f" ({' -> '.join(cycle)})" if cycle else ""
+        super().__init__(f"`{signal}`: {kind.value}{through}")
+        self.kind = kind
+        self.signal = signal
+        self.cycle = cycle
+        self.span = span
+
+
+def close_loop(program: Program, signals: Iterable[str]) -> Program:
+    """The program in window form with the named inputs fed from their predictions.
+
+    An input s that an output o predicts k samples ahead is no longer read from the log by the
+    step. Its samples up to t+k−1 come from the state `<s>.tape`, which starts from the log and to
+    which every step adds o; for k = 0 the sample t is o's value in the same step.
+
+    Before: window form. After: window form; no `ReadSignal` of the closed inputs, which are now
+    targets. Losses and `ReadLog` are as they were. Raises LoopError.
+
+        %0: [t=3] = signal(x, -2, 0)              # output y predicts x[t+1]
+
+        %0: [t=3] = state(x.tape)                 # next: window(x.tape, y)[t, 1:4]
+    """
+    loops = _loops(program, signals)
+    feeds: dict[NodeId, NodeId] = {}
+    for index, node in program.step:
+        if isinstance(node.op, ReadSignal) and node.op.signal in loops:
+            loop = loops[node.op.signal]
+            if node.op.last > max(loop.ahead - 1, 0):
+                raise LoopError(LoopFault.FUTURE, node.op.signal, span=node.span)
+            if loop.ahead == 0 and node.op.last == 0:
+                feeds[index] = loop.output.node
+    try:
+        order = evaluation_order(program.step, feeds)
+    except CycleError as error:
+        raise _cycle_error(program, error) from error
+
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index in order:
+        node = program.step[index]
+        if isinstance(node.op, ReadSignal) and node.op.signal in loops:
+            with builder.at(node.span):
+                copies[index] = loops[node.op.signal].read(builder, node.op, node, copies)
+        else:
+            copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+    starts = GraphBuilder(program.start)
+    tapes = [loop.state(builder, starts, copies) for loop in loops.values() if loop.length]
+    return replace(
+        program,
+        signals=tuple(
+            replace(s, role=Role.TARGET) if s.name in loops else s for s in program.signals
+        ),
+        states=(*(replace(state, next=copies[state.next]) for state in program.states), *tapes),
+        step=builder.graph(),
+        start=starts.graph(),
+        outputs=tuple(replace(output, node=copies[output.node]) for output in program.outputs),
+        losses=tuple(
+            replace(
+                loss,
+                prediction=copies[loss.prediction],
+                target=None if loss.target is None else copies[loss.target],
+            )
+            for loss in program.losses
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Loop:
+    signal: Signal
+    output: Output
+    ahead: int
+    first: int
+    """The oldest sample that the step reads, relative to t."""
+
+    @property
+    def length(self) -> int:
+        """Samples on the tape: t+first … t+ahead−1; 0 where only a direct feed-through is read."""
+        return self.ahead - self.first
+
+    @property
+    def _tape_name(self) -> str:
+        return f"{self.signal.name}.tape"
+
+    def _windowed(self, size: int) -> Type:
+        return Type((*self.signal.axes, Axis(WINDOW, size)), self.signal.unit)
+
+    def read(
+        self, builder: GraphBuilder, op: ReadSignal, node: Node, copies: dict[NodeId, NodeId]
+    ) -> NodeId:
+        if self.ahead == 0 and op.last == 0:
+            value = self._with_prediction(builder, copies)
+        else:
+            value = builder.state(self._tape_name, self._windowed(self.length))
+        return samples(builder, value, self.first, (op.first, op.last), node)
+
+    def _with_prediction(self, builder: GraphBuilder, copies: dict[NodeId, NodeId]) -> NodeId:
+        """The tape followed by the output's value of this step."""
+        predicted = builder.broadcast(copies[self.output.node], self.signal.axes)
+        if not self.length:
+            return builder.reshape(predicted, self._windowed(1).axes)
+        return builder.emit(Window(self._tape_name), (predicted,), self._windowed(self.length + 1))
+
+    def state(
+        self, builder: GraphBuilder, starts: GraphBuilder, copies: dict[NodeId, NodeId]
+    ) -> State:
+        moved = builder.slice(self._with_prediction(builder, copies), WINDOW, 1, self.length + 1)
+        name, kept = self.signal.name, self._windowed(self.length)
+        return State(
+            self._tape_name,
+            kept.axes,
+            kept.unit,
+            Tape(name, self.ahead),
+            next=moved,
+            start=starts.log(name, self.first, self.ahead - 1, kept),
+            range=self.signal.range,
+            doc=self.signal.doc,
+            span=self.signal.span,
+        )
+
+
+def _loops(program: Program, names: Iterable[str]) -> dict[str, _Loop]:
+    """What closes each of the inputs; one that the step does not read needs nothing."""
+    known = {signal.name: signal for signal in program.signals}
+    extents = extents_of(program.step, log=False)
+    loops: dict[str, _Loop] = {}
+    for name in names:
+        if name not in known:
+            raise LoopError(LoopFault.UNKNOWN, name)
+        signal = known[name]
+        found = [out for out in program.outputs if out.predicts and out.predicts.signal == name]
+        if not found:
+            raise LoopError(LoopFault.UNPREDICTED, name, span=signal.span)
+        if len(found) > 1:
+            raise LoopError(LoopFault.PREDICTED_TWICE, name, span=found[1].span)
+        if not set(program.step[found[0].node].type.axes) <= set(signal.axes):
+            raise LoopError(LoopFault.AXES, name, span=found[0].span)
+        predicts = found[0].predicts
+        if predicts is not None and name in extents:
+            loops[name] = _Loop(signal, found[0], predicts.ahead, extents[name].first)
+    return loops
+
+
+def _cycle_error(program: Program, error: CycleError) -> LoopError:
+    nodes = [program.step[index] for index in error.nodes]
+    closed = [node for node in nodes if isinstance(node.op, ReadSignal)]
+    names: list[str] = []
+    for node in nodes:
+        name = node.op.signal if isinstance(node.op, ReadSignal) else node.label
+        if name is not None and name not in names:
+            names.append(name)
+    signal = closed[0].op.signal if isinstance(closed[0].op, ReadSignal) else ""
+    return LoopError(LoopFault.CYCLE, signal, tuple(names), closed[0].span)

@@ -1,0 +1,131 @@
+"""Replaces windows over inputs by buffers, so that each step reads every input exactly once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from compiler.builder import GraphBuilder
+from compiler.graph_copy import copy_node, samples
+from compiler.ops import ReadSignal, Window
+from compiler.program import Extent, History, Node, NodeId, Program, Signal, State, extents
+from compiler.types import WINDOW, Axis, Type
+
+
+def to_step_form(program: Program) -> Program:
+    """The program in step form: inputs are ports, their past is in buffer states.
+
+    An input read at t+a … t+b becomes one read of t+newest … t+max(b, newest), newest = min(b, 0):
+    the current sample, a preview, or (b < 0) one late sample. The newest − a samples before it are
+    the state `<input>.history`, whose start is read from the log.
+
+    Before: any reads; unused nodes are dropped (a read that nobody needs would widen a buffer).
+    After: one `ReadSignal` a signal. Losses and `ReadLog` are as they were.
+
+        %0: [t=3] = signal(x, -2, 0)
+
+        %0: scalar = signal(x, 0, 0)
+        %1: [t=3] = window(x.history, %0)
+    """
+    reads = extents(program.step, log=False)
+    ports = {name: _Port.of(program.signal(name), extent) for name, extent in reads.items()}
+    builder = GraphBuilder()
+    copies: list[NodeId] = []
+    for _, node in program.step:
+        if isinstance(node.op, ReadSignal):
+            with builder.at(node.span):
+                copy = ports[node.op.signal].read(builder, node.op, node)
+            if node.label is not None and builder.type(copy) == node.type:
+                builder.name(copy, node.label)
+        else:
+            copy = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+        copies.append(copy)
+    starts = GraphBuilder(program.start)
+    buffers = [port.state(builder, starts) for port in ports.values() if port.length]
+    return replace(
+        program,
+        states=(
+            *(replace(state, next=copies[state.next]) for state in program.states),
+            *buffers,
+        ),
+        step=builder.graph(),
+        start=starts.graph(),
+        outputs=tuple(replace(output, node=copies[output.node]) for output in program.outputs),
+        losses=tuple(
+            replace(
+                loss,
+                prediction=copies[loss.prediction],
+                target=None if loss.target is None else copies[loss.target],
+            )
+            for loss in program.losses
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Port:
+    signal: Signal
+    newest: int
+    last: int
+    length: int
+    """Samples in the buffer, 0 for none."""
+
+    @staticmethod
+    def of(signal: Signal, extent: Extent) -> _Port:
+        newest = min(extent.last, 0)
+        return _Port(signal, newest, max(extent.last, newest), max(newest - extent.first, 0))
+
+    @property
+    def _sample(self) -> Type:
+        return Type(self.signal.axes, self.signal.unit)
+
+    @property
+    def _buffer_name(self) -> str:
+        return f"{self.signal.name}.history"
+
+    def _windowed(self, size: int) -> Type:
+        return self._sample.with_axes((*self.signal.axes, Axis(WINDOW, size)))
+
+    def read(self, builder: GraphBuilder, op: ReadSignal, node: Node) -> NodeId:
+        """The samples of one read of the window form."""
+        if op.last <= self.newest:
+            value, oldest = self._past(builder), self.newest - self.length
+        elif op.first >= self.newest:
+            value, oldest = self._preview(builder), self.newest
+        else:
+            coming = builder.slice(self._preview(builder), WINDOW, 1, self.last + 1)
+            value = builder.concat([self._past(builder), coming], WINDOW)
+            oldest = self.newest - self.length
+        return samples(builder, value, oldest, (op.first, op.last), node)
+
+    def _preview(self, builder: GraphBuilder) -> NodeId:
+        size = self.last - self.newest + 1
+        return builder.signal(self.signal.name, self.newest, self.last, self._windowed(size))
+
+    def _newest(self, builder: GraphBuilder) -> NodeId:
+        if self.last == self.newest:
+            return builder.signal(self.signal.name, self.newest, self.newest, self._sample)
+        return builder.element(self._preview(builder), WINDOW, 0)
+
+    def _past(self, builder: GraphBuilder) -> NodeId:
+        """The samples t+newest−length … t+newest."""
+        newest = self._newest(builder)
+        if not self.length:
+            return builder.reshape(newest, self._windowed(1).axes)
+        return builder.emit(Window(self._buffer_name), (newest,), self._windowed(self.length + 1))
+
+    def state(self, builder: GraphBuilder, starts: GraphBuilder) -> State:
+        """The buffer that holds the samples before the newest one."""
+        kept = builder.slice(self._past(builder), WINDOW, 1, self.length + 1)
+        first, last = self.newest - self.length, self.newest - 1
+        start = starts.log(self.signal.name, first, last, self._windowed(self.length))
+        return State(
+            self._buffer_name,
+            self._windowed(self.length).axes,
+            self.signal.unit,
+            History(self.signal.name),
+            next=kept,
+            start=start,
+            range=self.signal.range,
+            doc=self.signal.doc,
+            span=self.signal.span,
+        )
