@@ -1,0 +1,140 @@
+"""The torch module computes what the interpreter computes, and its slopes are right at kinks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from backends.torch_module import build_module
+from compiler.builder import GraphBuilder
+from compiler.interpreter import Interpreter
+from compiler.ops import Relation
+from compiler.passes.close_loop import close_loop
+from compiler.passes.to_step_form import to_step_form
+from compiler.program import NodeId, Output, Parameter, Program, Role, Signal
+from compiler.types import Type
+from tests.programs import SAMPLES, Sample
+
+# Both sides round in float64 and may only add in another order.
+TOLERANCE = 1e-12
+
+FORMS = {
+    "window": lambda sample: sample.program,
+    "closed": lambda sample: close_loop(sample.program, sample.closed),
+    "step": lambda sample: to_step_form(sample.program),
+    "closed_step": lambda sample: to_step_form(close_loop(sample.program, sample.closed)),
+}
+
+
+def agree(found: torch.Tensor, expected: np.ndarray) -> None:
+    scale = np.maximum(np.abs(expected), np.max(np.abs(expected), initial=1e-300))
+    difference = np.abs(found.detach().numpy() - expected)
+    assert found.shape == expected.shape
+    assert np.all(difference <= TOLERANCE * scale), float(np.max(difference / scale))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", SAMPLES)
+def test_steps_agree_with_the_interpreter(name: str, form: str) -> None:
+    sample: Sample = SAMPLES[name]()
+    program = FORMS[form](sample)
+    log = sample.log(60, 3)
+    judge, model = Interpreter(program), build_module(program)
+    t0 = np.array([6, 9, 20])
+    tensors = {key: torch.from_numpy(value) for key, value in log.items()}
+    states = judge.start(log, t0)
+    for key, value in model.start(tensors, torch.from_numpy(t0)).items():
+        agree(value, states[key])
+    for k in range(30):
+        expected = judge.step(log, t0 + k, states)
+        given = {key: torch.from_numpy(value) for key, value in states.items()}
+        found = model.step(tensors, torch.from_numpy(t0 + k), given)
+        for key, value in found.outputs.items():
+            agree(value, expected.outputs[key])
+        for key, value in found.next_states.items():
+            agree(value, expected.next_states[key])
+        for key, (prediction, target) in found.losses.items():
+            wanted, logged = expected.losses[key]
+            agree(prediction, wanted)
+            if target is not None:
+                assert logged is not None
+                agree(target, logged)
+        states = expected.next_states
+
+
+def test_bounded_parameters_come_back_as_they_were_given() -> None:
+    model = build_module(SAMPLES["spring_damper_rk4"]().program)
+    weights = {"mass": np.array(2.5), "damping": np.array(0.01), "stiffness": np.array(40.0)}
+    assert model.load_physical(weights) == ()
+    for name, value in weights.items():
+        assert model.weights()[name] == pytest.approx(value, rel=TOLERANCE)
+
+
+def test_weights_on_a_bound_are_moved_off_it_and_named() -> None:
+    model = build_module(SAMPLES["spring_damper_rk4"]().program)
+    assert model.load_physical({"mass": np.array(10.0), "damping": np.array(0.3)}) == ("mass",)
+    assert 9.99 < model.weights()["mass"] < 10.0
+
+
+def slope_at(x: float, build: Callable[[GraphBuilder, NodeId], NodeId]) -> tuple[float, float]:
+    """Value and slope of a scalar expression of one parameter."""
+    b = GraphBuilder()
+    node: NodeId = build(b, b.parameter("p", Type()))
+    program = Program(
+        "kink", None, (Signal("u", Role.INPUT),), (Parameter("p", initial=(x,)),), (),
+        b.graph(), GraphBuilder().graph(), (Output("y", node),),
+    )  # fmt: skip
+    model = build_module(program)
+    value = model.step({}, torch.tensor([0]), {}).outputs["y"].sum()
+    value.backward()
+    gradient = model.raw("p").grad
+    assert gradient is not None
+    return value.item(), gradient.item()
+
+
+KINKS = {
+    "abs at 0": (0.0, lambda b, p: b.apply("abs", p), 0.0),
+    "sign at 0": (0.0, lambda b, p: b.apply("sign", p), 0.0),
+    "tie of min goes to the first": (1.0, lambda b, p: b.minimum(p, b.constant(1.0)), 1.0),
+    "tie of max goes to the first": (1.0, lambda b, p: b.maximum(b.constant(1.0), p), 0.0),
+    "relu at 0": (0.0, lambda b, p: b.maximum(b.constant(0.0), p), 0.0),
+    "clamp on its bound": (
+        2.0, lambda b, p: b.clamp(p, b.constant(-1.0), b.constant(2.0)), 1.0
+    ),
+    "softplus at 0": (0.0, lambda b, p: b.apply("softplus", p), 0.5),
+    "untaken sqrt": (
+        -4.0,
+        lambda b, p: b.select(
+            b.compare(Relation.GREATER, p, b.constant(0.0)), b.apply("sqrt", p), b.negate(p)
+        ),
+        -1.0,
+    ),
+    "untaken division": (
+        0.0,
+        lambda b, p: b.select(
+            b.compare(Relation.GREATER, p, b.constant(0.0)),
+            b.multiply(p, b.divide(b.constant(1.0), p)),
+            b.multiply(b.constant(3.0), p),
+        ),
+        3.0,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kink", KINKS)
+def test_slopes_at_kinks(kink: str) -> None:
+    x, build, expected = KINKS[kink]
+    assert slope_at(x, build)[1] == pytest.approx(expected, abs=1e-15)
+
+
+@pytest.mark.parametrize("operation", ["minimum", "maximum"])
+@pytest.mark.parametrize("first", [True, False])
+def test_nan_propagates_through_extrema(operation: str, first: bool) -> None:
+    def build(b: GraphBuilder, p: NodeId) -> NodeId:
+        pair = (p, b.constant(1.0)) if first else (b.constant(1.0), p)
+        return getattr(b, operation)(*pair)
+
+    assert np.isnan(slope_at(float("nan"), build)[0])
