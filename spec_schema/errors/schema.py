@@ -206,7 +206,7 @@ def malformed_prediction(span: Span) -> Diagnostic:
     )
 
 
-def list_for_expression(span: Span, text: str) -> Diagnostic:
+def list_for_expression(span: Span) -> Diagnostic:
     """E0221: YAML read a list or mapping where an expression was meant."""
     return Diagnostic(
         "E0221",
@@ -214,7 +214,7 @@ def list_for_expression(span: Span, text: str) -> Diagnostic:
         "expected an expression, found a YAML list or mapping",
         span,
         "YAML reads brackets at the start of a value as its own",
-        help=f'quote it: "{text}"',
+        help="put the whole expression in quotes",
     )
 
 

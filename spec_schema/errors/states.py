@@ -4,12 +4,12 @@ from spec_schema.diagnostics import Diagnostic
 from spec_schema.source import Span
 
 
-def state_without_law(name: str, span: Span) -> Diagnostic:
+def state_without_law(span: Span) -> Diagnostic:
     """E0701: a state that nothing moves."""
     return Diagnostic(
         "E0701",
         "error",
-        f"the state `{name}` needs `der:` or `next:`",
+        "a state needs `der:` or `next:`",
         span,
         "nothing says how it moves",
         help="`der:` is the derivative of a continuous state, `next:` the value of a discrete one",

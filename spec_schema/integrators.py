@@ -1,0 +1,39 @@
+"""The integrators of continuous states."""
+
+from typing import ClassVar
+
+from spec_schema.entry import Entry, Variant
+from spec_schema.plain_fields import PositiveCount
+
+
+class Euler(Entry):
+    """Explicit Euler with steps of dt/substeps."""
+
+    noun: ClassVar[str] = "the euler integrator"
+
+    substeps: PositiveCount = 1
+
+
+class RungeKutta4(Entry):
+    """The classical Runge-Kutta method of order 4 with steps of dt/substeps."""
+
+    noun: ClassVar[str] = "the rk4 integrator"
+
+    substeps: PositiveCount = 1
+
+
+class Integrator(Variant):
+    """The method by which continuous states go from t to t+1."""
+
+    noun: ClassVar[str] = "integrator"
+    later: ClassVar[frozenset[str]] = frozenset({"semi_implicit", "linear_implicit", "midpoint"})
+
+    euler: Euler | None = None
+    rk4: RungeKutta4 | None = None
+
+    @property
+    def choice(self) -> Euler | RungeKutta4:
+        """The one that is given."""
+        given = self.euler or self.rk4
+        assert given is not None
+        return given

@@ -1,0 +1,47 @@
+"""Mappings whose keys the user chooses: names, names of other things, and patterns of names."""
+
+from collections.abc import Mapping
+from typing import Annotated, TypeAlias, TypeVar
+
+from pydantic import BeforeValidator, ValidationInfo
+
+from spec_schema.entry import RefusedError, findings_of
+from spec_schema.errors import schema as errors
+from spec_schema.names import is_name, why_reserved
+from spec_schema.yaml_nodes import Node, Scalar, Table, kind
+
+Item = TypeVar("Item")
+
+
+def _read_declarations(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
+    table = _read_table(node, info)
+    findings = findings_of(info)
+    admitted: dict[str, Node] = {}
+    for name, value in table.entries.items():
+        reason = why_reserved(name)
+        if reason is not None:
+            findings.report(errors.reserved_name(name, table.keys[name], reason))
+        elif not is_name(name):
+            findings.report(errors.malformed_name(name, table.keys[name]))
+        else:
+            admitted[name] = value
+    return admitted
+
+
+def _read_any_keys(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
+    return _read_table(node, info).entries
+
+
+def _read_table(node: Node, info: ValidationInfo) -> Table:
+    if isinstance(node, Scalar) and node.is_empty:
+        return Table({}, {}, node.span, node.key)
+    if not isinstance(node, Table):
+        found = kind(node)
+        findings_of(info).report(errors.wrong_kind("a mapping of names", found, node.span))
+        raise RefusedError
+    entries = {name: value for name, value in node.entries.items() if not name.startswith("x-")}
+    return Table(entries, node.keys, node.span, node.key)
+
+
+Named: TypeAlias = Annotated[Mapping[str, Item], BeforeValidator(_read_declarations)]
+Keyed: TypeAlias = Annotated[Mapping[str, Item], BeforeValidator(_read_any_keys)]

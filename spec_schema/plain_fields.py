@@ -1,0 +1,224 @@
+"""Leaf types of the schema: text, names, numbers, switches, choices and lists of them."""
+
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
+
+from pydantic import BeforeValidator, PlainValidator, ValidationInfo
+
+from spec_schema.diagnostics import Findings
+from spec_schema.entry import RefusedError, findings_of
+from spec_schema.errors import schema as errors
+from spec_schema.located import Located
+from spec_schema.names import is_name, normalised, why_reserved
+from spec_schema.yaml_nodes import Listing, Node, Scalar, Table, kind, with_key
+
+_OLD_BOOLEANS = {"yes", "no", "on", "off", "y", "n"}
+Item = TypeVar("Item")
+
+
+def reads(reader: Callable[[Node, Findings], Any]) -> PlainValidator:
+    """A pydantic validator out of a function from a node to a value."""
+
+    def validate(node: Node, info: ValidationInfo) -> Any:
+        return reader(node, findings_of(info))
+
+    return PlainValidator(validate)
+
+
+def scalar(node: Node, findings: Findings, wanted: str) -> Scalar:
+    """The node when it is a scalar with something in it; otherwise it is refused."""
+    if isinstance(node, Scalar) and not node.is_empty:
+        return node
+    if isinstance(node, Scalar):
+        findings.report(errors.empty_value(wanted, node.key or node.span))
+    else:
+        findings.report(errors.wrong_kind(wanted, kind(node), node.span))
+    raise RefusedError
+
+
+def _read_text(node: Node, findings: Findings) -> str:
+    return scalar(node, findings, "text").text
+
+
+def _read_located_text(node: Node, findings: Findings) -> Located[str]:
+    found = scalar(node, findings, "text")
+    if not found.text.strip():
+        findings.report(errors.empty_value("text", found.span))
+        raise RefusedError
+    return Located(found.text, found.span, found.key)
+
+
+def _read_new_name(node: Node, findings: Findings) -> Located[str]:
+    name = _read_reference(node, findings)
+    reason = why_reserved(name.value)
+    if reason is None and "." not in name.value:
+        return name
+    if reason is not None:
+        findings.report(errors.reserved_name(name.value, name.span, reason))
+    else:
+        findings.report(errors.malformed_name(name.value, name.span))
+    raise RefusedError
+
+
+def _read_reference(node: Node, findings: Findings) -> Located[str]:
+    found = scalar(node, findings, "a name")
+    parts = found.text.split(".")
+    if len(parts) > 2 or not all(is_name(part) for part in parts):
+        findings.report(errors.malformed_name(found.text, found.span))
+        raise RefusedError
+    return Located(normalised(found.text), found.span, found.key)
+
+
+def _read_switch(node: Node, findings: Findings) -> bool:
+    found = scalar(node, findings, "true or false")
+    if isinstance(found.value, bool):
+        return found.value
+    if found.text.lower() in _OLD_BOOLEANS:
+        findings.report(errors.old_boolean(found.text, found.span))
+    else:
+        findings.report(errors.wrong_kind("true or false", kind(found), found.span))
+    raise RefusedError
+
+
+def read_number(node: Node, findings: Findings) -> float:
+    """A finite number."""
+    found = scalar(node, findings, "a number")
+    value = found.value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        repair = "remove the quotes" if found.quoted and _is_numeral(found.text) else None
+        findings.report(errors.wrong_kind("a number", kind(found), found.span, repair))
+        raise RefusedError
+    if not math.isfinite(value):
+        findings.report(errors.out_of_range(found.text, found.span, "finite"))
+        raise RefusedError
+    return float(value)
+
+
+def number(
+    above: float = -math.inf, least: float = -math.inf, most: float = math.inf
+) -> PlainValidator:
+    """Validates a number with above < number, least ≤ number ≤ most."""
+    limits = [
+        f"above {above:g}" if above > -math.inf else "",
+        f"at least {least:g}" if least > -math.inf else "",
+        f"at most {most:g}" if most < math.inf else "",
+    ]
+    wanted = " and ".join(limit for limit in limits if limit)
+
+    def read(node: Node, findings: Findings) -> float:
+        value = read_number(node, findings)
+        if not (above < value and least <= value <= most):
+            findings.report(errors.out_of_range(f"{value:g}", node.span, wanted))
+            raise RefusedError
+        return value
+
+    return reads(read)
+
+
+def read_count(node: Node, findings: Findings, least: int) -> int:
+    """An integer of at least `least` that fits 32 bits."""
+    found = scalar(node, findings, "an integer")
+    value = found.value
+    if isinstance(value, bool) or not isinstance(value, int):
+        findings.report(errors.wrong_kind("an integer", kind(found), found.span))
+        raise RefusedError
+    if not least <= value < _LARGEST_COUNT:
+        wanted = f"at least {least} and below {_LARGEST_COUNT}"
+        findings.report(errors.out_of_range(found.text[:40], found.span, wanted))
+        raise RefusedError
+    return value
+
+
+def _read_weight(node: Node, findings: Findings) -> Located[float]:
+    value = read_number(node, findings)
+    if value < 0:
+        findings.report(errors.out_of_range(f"{value:g}", node.span, "at least 0"))
+        raise RefusedError
+    return Located(value, node.span, node.key)
+
+
+def _read_character(node: Node, findings: Findings) -> str:
+    found = scalar(node, findings, "one character")
+    if len(found.text) != 1:
+        findings.report(errors.wrong_kind("one character", "several", found.span))
+        raise RefusedError
+    return found.text
+
+
+def _read_language_version(node: Node, findings: Findings) -> int:
+    found = scalar(node, findings, "the language version 1")
+    if found.value != 1 or isinstance(found.value, bool | float):
+        findings.report(errors.unknown_language(found.text[:40], found.span))
+        raise RefusedError
+    return 1
+
+
+def count(least: int) -> PlainValidator:
+    """Validates an integer of at least `least`."""
+    return reads(lambda node, findings: read_count(node, findings, least))
+
+
+def choice(*now: str, later: tuple[str, ...] = ()) -> PlainValidator:
+    """Validates one of the words `now`; those in `later` are known but not available."""
+
+    def read(node: Node, findings: Findings) -> str:
+        found = scalar(node, findings, f"one of {', '.join(now)}")
+        if found.text in now:
+            return found.text
+        say = errors.choice_not_yet if found.text in later else errors.unknown_choice
+        findings.report(say(found.text[:60], found.span, now))
+        raise RefusedError
+
+    return reads(read)
+
+
+def read_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
+    """The nodes of a list; a single value counts as a list of one."""
+    if isinstance(node, Listing):
+        return tuple(with_key(item, item.span) for item in node.items)
+    if isinstance(node, Table) or node.is_empty:
+        findings_of(info).report(errors.wrong_kind("a list", kind(node), node.key or node.span))
+        raise RefusedError
+    return (node,)
+
+
+def read_entries(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
+    """The nodes of a list of mappings."""
+    if isinstance(node, Listing):
+        return tuple(with_key(item, _key_of(item)) for item in node.items)
+    repair = "start each entry with `- `"
+    found = kind(node)
+    findings_of(info).report(errors.wrong_kind("a list", found, node.key or node.span, repair))
+    raise RefusedError
+
+
+def _key_of(node: Node) -> Any:
+    return next(iter(node.keys.values()), node.span) if isinstance(node, Table) else node.span
+
+
+def _is_numeral(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+_LARGEST_COUNT = 2**31
+
+Text: TypeAlias = Annotated[str, reads(_read_text)]
+LocatedText: TypeAlias = Annotated[Located[str], reads(_read_located_text)]
+NewName: TypeAlias = Annotated[Located[str], reads(_read_new_name)]
+Reference: TypeAlias = Annotated[Located[str], reads(_read_reference)]
+Switch: TypeAlias = Annotated[bool, reads(_read_switch)]
+Character: TypeAlias = Annotated[str, reads(_read_character)]
+LanguageVersion: TypeAlias = Annotated[int, reads(_read_language_version)]
+Weight: TypeAlias = Annotated[Located[float], reads(_read_weight)]
+PositiveNumber: TypeAlias = Annotated[float, number(above=0.0)]
+NonNegativeNumber: TypeAlias = Annotated[float, number(least=0.0)]
+PositiveCount: TypeAlias = Annotated[int, count(1)]
+NonNegativeCount: TypeAlias = Annotated[int, count(0)]
+Dtype: TypeAlias = Annotated[Literal["float32", "float64"], choice("float32", "float64")]
+ManyOf: TypeAlias = Annotated[tuple[Item, ...], BeforeValidator(read_items)]
+EntriesOf: TypeAlias = Annotated[tuple[Item, ...], BeforeValidator(read_entries)]
+References: TypeAlias = ManyOf[Reference]

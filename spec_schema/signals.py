@@ -1,0 +1,81 @@
+"""The signals a spec declares: inputs, targets, states, equations, outputs, losses."""
+
+from typing import ClassVar
+
+from pydantic import ValidationInfo, model_validator
+
+from spec_schema.entry import Entry, findings_of
+from spec_schema.errors import states as state_errors
+from spec_schema.expression_fields import ExpressionField, PredictionField
+from spec_schema.plain_fields import NonNegativeNumber, References, Text
+from spec_schema.quantity_fields import RangeField, UnitField
+
+
+class Signal(Entry):
+    """An input or a target; `unit` and `dims` are None and () where undeclared."""
+
+    noun: ClassVar[str] = "a signal"
+    shorthand: ClassVar[str | None] = "unit"
+    later: ClassVar[frozenset[str]] = frozenset({"on_invalid"})
+
+    unit: UnitField | None = None
+    dims: References = ()
+    range: RangeField | None = None
+    doc: Text | None = None
+
+
+class State(Entry):
+    """A state: `der` is its derivative (continuous), `next` its value at t+1; at least one."""
+
+    noun: ClassVar[str] = "a state"
+
+    unit: UnitField | None = None
+    dims: References = ()
+    der: ExpressionField | None = None
+    next: ExpressionField | None = None
+    init: ExpressionField | None = None
+    history: ExpressionField | None = None
+    range: RangeField | None = None
+    doc: Text | None = None
+
+    @model_validator(mode="after")
+    def _moves(self, info: ValidationInfo) -> "State":
+        if self.der is None and self.next is None:
+            findings_of(info).report(state_errors.state_without_law(self.place.key))
+        return self
+
+
+class Equation(Entry):
+    """A named expression."""
+
+    noun: ClassVar[str] = "an equation"
+    shorthand: ClassVar[str | None] = "expr"
+
+    expr: ExpressionField
+    unit: UnitField | None = None
+    history: ExpressionField | None = None
+    range: RangeField | None = None
+    doc: Text | None = None
+
+
+class Output(Entry):
+    """A result of the model, and the sample of a logged signal that it predicts."""
+
+    noun: ClassVar[str] = "an output"
+    shorthand: ClassVar[str | None] = "expr"
+
+    expr: ExpressionField
+    predicts: PredictionField | None = None
+    unit: UnitField | None = None
+    history: ExpressionField | None = None
+    doc: Text | None = None
+
+
+class Loss(Entry):
+    """A term of the training loss and its dimensionless weight."""
+
+    noun: ClassVar[str] = "a loss"
+    shorthand: ClassVar[str | None] = "expr"
+
+    expr: ExpressionField
+    weight: NonNegativeNumber = 1.0

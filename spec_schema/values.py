@@ -1,0 +1,144 @@
+"""The values a spec names: constants, parameters with their initial values, functions."""
+
+from typing import Annotated, ClassVar, TypeAlias
+
+from pydantic import BeforeValidator, ValidationInfo
+
+from spec_schema.diagnostics import Findings
+from spec_schema.entry import Entry, Variant, findings_of, single_key
+from spec_schema.errors import schema as errors
+from spec_schema.errors import units as unit_errors
+from spec_schema.expression import Expression
+from spec_schema.expression_fields import ArrayField, ExpressionField
+from spec_schema.plain_fields import (
+    NewName,
+    NonNegativeNumber,
+    PositiveNumber,
+    References,
+    Switch,
+    Text,
+    number,
+    read_items,
+)
+from spec_schema.quantity_fields import QuantityField, UnitField, split_quantity
+from spec_schema.yaml_nodes import Node, Scalar, Table
+
+
+class NormalInitializer(Entry):
+    """Draws from a normal distribution, in the unit of the parameter."""
+
+    noun: ClassVar[str] = "a normal initialiser"
+
+    mean: Annotated[float, number()] = 0.0
+    std: NonNegativeNumber = 1.0
+
+
+class UniformInitializer(Entry):
+    """Draws from a uniform distribution on [min, max], in the unit of the parameter."""
+
+    noun: ClassVar[str] = "a uniform initialiser"
+
+    min: Annotated[float, number()] = 0.0
+    max: Annotated[float, number()] = 1.0
+
+
+class Initializer(Variant):
+    """How the initial values of an array come about; a lone expression is `value`."""
+
+    noun: ClassVar[str] = "an initial value"
+    later: ClassVar[frozenset[str]] = frozenset({"exp", "negexp", "lin", "file"})
+
+    value: ArrayField | None = None
+    normal: NormalInitializer | None = None
+    uniform: UniformInitializer | None = None
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        is_variant = isinstance(node, Table) and "linspace" not in node.entries
+        return super().canonical(node if is_variant else single_key(node, "value"), findings)
+
+    @property
+    def choice(self) -> Expression | NormalInitializer | UniformInitializer:
+        """The one that is given."""
+        given = self.value or self.normal or self.uniform
+        assert given is not None
+        return given
+
+
+class Constant(Entry):
+    """A value folded at compile time."""
+
+    noun: ClassVar[str] = "a constant"
+    shorthand: ClassVar[str | None] = "value"
+
+    value: ArrayField
+    dims: References = ()
+    unit: UnitField | None = None
+    doc: Text | None = None
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        if isinstance(node, Table) and set(node.entries) == {"linspace"}:
+            node = single_key(node, "value")
+        return _with_split_unit(super().canonical(node, findings), "value", findings)
+
+
+class Parameter(Entry):
+    """A learnable value; `scale` is what the optimiser divides it by."""
+
+    noun: ClassVar[str] = "a parameter"
+    shorthand: ClassVar[str | None] = "init"
+
+    init: Initializer
+    min: QuantityField | None = None
+    max: QuantityField | None = None
+    unit: UnitField | None = None
+    dims: References = ()
+    scale: PositiveNumber | None = None
+    learn: Switch = True
+    doc: Text | None = None
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        return _with_split_unit(super().canonical(node, findings), "init", findings)
+
+
+def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
+    """`{init: 5 N/m}` as `{init: 5, unit: N/m}`."""
+    value = node.entries.get(key) if isinstance(node, Table) else None
+    parts = split_quantity(value) if isinstance(value, Scalar) else None
+    if not isinstance(node, Table) or parts is None:
+        return node
+    amount, unit = parts
+    declared = node.entries.get("unit")
+    if isinstance(declared, Scalar) and declared.text.strip() != unit.text:
+        report = unit_errors.two_units(unit.text, declared.text, unit.span, declared.span)
+        findings.report(report)
+        unit = declared
+    entries = {**node.entries, key: amount, "unit": unit}
+    keys = {"unit": unit.span, **node.keys}
+    return Table(entries, keys, node.span, node.key)
+
+
+def _different(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
+    items = read_items(node, info)
+    seen: dict[str, Scalar] = {}
+    for item in items:
+        first = seen.setdefault(item.text, item) if isinstance(item, Scalar) else item
+        if first is not item and isinstance(item, Scalar):
+            report = errors.repeated_item(item.text, item.span, first.span)
+            findings_of(info).report(report)
+    return items
+
+
+Arguments: TypeAlias = Annotated[tuple[NewName, ...], BeforeValidator(_different)]
+
+
+class Function(Entry):
+    """A named formula, inlined where it is called."""
+
+    noun: ClassVar[str] = "a function"
+
+    args: Arguments
+    expr: ExpressionField
+    doc: Text | None = None
