@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from spec_schema.source import Span
+from spec_schema.source import SourceText, Span
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
 
@@ -29,10 +29,16 @@ class Diagnostic:
 
 
 class SpecError(Exception):
-    """A stage failed; carries every diagnostic of that stage, warnings included."""
+    """A stage failed; carries every diagnostic of that stage, warnings included.
 
-    def __init__(self, diagnostics: Iterable[Diagnostic]) -> None:
+    `sources` are the texts that spans point into, where the one who raises it has them.
+    """
+
+    def __init__(
+        self, diagnostics: Iterable[Diagnostic], sources: Iterable[SourceText] = ()
+    ) -> None:
         self.diagnostics = tuple(diagnostics)
+        self.sources = tuple(sources)
         super().__init__("; ".join(describe(diagnostic) for diagnostic in self.diagnostics))
 
 

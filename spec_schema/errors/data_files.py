@@ -1,0 +1,341 @@
+"""E08xx: data files, their columns, rows, times and splits."""
+
+from collections.abc import Iterable, Sequence
+
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.source import Span
+from spec_schema.suggest import nearest
+
+_LISTED = 12
+
+
+def no_file(pattern: str, folder: str, span: Span | None) -> Diagnostic:
+    """E0801: a file name or pattern of `source` that nothing matches."""
+    return Diagnostic(
+        "E0801",
+        "error",
+        f"no data file matches `{pattern}` in {folder}",
+        span,
+        "no such file",
+        help="paths are relative to the spec file; `--data-root` moves them",
+    )
+
+
+def unreadable_file(file: str, reason: str) -> Diagnostic:
+    """E0802: a file that the system does not give, or that is not text."""
+    return Diagnostic("E0802", "error", f"cannot read {file}: {reason}", None)
+
+
+def empty_file(file: str, *, header: bool) -> Diagnostic:
+    """E0803: a file without data rows."""
+    what = "has a header but no data rows" if header else "is empty"
+    return Diagnostic("E0803", "error", f"{file} {what}", _start(file), "nothing to read")
+
+
+def missing_column(
+    name: str, file: str, columns: Sequence[str], wanted_by: str, place: Span
+) -> Diagnostic:
+    """E0804: a column that the header of a file does not have; `place` is the header."""
+    meant = nearest(name, columns)
+    return Diagnostic(
+        "E0804",
+        "error",
+        f"{file} has no column `{name}` for {wanted_by}",
+        place,
+        f"no `{name}` here",
+        notes=(f"columns: {_listed(columns)}",),
+        help=f"did you mean `{meant}`?" if meant else None,
+    )
+
+
+def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic:
+    """E0805: a header that another delimiter splits into columns."""
+    return Diagnostic(
+        "E0805",
+        "error",
+        f"{file} is not separated by {_shown(used)}: its header is one column",
+        place,
+        f"this line has {_shown(meant)}",
+        help=f"write `csv: {{delimiter: {_written(meant)}}}` under `data:`",
+    )
+
+
+def ragged_row(
+    file: str, row: int, found: int, expected: int, more: int, place: Span, *, commas: bool
+) -> Diagnostic:
+    """E0806: a row with more or fewer cells than the header; `more` rows are like it."""
+    return Diagnostic(
+        "E0806",
+        "error",
+        f"row {row} of {file} has {found} cells, the header has {expected} columns",
+        place,
+        f"{found} cells",
+        notes=_and_more(more, "row"),
+        help=_COMMA_HELP if commas else None,
+    )
+
+
+def not_a_number(file: str, row: int, column: str, text: str, more: int, place: Span) -> Diagnostic:
+    """E0807: text where a number belongs."""
+    return Diagnostic(
+        "E0807",
+        "error",
+        f"`{text}` in column `{column}` is not a number (row {row} of {file})",
+        place,
+        "not a number",
+        notes=_and_more(more, "cell"),
+    )
+
+
+def decimal_comma(
+    file: str, row: int, column: str, text: str, more: int, place: Span
+) -> Diagnostic:
+    """E0808: a number with a comma where the point belongs."""
+    return Diagnostic(
+        "E0808",
+        "error",
+        f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})",
+        place,
+        f"write `{text.replace(',', '.')}`",
+        notes=_and_more(more, "cell"),
+        help=_COMMA_HELP,
+    )
+
+
+def missing_value(
+    file: str, row: int, column: str, text: str, more: int, place: Span
+) -> Diagnostic:
+    """E0809: an empty or NaN cell of an input while `nan: error` holds."""
+    found = f"`{text}`" if text else "no value"
+    return Diagnostic(
+        "E0809",
+        "error",
+        f"column `{column}` has {found} in row {row} of {file}",
+        place,
+        "an input is missing here",
+        notes=_and_more(more, "cell"),
+        help="`nan: split` ends the episode here, `nan: drop` leaves the record out",
+    )
+
+
+def infinite_value(
+    file: str, row: int, column: str, text: str, more: int, place: Span
+) -> Diagnostic:
+    """E0810: a cell that is infinite."""
+    return Diagnostic(
+        "E0810",
+        "error",
+        f"`{text}` in column `{column}` is not finite (row {row} of {file})",
+        place,
+        "not a finite number",
+        notes=_and_more(more, "cell"),
+    )
+
+
+def time_gap(
+    file: str, row: int, step: float, expected: float, more: int, place: Span
+) -> Diagnostic:
+    """E0811: two rows that are not one sample time apart."""
+    return Diagnostic(
+        "E0811",
+        "error",
+        f"the time step to row {row} of {file} is {step:.6g} s, not {expected:.6g} s",
+        place,
+        "time gap before this row",
+        notes=_and_more(more, "gap"),
+        help="`resample: none` makes an episode of each part",
+    )
+
+
+def wrong_sample_time(file: str, found: float, expected: float, place: Span) -> Diagnostic:
+    """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
+    ratio = expected / found if found > 0 else 0.0
+    every = round(ratio)
+    fits = every > 1 and abs(ratio - every) < 0.01 * every
+    return Diagnostic(
+        "E0812",
+        "error",
+        f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s",
+        place,
+        "the second row",
+        help=f"`every: {every}` picks every {every}. row" if fits else None,
+    )
+
+
+def time_not_increasing(file: str, row: int, more: int, place: Span) -> Diagnostic:
+    """E0813: a time that is not later than the one before."""
+    return Diagnostic(
+        "E0813",
+        "error",
+        f"the time in row {row} of {file} is not later than in the row before",
+        place,
+        "time does not increase",
+        notes=_and_more(more, "row"),
+    )
+
+
+def duplicate_column(name: str, file: str, place: Span) -> Diagnostic:
+    """E0814: a column that is wanted and stands twice in the header."""
+    return Diagnostic(
+        "E0814",
+        "error",
+        f"{file} has two columns `{name}`",
+        place,
+        "which one is meant is not clear",
+        help="choose one by its index, counted from 0",
+    )
+
+
+def no_such_index(index: int, file: str, count: int, wanted_by: str, place: Span) -> Diagnostic:
+    """E0815: a column index beyond the columns of a file."""
+    return Diagnostic(
+        "E0815",
+        "error",
+        f"{file} has no column {index} for {wanted_by}: its {count} columns count from 0",
+        place,
+        f"{count} columns",
+    )
+
+
+def inconvertible_column(signal: str, found: str, declared: str, span: Span | None) -> Diagnostic:
+    """E0816: a column's unit that does not convert to the signal's."""
+    return Diagnostic(
+        "E0816",
+        "error",
+        f"the column of `{signal}` is in {found}, which does not convert to {declared}",
+        span,
+        f"`{signal}` is declared in {declared}",
+    )
+
+
+def wrong_column_count(signal: str, found: int, expected: int, span: Span | None) -> Diagnostic:
+    """E0817: a vector signal with more or fewer columns than elements."""
+    return Diagnostic(
+        "E0817",
+        "error",
+        f"`{signal}` has {expected} elements but {found} columns",
+        span,
+        f"{found} columns",
+    )
+
+
+def rows_not_there(what: str, file: str, rows: int, span: Span | None) -> Diagnostic:
+    """E0818: `from` or `to` that a file does not reach."""
+    return Diagnostic(
+        "E0818",
+        "error",
+        f"{what} leaves no rows of {file}, which has rows 0 … {rows - 1}",
+        span,
+        "no rows left",
+    )
+
+
+def impossible_split(reason: str, span: Span | None) -> Diagnostic:
+    """E0819: a `split:` that cannot be made."""
+    return Diagnostic("E0819", "error", reason, span, "in this split")
+
+
+def no_rows_in_set(name: str, sets: Iterable[str], span: Span | None) -> Diagnostic:
+    """E0820: a set that a stage or a metric wants and that has no rows."""
+    return Diagnostic(
+        "E0820",
+        "error",
+        f"no data in the set `{name}`",
+        span,
+        "this set is empty",
+        notes=(f"sets with data: {_listed(tuple(sets)) or 'none'}",),
+    )
+
+
+def episodes_too_short(
+    name: str, longest: int, needed: int, wanted_by: str, span: Span | None
+) -> Diagnostic:
+    """E0821: no episode of a set holds one rollout."""
+    return Diagnostic(
+        "E0821",
+        "error",
+        f"{wanted_by} needs {needed} rows, the longest episode of `{name}` has {longest}",
+        span,
+        "every episode is too short",
+        help="shorten the horizon, or look for gaps in the data",
+    )
+
+
+def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
+    """E0822: a quote that its line does not close."""
+    return Diagnostic(
+        "E0822",
+        "error",
+        f'row {row} of {file} has a `"` that its line does not close',
+        place,
+        "opened here",
+        notes=_and_more(more, "row"),
+    )
+
+
+def no_time_column(what: str, span: Span | None) -> Diagnostic:
+    """E0823: a duration where no time column gives rows a time."""
+    return Diagnostic(
+        "E0823",
+        "error",
+        f"{what} is a time, but the data has no time column",
+        span,
+        "counted in rows without `time:`",
+        help="name the column with `time:`, or give a row number",
+    )
+
+
+def outside_range(
+    signal: str, count: int, worst: float, low: float, high: float, unit: str
+) -> Diagnostic:
+    """W0801: data beyond the range that the spec declares."""
+    return Diagnostic(
+        "W0801",
+        "warning",
+        f"{count} samples of `{signal}` are outside its range {low:g} … {high:g}{unit}, "
+        f"the farthest is {worst:.6g}",
+        None,
+    )
+
+
+def episodes_skipped(count: int, total: int, needed: int, wanted_by: str) -> Diagnostic:
+    """W0802: episodes that are too short to be used."""
+    return Diagnostic(
+        "W0802",
+        "warning",
+        f"{wanted_by} skips {count} of {total} episodes with fewer than {needed} rows",
+        None,
+    )
+
+
+def record_dropped(file: str, row: int) -> Diagnostic:
+    """W0803: a record left out because an input is missing in it."""
+    return Diagnostic(
+        "W0803", "warning", f"{file} is left out: an input is missing in row {row}", None
+    )
+
+
+_COMMA_HELP = 'a file with decimal commas needs `csv: {delimiter: ";", decimal: ","}`'
+
+
+def _start(file: str) -> Span:
+    return Span(file, 1, 1, 1, 1)
+
+
+def _shown(delimiter: str) -> str:
+    return {"\t": "tabs", " ": "spaces"}.get(delimiter, f"`{delimiter}`")
+
+
+def _written(delimiter: str) -> str:
+    return {"\t": '"\\t"'}.get(delimiter, f'"{delimiter}"')
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:_LISTED])
+    return f"{shown}, … ({len(names)} in all)" if len(names) > _LISTED else shown
+
+
+def _and_more(count: int, what: str) -> tuple[str, ...]:
+    if not count:
+        return ()
+    return (f"{count} more {what}{'s' if count > 1 else ''} of this kind in the file",)

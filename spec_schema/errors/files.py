@@ -1,0 +1,8 @@
+"""E10xx: files, the command line and missing extras."""
+
+from spec_schema.diagnostics import Diagnostic
+
+
+def unreadable_file(path: str, reason: str) -> Diagnostic:
+    """E1001: a file that cannot be read."""
+    return Diagnostic("E1001", "error", f"cannot read {path}: {reason}", None)

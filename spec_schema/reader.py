@@ -1,0 +1,61 @@
+"""Reads a spec file: text, YAML, schema and expressions, with everything wrong with it at once."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from spec_schema.diagnostics import Diagnostic, Findings, SpecError
+from spec_schema.errors import yaml_text as errors
+from spec_schema.errors.files import unreadable_file
+from spec_schema.source import SourceText
+from spec_schema.spec import Spec
+from spec_schema.yaml_reader import read_tree
+
+
+@dataclass(frozen=True)
+class ReadResult:
+    """A spec, what is to be said about it, and its text for printing later diagnostics."""
+
+    spec: Spec
+    warnings: tuple[Diagnostic, ...]
+    source: SourceText
+
+
+def read_spec(path: str | Path, text: str | None = None) -> ReadResult:
+    """The spec in a `.yaml` or `.json` file, or in `text` as if it stood in that file.
+
+    Raises SpecError with all diagnostics of the first stage that fails: the file, its YAML, its
+    schema together with its expressions.
+    """
+    findings = Findings()
+    source = _read_file(Path(path)) if text is None else SourceText(str(path), text)
+    # A byte order mark is not a character of the text.
+    source = SourceText(source.path, source.text.removeprefix("\ufeff"))
+    try:
+        root = read_tree(source, findings)
+        findings.raise_errors()
+        try:
+            spec = Spec.model_validate(root, context=findings)
+        except ValidationError:
+            # Whatever pydantic refuses was reported where it was refused.
+            findings.raise_errors()
+            raise
+        findings.raise_errors()
+    except SpecError as error:
+        raise SpecError(error.diagnostics, (source,)) from None
+    return ReadResult(spec, findings.in_order, source)
+
+
+def _read_file(path: Path) -> SourceText:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise SpecError((unreadable_file(str(path), reason),)) from error
+    try:
+        return SourceText(str(path), content.decode())
+    except UnicodeDecodeError as error:
+        readable = SourceText(str(path), content[: error.start].decode())
+        end = len(readable.text)
+        raise SpecError((errors.not_utf8(readable.span(end, end)),), (readable,)) from error
