@@ -8,7 +8,9 @@ from compiler.types import UNNAMED, WINDOW, Axis, describe_axes, in_order
 class AxisConflict(Exception):
     """Two operands whose axes cannot meet; `reason` is a clause for the message, `hint` a repair."""
 
-    def __init__(self, left: tuple[Axis, ...], right: tuple[Axis, ...], reason: str, hint: str = ""):
+    def __init__(
+        self, left: tuple[Axis, ...], right: tuple[Axis, ...], reason: str, hint: str = ""
+    ):
         super().__init__(f"{describe_axes(left)} and {describe_axes(right)}: {reason}")
         self.left = left
         self.right = right
@@ -95,5 +97,7 @@ def contracted(
         if mine is None:
             result.append(axis)
         elif mine.size != axis.size:
-            raise AxisConflict(left, right, f"`{axis.name}` of {mine.size} and {axis.size} elements")
+            raise AxisConflict(
+                left, right, f"`{axis.name}` of {mine.size} and {axis.size} elements"
+            )
     return last, partner.name, in_order(tuple(result))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -47,7 +47,8 @@ from compiler.unit_rules import (
     sum_unit,
 )
 from spec_schema.source import Span
-from spec_schema.units import DIMENSIONLESS, Unit
+from spec_schema.units import ONE as ONE
+from spec_schema.units import Unit
 
 
 class GraphBuilder:
@@ -72,7 +73,7 @@ class GraphBuilder:
         return self._nodes[node]
 
     @contextmanager
-    def at(self, span: Span | None) -> Iterator[None]:
+    def at(self, span: Span | None) -> Generator[None]:
         """Nodes made inside carry this place of the spec."""
         previous, self._span = self._span, span or self._span
         try:
@@ -84,6 +85,12 @@ class GraphBuilder:
         """Remember what the spec calls this value; the first name stays."""
         if self._nodes[node].label is None:
             self._nodes[node] = replace(self._nodes[node], label=label)
+
+    def set_unit(self, node: NodeId, unit: Unit | None) -> None:
+        """Give a value whose unit was not known the one that the spec declares for it."""
+        found = self._nodes[node]
+        if found.type.unit is None:
+            self._nodes[node] = replace(found, type=found.type.with_unit(unit))
 
     def emit(self, op: Op, args: tuple[NodeId, ...], type: Type) -> NodeId:
         """The node with this operation, operands and type, made if there is none yet."""
@@ -100,7 +107,7 @@ class GraphBuilder:
         self,
         value: float | Sequence[float] | Array,
         axes: tuple[Axis, ...] = (),
-        unit: Unit | None = DIMENSIONLESS,
+        unit: Unit | None = ONE,
     ) -> NodeId:
         values = tuple(float(v) for v in np.asarray(value, dtype=float).ravel())
         return self.emit(Constant(values), (), Type(axes, unit))
@@ -162,7 +169,7 @@ class GraphBuilder:
     def compare(self, relation: Relation, left: NodeId, right: NodeId) -> NodeId:
         self._ruled_sum(relation.value, left, right)
         left, right, axes = self.aligned(left, right)
-        return self.emit(Compare(relation), (left, right), Type(axes, DIMENSIONLESS, "bool"))
+        return self.emit(Compare(relation), (left, right), Type(axes, ONE, "bool"))
 
     def select(self, condition: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
         unit = self._ruled_sum("where", then, otherwise)

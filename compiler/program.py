@@ -73,8 +73,8 @@ class Signal:
 class Parameter:
     """A learnable array: initial value in C order, bounds and unit are physical.
 
-    The optimiser works on a raw variable: physical = scale·raw without bounds, a sigmoid between two
-    bounds, a softplus above or below one (SEMANTICS: one mechanism for all optimisers).
+    The optimiser works on a raw variable: physical = scale·raw without bounds, a sigmoid between
+    two bounds, a softplus above or below one; one mechanism for all optimisers.
     """
 
     name: str
@@ -115,7 +115,7 @@ Origin = Declared | History | Tape
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Memory between steps. A buffer (History, Tape) has the window as its last axis, oldest first."""
+    """Memory between steps; a buffer (History, Tape) has the window as its last axis."""
 
     name: str
     axes: tuple[Axis, ...]

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from compiler.scalar_functions import UnitRule
-from spec_schema.units import DIMENSIONLESS, Unit, parse_unit
+from spec_schema.unit_parser import parse_unit
+from spec_schema.units import ONE as ONE
+from spec_schema.units import Unit
 
 RADIAN = parse_unit("rad")
 
@@ -25,7 +27,7 @@ Ruled = tuple[Unit | None, UnitConflict | None]
 
 def same_unit(left: Unit, right: Unit) -> bool:
     """Whether values in the two units can be added: equal scale and dimension, rad counts as 1."""
-    return left.compatible(right)
+    return left.same_as(right)
 
 
 def sum_unit(operation: str, left: Unit | None, right: Unit | None) -> Ruled:
@@ -46,7 +48,7 @@ def quotient_unit(left: Unit | None, right: Unit | None) -> Unit | None:
 
 
 def power_unit(base: Unit | None, exponent: int | Fraction) -> Unit | None:
-    return None if base is None else base**exponent
+    return None if base is None else base.power(exponent)
 
 
 def function_unit(name: str, rule: UnitRule, arguments: tuple[Unit | None, ...]) -> Ruled:
@@ -54,8 +56,8 @@ def function_unit(name: str, rule: UnitRule, arguments: tuple[Unit | None, ...])
     unit = arguments[0]
     match rule:
         case UnitRule.NUMBER | UnitRule.TO_ANGLE | UnitRule.ANGLE:
-            expected = RADIAN if rule is UnitRule.ANGLE else DIMENSIONLESS
-            result = RADIAN if rule is UnitRule.TO_ANGLE else DIMENSIONLESS
+            expected = RADIAN if rule is UnitRule.ANGLE else ONE
+            result = RADIAN if rule is UnitRule.TO_ANGLE else ONE
             for argument in arguments:
                 if argument is not None and not same_unit(argument, expected):
                     return result, UnitConflict(name, argument, expected)
@@ -66,6 +68,6 @@ def function_unit(name: str, rule: UnitRule, arguments: tuple[Unit | None, ...])
         case UnitRule.SAME:
             return unit, None
         case UnitRule.SIGN:
-            return DIMENSIONLESS, None
+            return ONE, None
         case UnitRule.ROOT:
             return power_unit(unit, Fraction(1, 2)), None

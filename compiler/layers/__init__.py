@@ -1,0 +1,1 @@
+"""Layers: composite operations that expand into core operations, one file each."""

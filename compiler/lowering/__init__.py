@@ -1,0 +1,1 @@
+"""From the expressions of a spec to nodes of the program's graphs."""

@@ -1,0 +1,252 @@
+"""Constants and parameters as arrays: values, axes and units that the compiler knows."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compiler.builder import GraphBuilder
+from compiler.constant_value import constant_value
+from compiler.lowering.environment import Environment, Part
+from compiler.lowering.expressions import lower
+from compiler.lowering.failure import LoweringFailed
+from compiler.program import NodeId, Parameter
+from compiler.scalar_functions import Array
+from compiler.types import Axis, Type, describe_axes
+from compiler.unit_rules import same_unit
+from spec_schema.errors import names, units
+from spec_schema.expression import Expression, ListLiteral
+from spec_schema.located import Located
+from spec_schema.quantity import Quantity
+from spec_schema.signals import Equation, Output, Signal, State
+from spec_schema.source import Span
+from spec_schema.units import ONE, Unit
+from spec_schema.values import Constant as ConstantEntry
+from spec_schema.values import Initializer, NormalInitializer, UniformInitializer
+from spec_schema.values import Parameter as ParameterEntry
+
+if TYPE_CHECKING:
+    from compiler.lowering.model import Model
+
+
+@dataclass(frozen=True)
+class NamedArray:
+    """Numbers with their axes and unit."""
+
+    values: Array
+    axes: tuple[Axis, ...]
+    unit: Unit | None
+
+
+class Arrays:
+    """The constants and parameters of a model, each evaluated or declared once."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._constants: dict[str, NamedArray | None] = {}
+        self._parameters: dict[str, Parameter] = {}
+        self._failed: set[str] = set()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Everything learnable, in the order of first use."""
+        return tuple(self._parameters.values())
+
+    # ---- constants
+
+    def constant(self, name: str, entry: ConstantEntry) -> NamedArray:
+        """The value of a `constants:` entry."""
+        if name not in self._constants:
+            self._constants[name] = None  # a constant that needs itself finds this
+            self._constants[name] = self._evaluated(name, entry)
+        found = self._constants[name]
+        if found is None:
+            raise LoweringFailed
+        return found
+
+    def number(self, expression: Expression, what: str) -> float:
+        """The number of an expression that depends on constants only."""
+        array = self.evaluate(expression)
+        if array.axes:
+            found = describe_axes(array.axes)
+            self._model.findings.report(
+                names.unfit_constant(what, f"is {found}, not one number", expression.span)
+            )
+            raise LoweringFailed
+        return float(array.values)
+
+    def evaluate(self, expression: Expression) -> NamedArray:
+        """The array of an expression that depends on constants only."""
+        if isinstance(expression, ListLiteral) and any(
+            isinstance(element, ListLiteral) for element in expression.elements
+        ):
+            return self._matrix(expression)
+        environment = Environment(Part.CONSTANT)
+        node = lower(self._model, expression, environment)
+        builder = self._model.builder(environment)
+        type = builder.type(node)
+        return NamedArray(constant_value(builder.graph(), node), type.axes, type.unit)
+
+    def _matrix(self, rows: ListLiteral) -> NamedArray:
+        parts = [self.evaluate(row).values for row in rows.elements]
+        if len({part.shape for part in parts}) > 1:
+            self._model.findings.report(
+                names.unfit_constant("this list", "has rows of different lengths", rows.span)
+            )
+            raise LoweringFailed
+        # Axes get their names from `dims:`; until then only the sizes matter.
+        values = np.array(parts)
+        return NamedArray(values, tuple(Axis("", size) for size in values.shape), ONE)
+
+    def _evaluated(self, name: str, entry: ConstantEntry) -> NamedArray:
+        found = self.evaluate(entry.value)
+        unit = entry.unit.value if entry.unit else found.unit
+        if not entry.dims:
+            if len([axis for axis in found.axes if not axis.name]) > 1:
+                self._model.findings.report(
+                    names.unfit_constant(name, "is a matrix and needs `dims:`", entry.value.span)
+                )
+                raise LoweringFailed
+            return NamedArray(found.values, found.axes, unit)
+        axes = self._dims(entry.dims)
+        return NamedArray(self._fitted(name, found.values, axes, entry.value.span), axes, unit)
+
+    # ---- parameters
+
+    def parameter(self, name: str, entry: ParameterEntry) -> Type:
+        """The type of a `parameters:` entry, declared at its first use."""
+        if name in self._failed:
+            raise LoweringFailed
+        if name not in self._parameters:
+            self._failed.add(name)
+            self._parameters[name] = self._declared(name, entry)
+            self._failed.remove(name)
+        found = self._parameters[name]
+        return Type(found.axes, found.unit)
+
+    def _declared(self, name: str, entry: ParameterEntry) -> Parameter:
+        axes = self._dims(entry.dims)
+        unit = entry.unit.value if entry.unit else None
+        initial = self.initial(name, entry.init, axes)
+        low = self._bound(entry.min, unit)
+        high = self._bound(entry.max, unit)
+        span = entry.init.place.value
+        if low is not None and high is not None and low >= high:
+            assert entry.min is not None
+            self._model.findings.report(
+                names.unfit_constant(name, "has min at or above max", entry.min.span)
+            )
+            raise LoweringFailed
+        outside = bool(
+            (low is not None and np.any(initial <= low))
+            or (high is not None and np.any(initial >= high))
+        )
+        if outside:
+            least = "-inf" if low is None else f"{low:g}"
+            most = "inf" if high is None else f"{high:g}"
+            problem = f"must lie inside its bounds {least} … {most}, not on or beyond them"
+            self._model.findings.report(names.unfit_constant(name, problem, span))
+            raise LoweringFailed
+        return Parameter(
+            name,
+            axes,
+            unit,
+            tuple(float(v) for v in initial.ravel()),
+            low,
+            high,
+            entry.scale or 1.0,
+            entry.learn,
+            entry.doc or "",
+            entry.place.key,
+        )
+
+    def declare(
+        self,
+        name: str,
+        axes: tuple[Axis, ...],
+        initial: Array,
+        unit: Unit | None,
+        doc: str,
+        span: Span,
+    ) -> Type:
+        """A learnable array of a layer; a second call of the layer finds the first one's."""
+        found = self._parameters.get(name)
+        if found is None:
+            values = tuple(float(v) for v in initial.ravel())
+            found = Parameter(name, axes, unit, values, doc=doc, span=span)
+            self._parameters[name] = found
+        return Type(found.axes, found.unit)
+
+    def shape_of(self, name: str) -> tuple[Axis, ...] | None:
+        """Axes of a learnable array that is declared already."""
+        found = self._parameters.get(name)
+        return found.axes if found else None
+
+    def initial(self, name: str, initializer: Initializer, axes: tuple[Axis, ...]) -> Array:
+        """Initial values with the shape of the axes; draws depend on the name only."""
+        shape = tuple(axis.size for axis in axes)
+        match initializer.choice:
+            case NormalInitializer() as normal:
+                return _generator(name).normal(normal.mean, normal.std, shape)
+            case UniformInitializer() as uniform:
+                return _generator(name).uniform(uniform.min, uniform.max, shape)
+            case expression:
+                found = self.evaluate(expression)
+                return self._fitted(name, found.values, axes, expression.span)
+
+    # ---- axes and units of entries
+
+    def axes_of(self, entry: Signal | State) -> tuple[Axis, ...]:
+        """The axes that an entry's `dims:` name."""
+        return self._dims(entry.dims)
+
+    def agree_on_unit(
+        self, builder: GraphBuilder, node: NodeId, name: str, entry: Equation | Output
+    ) -> None:
+        """Gives a value of unknown unit the declared one; reports one that is known and differs."""
+        if entry.unit is None:
+            return
+        found = builder.type(node).unit
+        if found is None:
+            builder.set_unit(node, entry.unit.value)
+        elif not same_unit(found, entry.unit.value):
+            self._model.findings.report(
+                units.declared_unit_differs(
+                    name, found.text, entry.unit.value.text, entry.expr.span
+                )
+            )
+
+    def _dims(self, dims: tuple[Located[str], ...]) -> tuple[Axis, ...]:
+        return tuple(self._model.dimension(dim.value, dim.span) for dim in dims)
+
+    def _bound(self, bound: Quantity | None, unit: Unit | None) -> float | None:
+        if bound is None:
+            return None
+        if bound.unit is None or unit is None:
+            return bound.value
+        if not bound.unit.same_dimension(unit):
+            self._model.findings.report(
+                units.incomparable_unit(bound.unit.text, unit.text, bound.span)
+            )
+            raise LoweringFailed
+        return bound.unit.convert(bound.value, unit)
+
+    def _fitted(self, name: str, values: Array, axes: tuple[Axis, ...], span: Span) -> Array:
+        shape = tuple(axis.size for axis in axes)
+        if values.shape not in ((), shape):
+            problem = f"has the shape {list(values.shape)}, not {describe_axes(axes)}"
+            self._model.findings.report(names.unfit_constant(name, problem, span))
+            raise LoweringFailed
+        if not np.all(np.isfinite(values)):
+            self._model.findings.report(names.unfit_constant(name, "is not finite", span))
+            raise LoweringFailed
+        return np.broadcast_to(values, shape)
+
+
+def _generator(name: str) -> np.random.Generator:
+    """Counter-based random numbers (Philox; Salmon et al. 2011) keyed by a parameter's name."""
+    digest = hashlib.sha256(name.encode()).digest()
+    return np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:8], "little")))

@@ -1,0 +1,318 @@
+"""The functions that every spec has: scalar functions, reductions, lists, selection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compiler.builder import GraphBuilder
+from compiler.lowering.environment import Environment
+from compiler.lowering.expressions import aligning, lower, lower_all
+from compiler.lowering.failure import LoweringFailed
+from compiler.ops import Relation
+from compiler.program import NodeId
+from compiler.scalar_functions import SCALAR_FUNCTIONS
+from compiler.types import UNNAMED, WINDOW, Axis, describe_axes
+from spec_schema.errors import names, shapes, time
+from spec_schema.expression import Call, Expression, ListLiteral, Name
+
+if TYPE_CHECKING:
+    from compiler.lowering.model import Model
+
+LONGEST_LIST = 100_000
+
+
+@dataclass(frozen=True)
+class Builtin:
+    """A builtin function: how many arguments, which keywords, and what it makes of them."""
+
+    least: int
+    most: int | None
+    lower: Callable[[Model, Call, Environment], NodeId]
+    keywords: tuple[str, ...] = ()
+    doc: str = ""
+
+    @property
+    def wanted(self) -> str:
+        """The number of arguments in words."""
+        if self.most is None:
+            return f"{self.least} or more arguments"
+        if self.least == self.most:
+            return f"{self.least} argument{'s' if self.least > 1 else ''}"
+        return f"{self.least} to {self.most} arguments"
+
+
+def lower_builtin(
+    model: Model, name: str, builtin: Builtin, call: Call, environment: Environment
+) -> NodeId:
+    """The node of a call of a builtin, after its arguments are counted and its keywords known."""
+    found = len(call.arguments)
+    if found < builtin.least or (builtin.most is not None and found > builtin.most):
+        model.findings.report(
+            names.wrong_argument_count(name, builtin.wanted, found, call.function.span)
+        )
+        raise LoweringFailed
+    for keyword in call.keywords:
+        if keyword.name not in builtin.keywords:
+            model.findings.report(
+                names.unknown_keyword(name, keyword.name, keyword.span, builtin.keywords)
+            )
+            raise LoweringFailed
+    return builtin.lower(model, call, environment)
+
+
+def _keyword(call: Call, name: str) -> Expression | None:
+    return next((k.value for k in call.keywords if k.name == name), None)
+
+
+def _scalar(name: str) -> Callable[[Model, Call, Environment], NodeId]:
+    def lower_scalar(model: Model, call: Call, environment: Environment) -> NodeId:
+        builder = model.builder(environment)
+        nodes = lower_all(model, call.arguments, environment)
+        with aligning(model, name, call, call.arguments[0], call.arguments[-1]):
+            return builder.apply(name, *nodes)
+
+    return lower_scalar
+
+
+def _unary(make: Callable[[GraphBuilder, NodeId], NodeId]) -> Callable[..., NodeId]:
+    def lower_unary(model: Model, call: Call, environment: Environment) -> NodeId:
+        return make(model.builder(environment), lower(model, call.arguments[0], environment))
+
+    return lower_unary
+
+
+def _relu(builder: GraphBuilder, x: NodeId) -> NodeId:
+    # The constant stands first: a tie takes its slope, so relu'(0) = 0.
+    return builder.maximum(builder.constant(0.0), x)
+
+
+def _elu(builder: GraphBuilder, x: NodeId) -> NodeId:
+    zero = builder.constant(0.0)
+    # The argument of exp is never positive, so that the branch not taken cannot overflow.
+    grown = builder.apply("exp", builder.minimum(x, zero))
+    negative = builder.subtract(grown, builder.constant(1.0))
+    return builder.select(builder.compare(Relation.GREATER, x, zero), x, negative)
+
+
+def _sech(builder: GraphBuilder, x: NodeId) -> NodeId:
+    return builder.divide(builder.constant(1.0), builder.apply("cosh", x))
+
+
+def _extreme(name: str) -> Callable[[Model, Call, Environment], NodeId]:
+    def lower_extreme(model: Model, call: Call, environment: Environment) -> NodeId:
+        builder = model.builder(environment)
+        nodes = lower_all(model, call.arguments, environment)
+        result = nodes[0]
+        for argument, node in zip(call.arguments[1:], nodes[1:], strict=True):
+            with aligning(model, name, call, call.arguments[0], argument):
+                combine = builder.minimum if name == "min" else builder.maximum
+                result = combine(result, node)
+        return result
+
+    return lower_extreme
+
+
+def _clip(model: Model, call: Call, environment: Environment) -> NodeId:
+    nodes = lower_all(model, call.arguments, environment)
+    with aligning(model, "clip", call, call.arguments[0], call.arguments[1]):
+        return model.builder(environment).clamp(*nodes)
+
+
+def _where(model: Model, call: Call, environment: Environment) -> NodeId:
+    builder = model.builder(environment)
+    condition, then, otherwise = lower_all(model, call.arguments, environment)
+    if builder.type(condition).kind != "bool":
+        model.findings.report(
+            shapes.wrong_axes(
+                "the first argument of `where`", "a comparison", "a number", call.arguments[0].span
+            )
+        )
+        raise LoweringFailed
+    with aligning(model, "where", call, call.arguments[1], call.arguments[2]):
+        return builder.select(condition, then, otherwise)
+
+
+def _reduced_axes(
+    model: Model, name: str, call: Call, environment: Environment, axes: tuple[Axis, ...]
+) -> list[str]:
+    """Names of the axes that `sum(x, over=…)` removes; all of them without `over`."""
+    over = _keyword(call, "over")
+    if over is None:
+        if environment.window is not None:
+            model.findings.report(time.window_not_yet("a reduction", call.span))
+            raise LoweringFailed
+        return [axis.name for axis in axes]
+    chosen = over.elements if isinstance(over, ListLiteral) else (over,)
+    found: list[str] = []
+    for item in chosen:
+        label = item.name if isinstance(item, Name) else ""
+        if label not in {axis.name for axis in axes} or not label:
+            model.findings.report(
+                shapes.no_such_axis(name, label or "?", describe_axes(axes), item.span)
+            )
+            raise LoweringFailed
+        found.append(label)
+    return found
+
+
+def reduce_axes(builder: GraphBuilder, node: NodeId, removed: list[str]) -> NodeId:
+    """Sum over several axes, the last one first, so that neighbours in memory are added first."""
+    for axis in reversed(builder.type(node).axes):
+        if axis.name in removed:
+            node = builder.sum(node, axis.name)
+    return node
+
+
+def _sum(model: Model, call: Call, environment: Environment) -> NodeId:
+    builder = model.builder(environment)
+    node = lower(model, call.arguments[0], environment)
+    axes = builder.type(node).axes
+    return reduce_axes(builder, node, _reduced_axes(model, "sum", call, environment, axes))
+
+
+def _mean(model: Model, call: Call, environment: Environment) -> NodeId:
+    builder = model.builder(environment)
+    node = lower(model, call.arguments[0], environment)
+    axes = builder.type(node).axes
+    removed = _reduced_axes(model, "mean", call, environment, axes)
+    count = float(np.prod([axis.size for axis in axes if axis.name in removed]))
+    return builder.divide(reduce_axes(builder, node, removed), builder.constant(count))
+
+
+def _concat(model: Model, call: Call, environment: Environment) -> NodeId:
+    builder = model.builder(environment)
+    parts: list[NodeId] = []
+    for argument, node in zip(
+        call.arguments, lower_all(model, call.arguments, environment), strict=True
+    ):
+        type = builder.type(node)
+        others = [axis for axis in type.axes if axis.name not in (UNNAMED, WINDOW)]
+        if others:
+            model.findings.report(
+                shapes.wrong_axes(
+                    "an argument of `concat`",
+                    "a scalar, a list or a window",
+                    describe_axes(type.axes),
+                    argument.span,
+                )
+            )
+            raise LoweringFailed
+        parts.append(builder.reshape(node, (Axis(UNNAMED, type.size),)))
+    return builder.concat(parts, UNNAMED) if len(parts) > 1 else parts[0]
+
+
+def _stack(model: Model, call: Call, environment: Environment) -> NodeId:
+    builder = model.builder(environment)
+    nodes = lower_all(model, call.arguments, environment)
+    name, size = UNNAMED, len(nodes)
+    dim = _keyword(call, "dim")
+    if dim is not None:
+        name = dim.name if isinstance(dim, Name) else "?"
+        known = model.dimension(name, dim.span)
+        if known.size != size:
+            found = f"{size} values"
+            model.findings.report(
+                shapes.wrong_axes(
+                    f"`stack` along `{name}`", f"{known.size} values", found, call.span
+                )
+            )
+            raise LoweringFailed
+    axes: tuple[Axis, ...] = ()
+    for argument, node in zip(call.arguments, nodes, strict=True):
+        with aligning(model, "stack", call, call.arguments[0], argument):
+            _, _, axes = builder.aligned(
+                builder.broadcast(nodes[0], axes or builder.type(nodes[0]).axes), node
+            )
+    parts = [
+        builder.reshape(builder.broadcast(node, axes), (Axis(name, 1), *axes)) for node in nodes
+    ]
+    return builder.concat(parts, name) if len(parts) > 1 else parts[0]
+
+
+def _part(model: Model, call: Call, environment: Environment) -> NodeId:
+    """`part(q, joint2)`: one labelled element; `part(x, 0)`: one of an unnamed axis."""
+    builder = model.builder(environment)
+    node = lower(model, call.arguments[0], environment)
+    wanted = call.arguments[1]
+    axes = builder.type(node).axes
+    if isinstance(wanted, Name):
+        for axis in axes:
+            labels = model.labels(axis.name)
+            if wanted.name in labels:
+                return builder.element(node, axis.name, labels.index(wanted.name))
+        model.findings.report(
+            shapes.no_such_axis("part", wanted.name, describe_axes(axes), wanted.span)
+        )
+        raise LoweringFailed
+    index = model.whole_number(wanted, environment, "the index of `part`")
+    spatial = [axis for axis in axes if axis.name != WINDOW]
+    if len(spatial) != 1 or not 0 <= index < spatial[0].size:
+        model.findings.report(
+            shapes.no_such_axis("part", str(index), describe_axes(axes), wanted.span)
+        )
+        raise LoweringFailed
+    return builder.element(node, spatial[0].name, index)
+
+
+def _numbers(name: str) -> Callable[[Model, Call, Environment], NodeId]:
+    """`linspace`, `arange`, `zeros`, `ones`: a list of numbers fixed by the compiler."""
+
+    def lower_numbers(model: Model, call: Call, environment: Environment) -> NodeId:
+        given = [model.number(a, environment, f"an argument of `{name}`") for a in call.arguments]
+        count = int(given[-1]) if name != "arange" else _arange_count(given)
+        if not 1 <= count <= LONGEST_LIST:
+            model.findings.report(
+                names.unfit_constant(name, f"would have {count} elements", call.span)
+            )
+            raise LoweringFailed
+        match name:
+            case "linspace":
+                values = np.linspace(given[0], given[1], count)
+            case "arange":
+                step = given[2] if len(given) > 2 else 1.0
+                start = given[0] if len(given) > 1 else 0.0
+                values = start + step * np.arange(count)
+            case _:
+                values = np.full(count, 1.0 if name == "ones" else 0.0)
+        return model.builder(environment).constant(values, (Axis(UNNAMED, count),))
+
+    return lower_numbers
+
+
+def _arange_count(given: list[float]) -> int:
+    start, stop = (0.0, given[0]) if len(given) == 1 else (given[0], given[1])
+    step = given[2] if len(given) > 2 else 1.0
+    if step == 0 or not np.isfinite((stop - start) / step):
+        return 0
+    return max(0, int(np.ceil((stop - start) / step)))
+
+
+BUILTINS: dict[str, Builtin] = {
+    row.name: Builtin(row.arity, row.arity, _scalar(row.name), doc=row.doc)
+    for row in SCALAR_FUNCTIONS.values()
+} | {
+    "relu": Builtin(1, 1, _unary(_relu), doc="max(x, 0); slope 0 at 0."),
+    "elu": Builtin(1, 1, _unary(_elu), doc="x above 0, exp(x) − 1 below."),
+    "sech": Builtin(1, 1, _unary(_sech), doc="1 / cosh(x)."),
+    "min": Builtin(2, None, _extreme("min"), doc="The smallest argument, element by element."),
+    "max": Builtin(2, None, _extreme("max"), doc="The largest argument, element by element."),
+    "clip": Builtin(3, 3, _clip, doc="clip(x, low, high)."),
+    "where": Builtin(3, 3, _where, doc="where(condition, then, otherwise)."),
+    "sum": Builtin(1, 1, _sum, ("over",), "Sum of everything, or over the axes named by `over=`."),
+    "mean": Builtin(1, 1, _mean, ("over",), "Mean of everything, or over the axes of `over=`."),
+    "concat": Builtin(1, None, _concat, doc="Scalars, lists and windows one after the other."),
+    "stack": Builtin(1, None, _stack, ("dim",), "The arguments side by side along a new axis."),
+    "part": Builtin(2, 2, _part, doc="One element of an axis, by label or index."),
+    "linspace": Builtin(3, 3, _numbers("linspace"), doc="linspace(first, last, count)."),
+    "arange": Builtin(1, 3, _numbers("arange"), doc="arange(start, stop, step), stop excluded."),
+    "zeros": Builtin(1, 1, _numbers("zeros"), doc="zeros(count)."),
+    "ones": Builtin(1, 1, _numbers("ones"), doc="ones(count)."),
+}
+"""By name; `next`, `flow` and `der` are in `states.py`, losses in `losses.py`."""
+
+NOT_YET = frozenset(["smooth_sign", "softmax", "dropout", "outer", "grad", "integral", "eye"])
+"""Builtins of the language that this version names but does not have."""

@@ -1,0 +1,74 @@
+"""Where an expression stands: the part of the program, the time, the call around it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+from compiler.program import NodeId
+from spec_schema.expression import Expression
+
+
+Time = tuple[int, tuple[int, int] | None]
+"""Shift and window: when an expression is evaluated, seen from t."""
+
+
+class Part(Enum):
+    """The part of a program that an expression is in; it decides what a bare name means (R6)."""
+
+    STEP = "the step"
+    """An input is what the step sees, a state its simulated value."""
+    LOSS = "a loss"
+    """A bare input is its log; equations inside mean what they mean in the step."""
+    START = "an initial value"
+    """Evaluated once, at t0, over the log; the simulation does not exist yet (R7)."""
+    CONSTANT = "a constant"
+    """Evaluated by the compiler: nothing may be read."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Values of the continuous states at one stage of the integrator (R6)."""
+
+    values: Mapping[str, NodeId]
+
+
+@dataclass(frozen=True, eq=False)
+class Argument:
+    """An argument of an inlined function: lowered where it is used, once a time."""
+
+    expression: Expression
+    environment: Environment
+    lowered: dict[Time, NodeId] = field(default_factory=dict["Time", NodeId])
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """Everything besides the expression that its meaning depends on."""
+
+    part: Part
+    shift: int = 0
+    """Samples that every signal is read later (negative: earlier) than written: `e[t-3]`."""
+    window: tuple[int, int] | None = None
+    """First and last sample of the time window that the expression is evaluated over."""
+    stage: Stage | None = None
+    arguments: Mapping[str, Argument] = field(default_factory=dict[str, Argument])
+    functions: tuple[str, ...] = ()
+    """Functions being inlined, outermost first."""
+
+    def shifted(self, samples: int) -> Environment:
+        return replace(self, shift=self.shift + samples)
+
+    def over(self, first: int, last: int) -> Environment:
+        return replace(self, window=(first, last))
+
+    def of_entry(self) -> Environment:
+        """The environment of an equation used here: same time, no arguments, the step's names."""
+        part = Part.STEP if self.part is Part.LOSS else self.part
+        return replace(self, part=part, arguments={}, functions=())
+
+    @property
+    def time(self) -> Time:
+        """The time part, for remembering what was lowered already."""
+        return self.shift, self.window

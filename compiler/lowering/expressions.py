@@ -1,0 +1,286 @@
+"""Lowers one expression tree to nodes; names and calls are looked up in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+from typing import TYPE_CHECKING, assert_never
+
+from compiler.alignment import AxisConflict
+from compiler.builder import GraphBuilder
+from compiler.lowering.environment import Environment
+from compiler.lowering.failure import LoweringFailed
+from compiler.ops import Constant
+from compiler.ops import Negate as CoreNegate
+from compiler.ops import Relation as CoreRelation
+from compiler.program import NodeId
+from compiler.types import UNNAMED, WINDOW, Axis, describe_axes
+from compiler.unit_rules import power_unit
+from spec_schema.errors import shapes, time, units
+from spec_schema.expression import (
+    Binary,
+    Call,
+    Compare,
+    Duration,
+    Expression,
+    Future,
+    ListLiteral,
+    Member,
+    Name,
+    Negate,
+    Number,
+    Operator,
+    Past,
+    Relation,
+    Window,
+)
+from spec_schema.source import Span
+from spec_schema.unit_parser import parse_unit
+from spec_schema.units import ONE
+
+if TYPE_CHECKING:
+    from compiler.lowering.model import Model
+
+LARGEST_POWER = 64
+_SECOND = parse_unit("s")
+_RELATIONS = {
+    Relation.LESS: CoreRelation.LESS,
+    Relation.LESS_EQUAL: CoreRelation.LESS_EQUAL,
+    Relation.GREATER: CoreRelation.GREATER,
+    Relation.GREATER_EQUAL: CoreRelation.GREATER_EQUAL,
+}
+
+
+def lower(model: Model, expression: Expression, environment: Environment) -> NodeId:
+    """The node of an expression's value; reports every mistake in it, then raises LoweringFailed."""
+    builder = model.builder(environment)
+    with builder.at(expression.span):
+        node = _lower(model, expression, environment, builder)
+    report_unit_conflicts(model, builder, expression)
+    return node
+
+
+def lower_all(
+    model: Model, expressions: Iterable[Expression], environment: Environment
+) -> list[NodeId]:
+    """The nodes of several operands; all their mistakes are reported before LoweringFailed is raised."""
+    nodes: list[NodeId] = []
+    failed = False
+    for expression in expressions:
+        try:
+            nodes.append(lower(model, expression, environment))
+        except LoweringFailed:
+            failed = True
+    if failed:
+        raise LoweringFailed
+    return nodes
+
+
+def report_unit_conflicts(model: Model, builder: GraphBuilder, expression: Expression) -> None:
+    """Turns the conflicts that building the expression's node met into diagnostics."""
+    for conflict in builder.conflicts:
+        secondary = ()
+        if isinstance(expression, Binary):
+            secondary = (
+                (expression.left.span, f"this is in {conflict.expected.text}"),
+                (expression.right.span, f"this is in {conflict.found.text}"),
+            )
+        model.findings.report(
+            units.units_differ(
+                conflict.operation,
+                conflict.found.text,
+                conflict.expected.text,
+                expression.span,
+                secondary,
+            )
+        )
+    builder.conflicts.clear()
+
+
+def _lower(
+    model: Model, expression: Expression, environment: Environment, builder: GraphBuilder
+) -> NodeId:
+    match expression:
+        case Number(value=value):
+            return builder.constant(value)
+        case Duration():
+            return builder.constant(expression.seconds, unit=_SECOND)
+        case Name():
+            return model.value(expression, environment)
+        case Member():
+            return model.member(expression, environment)
+        case Call():
+            return model.call(expression, environment)
+        case Negate(operand=operand):
+            return builder.negate(lower(model, operand, environment))
+        case Binary():
+            return _lower_binary(model, expression, environment, builder)
+        case Compare(relation=relation, left=left, right=right):
+            nodes = lower_all(model, (left, right), environment)
+            with aligning(model, relation.value, expression, left, right):
+                return builder.compare(_RELATIONS[relation], *nodes)
+        case Window() | Past() | Future():
+            return _lower_window(model, expression, environment)
+        case ListLiteral(elements=elements):
+            return _lower_list(model, elements, environment, builder)
+        case _:
+            assert_never(expression)
+
+
+class aligning:  # noqa: N801  (read as a verb: `with aligning(…):`)
+    """Turns an AxisConflict inside the block into a diagnostic about two operands."""
+
+    def __init__(
+        self, model: Model, operation: str, whole: Expression, left: Expression, right: Expression
+    ) -> None:
+        self._facts = model, operation, whole, left, right
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, AxisConflict):
+            model, operation, whole, left, right = self._facts
+            model.findings.report(
+                shapes.axes_differ(
+                    operation,
+                    describe_axes(error.left),
+                    describe_axes(error.right),
+                    error.reason,
+                    whole.span,
+                    left.span,
+                    right.span,
+                    error.hint or None,
+                )
+            )
+            raise LoweringFailed from error
+
+
+def _lower_binary(
+    model: Model, binary: Binary, environment: Environment, builder: GraphBuilder
+) -> NodeId:
+    left, right = lower_all(model, (binary.left, binary.right), environment)
+    with aligning(model, binary.operator.value, binary, binary.left, binary.right):
+        match binary.operator:
+            case Operator.ADD:
+                return builder.add(left, right)
+            case Operator.SUBTRACT:
+                return builder.subtract(left, right)
+            case Operator.MULTIPLY:
+                return builder.multiply(left, right)
+            case Operator.DIVIDE:
+                return builder.divide(left, right)
+            case Operator.CONTRACT:
+                return _lower_contraction(model, binary, environment, builder, left, right)
+            case Operator.POWER:
+                return _lower_power(builder, left, right)
+
+
+def _lower_contraction(
+    model: Model,
+    binary: Binary,
+    environment: Environment,
+    builder: GraphBuilder,
+    left: NodeId,
+    right: NodeId,
+) -> NodeId:
+    if environment.window is not None and builder.type(left).window is not None:
+        # The window of the context is not the one that the user means to sum over.
+        model.findings.report(time.window_not_yet("a contraction over time", binary.span))
+        raise LoweringFailed
+    return builder.contract(left, right)
+
+
+def _lower_power(builder: GraphBuilder, base: NodeId, exponent: NodeId) -> NodeId:
+    """An integer power is a chain of products fixed here, the power 1/2 a square root."""
+    value = literal(builder, exponent)
+    if value is not None and value.is_integer() and abs(value) <= LARGEST_POWER:
+        return builder.power(base, int(value))
+    if value == 0.5:
+        return builder.apply("sqrt", base)
+    unit = builder.type(base).unit
+    node = builder.apply("pow", base, exponent)
+    if unit is not None and value is not None and not unit.same_as(ONE):
+        builder.conflicts.clear()
+        exact = Fraction(value).limit_denominator(1000)
+        builder.set_unit(node, power_unit(unit, exact))
+    return node
+
+
+def literal(builder: GraphBuilder, node: NodeId) -> float | None:
+    """The number of a scalar constant (with a sign), None for anything else."""
+    found = builder.node(node)
+    if isinstance(found.op, CoreNegate):
+        value = literal(builder, found.args[0])
+        return None if value is None else -value
+    if isinstance(found.op, Constant) and found.type.axes == ():
+        return found.op.values[0]
+    return None
+
+
+def _lower_window(
+    model: Model, expression: Window | Past | Future, environment: Environment
+) -> NodeId:
+    sampling = model.sampling
+    if model.sampling.sample_time is None:
+        model.findings.report(time.needs_sample_time("a time window", expression.span))
+        raise LoweringFailed
+    match expression:
+        case Window(first=first, last=None):
+            return lower(model, expression.operand, environment.shifted(sampling.offset(first)))
+        case Window(first=first, last=last):
+            assert last is not None
+            bounds = (sampling.offset(first), sampling.offset(last))
+        case Past(length=length):
+            bounds = (1 - _positive(model, length.span, sampling.samples(length)), 0)
+        case Future(length=length):
+            bounds = (1, _positive(model, length.span, sampling.samples(length)))
+    if bounds[0] > bounds[1]:
+        model.findings.report(time.empty_window(expression.span))
+        raise LoweringFailed
+    return window_of(model, expression.operand, environment, *bounds)
+
+
+def _positive(model: Model, span: Span, samples: int) -> int:
+    if samples < 1:
+        model.findings.report(time.bad_length(span))
+        raise LoweringFailed
+    return samples
+
+
+def window_of(
+    model: Model, operand: Expression, environment: Environment, first: int, last: int
+) -> NodeId:
+    """Samples t+first … t+last of an expression: every signal in it is read over that window."""
+    if environment.window is not None:
+        model.findings.report(time.window_of_window(operand.span))
+        raise LoweringFailed
+    node = lower(model, operand, environment.over(first, last))
+    builder = model.builder(environment)
+    if builder.type(node).window is None:
+        # Nothing in it depends on time: the same value at every sample.
+        axes = (*builder.type(node).axes, Axis(WINDOW, last - first + 1))
+        node = builder.broadcast(node, axes)
+    return node
+
+
+def _lower_list(
+    model: Model,
+    elements: tuple[Expression, ...],
+    environment: Environment,
+    builder: GraphBuilder,
+) -> NodeId:
+    nodes = lower_all(model, elements, environment)
+    for element, node in zip(elements, nodes, strict=True):
+        axes = builder.type(node).axes
+        if axes:
+            model.findings.report(
+                shapes.wrong_axes(
+                    "an element of a list", "a scalar", describe_axes(axes), element.span
+                )
+            )
+            raise LoweringFailed
+    if not nodes:
+        raise AssertionError("the parser admits no empty list")
+    parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in nodes]
+    return parts[0] if len(parts) == 1 else builder.concat(parts, UNNAMED)

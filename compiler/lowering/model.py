@@ -1,0 +1,286 @@
+"""Gives every name of a spec its nodes, each entry lowered once for each way it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from compiler.builder import GraphBuilder
+from compiler.lowering.arrays import Arrays
+from compiler.lowering.builtins import BUILTINS, NOT_YET, lower_builtin
+from compiler.lowering.environment import Argument, Environment, Part
+from compiler.lowering.expressions import lower
+from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.layer_calls import lower_layer
+from compiler.lowering.sampling import Sampling
+from compiler.lowering.scope import Declared, Kind, Scope
+from compiler.lowering.states import States
+from compiler.program import NodeId
+from compiler.types import WINDOW, Axis, Type
+from spec_schema.diagnostics import Findings
+from spec_schema.dimensions import Dimension
+from spec_schema.errors import names, states, time
+from spec_schema.errors import shapes as shape_errors
+from spec_schema.expression import Call, Expression, Member, Name
+from spec_schema.layers import Layer
+from spec_schema.signals import Equation, Output, Signal, State
+from spec_schema.source import Span
+from spec_schema.spec import Spec
+from spec_schema.unit_parser import parse_unit
+from spec_schema.values import Constant, Function, Parameter
+
+_SECOND = parse_unit("s")
+_PI = 3.141592653589793
+_CALLABLE = (Kind.LAYER, Kind.FUNCTION)
+
+
+class Model:
+    """A spec being lowered: its names, the graphs that grow, and what was found on the way."""
+
+    def __init__(self, spec: Spec, findings: Findings) -> None:
+        self.spec = spec
+        self.findings = findings
+        self.scope = Scope(spec, findings)
+        seconds = spec.sample_time.value if spec.sample_time else None
+        self.sampling = Sampling(seconds, findings)
+        self._builders = {Part.START: GraphBuilder(), Part.CONSTANT: GraphBuilder()}
+        self._step = GraphBuilder()
+        self.arrays = Arrays(self)
+        self.states = States(self)
+        self.measured: dict[str, State] = {}
+        """States whose log is read somewhere (R6): the data must have them."""
+        self.used: set[str] = set()
+        """Names that something refers to."""
+        self._entries: dict[tuple[str, Part, int, tuple[int, int] | None, int], NodeId | None] = {}
+        self._active: list[str] = []
+
+    def builder(self, environment: Environment) -> GraphBuilder:
+        """The graph that the environment's nodes belong to."""
+        return self._builders.get(environment.part, self._step)
+
+    # ---- names
+
+    def value(self, name: Name, environment: Environment) -> NodeId:
+        """The node of a bare name."""
+        argument = environment.arguments.get(name.name)
+        if argument is not None:
+            return self._argument(argument, environment)
+        builder = self.builder(environment)
+        if name.name == "pi":
+            return builder.constant(_PI)
+        if name.name == "dt":
+            return builder.constant(self._sample_time(name.span), unit=_SECOND)
+        declared = self.declared(name.name, name.span)
+        match declared.entry:
+            case Signal() as signal:
+                logged = declared.kind is Kind.TARGET or environment.part is not Part.STEP
+                return self._signal(name.name, signal, name.span, environment, logged=logged)
+            case Constant() as constant:
+                array = self.arrays.constant(name.name, constant)
+                return builder.constant(array.values, array.axes, array.unit)
+            case Parameter() as parameter:
+                self._forbid_in_constant(name.name, name.span, environment)
+                return builder.parameter(name.name, self.arrays.parameter(name.name, parameter))
+            case State() as state:
+                return self.states.value(name.name, state, name.span, environment)
+            case Equation() | Output() as entry:
+                return self.entry(name.name, entry, environment, name.span)
+            case Layer() | Function() | Dimension():
+                self.findings.report(names.not_a_value(name.name, declared.kind.value, name.span))
+                raise LoweringFailed
+
+    def declared(self, name: str, span: Span) -> Declared:
+        """The declaration of a name; reports an unknown one."""
+        found = self.scope.get(name)
+        if found is None:
+            if name in BUILTINS:
+                self.findings.report(names.not_a_value(name, "a builtin", span))
+            else:
+                known = (*self.scope, "dt", "pi")
+                self.findings.report(names.unknown_name(name, span, known))
+            raise LoweringFailed
+        self.used.add(name)
+        return found
+
+    def member(self, member: Member, environment: Environment) -> NodeId:
+        """`s.meas`: the log of a signal or state, whatever the step sees (R6)."""
+        entry = self.declared(member.base, member.span).entry
+        if member.name != "meas" or not isinstance(entry, Signal | State):
+            self.findings.report(names.no_member(member.base, member.name, member.span))
+            raise LoweringFailed
+        if isinstance(entry, State):
+            self.measured.setdefault(member.base, entry)
+        return self._signal(member.base, entry, member.span, environment, logged=True)
+
+    def entry(
+        self, name: str, entry: Equation | Output, environment: Environment, span: Span
+    ) -> NodeId:
+        """The value of an equation or output, lowered once a time and stage."""
+        own = environment.of_entry()
+        key = (name, own.part, own.shift, own.window, id(own.stage))
+        if name in self._active:
+            loop = (*self._active[self._active.index(name) :], name)
+            self.findings.report(states.algebraic_loop(loop, span))
+            raise LoweringFailed
+        if key in self._entries:
+            node = self._entries[key]
+            if node is None:
+                raise LoweringFailed
+            return node
+        self._active.append(name)
+        try:
+            self._entries[key] = None  # stays when lowering fails
+            node = lower(self, entry.expr, own)
+            builder = self.builder(own)
+            self.arrays.agree_on_unit(builder, node, name, entry)
+            builder.name(node, name)
+            self._entries[key] = node
+        finally:
+            self._active.pop()
+        return node
+
+    # ---- calls
+
+    def call(self, call: Call, environment: Environment) -> NodeId:
+        """The value of a layer, function or builtin."""
+        function = call.function
+        if isinstance(function, Member):
+            self.findings.report(names.no_member(function.base, function.name, function.span))
+            raise LoweringFailed
+        name = function.name
+        if name in environment.arguments:
+            self.findings.report(names.not_callable(name, "an argument", function.span))
+            raise LoweringFailed
+        if name in ("next", "flow", "der"):
+            return self.states.call(name, call, environment)
+        builtin = BUILTINS.get(name)
+        if builtin is not None and name not in self.scope:
+            return lower_builtin(self, name, builtin, call, environment)
+        if name in NOT_YET and name not in self.scope:
+            self.findings.report(names.builtin_not_yet(name, function.span))
+            raise LoweringFailed
+        declared = self.declared(name, function.span) if name in self.scope else None
+        if declared is None:
+            known = [n for n, d in self.scope.items() if d.kind in _CALLABLE]
+            self.findings.report(names.unknown_name(name, function.span, (*known, *BUILTINS)))
+            raise LoweringFailed
+        match declared.entry:
+            case Layer() as layer:
+                self._forbid_in_constant(name, function.span, environment)
+                return lower_layer(self, name, layer, call, environment)
+            case Function() as entry:
+                return self._inline(name, entry, call, environment)
+            case _:
+                self.findings.report(names.not_callable(name, declared.kind.value, function.span))
+                raise LoweringFailed
+
+    def _inline(
+        self, name: str, function: Function, call: Call, environment: Environment
+    ) -> NodeId:
+        parameters = tuple(argument.value for argument in function.args)
+        given: dict[str, Expression] = dict(zip(parameters, call.arguments, strict=False))
+        for keyword in call.keywords:
+            if keyword.name not in parameters or keyword.name in given:
+                self.findings.report(
+                    names.unknown_keyword(name, keyword.name, keyword.span, parameters)
+                )
+                raise LoweringFailed
+            given[keyword.name] = keyword.value
+        found = len(call.arguments) + len(call.keywords)
+        if found != len(parameters):
+            plural = "s" if len(parameters) != 1 else ""
+            wanted = f"{len(parameters)} argument{plural} ({', '.join(parameters)})"
+            self.findings.report(names.wrong_argument_count(name, wanted, found, call.span))
+            raise LoweringFailed
+        if name in environment.functions:
+            self.findings.report(names.recursive_function(name, call.function.span))
+            raise LoweringFailed
+        arguments: Mapping[str, Argument] = {
+            key: Argument(expression, environment) for key, expression in given.items()
+        }
+        inner = Environment(
+            environment.part,
+            environment.shift,
+            environment.window,
+            environment.stage,
+            arguments,
+            (*environment.functions, name),
+        )
+        return lower(self, function.expr, inner)
+
+    def _argument(self, argument: Argument, environment: Environment) -> NodeId:
+        known = argument.lowered.get(environment.time)
+        if known is None:
+            outer = argument.environment
+            there = Environment(
+                outer.part,
+                environment.shift,
+                environment.window,
+                outer.stage,
+                outer.arguments,
+                outer.functions,
+            )
+            known = argument.lowered[environment.time] = lower(self, argument.expression, there)
+        return known
+
+    # ---- compile-time values and dimensions
+
+    def number(self, expression: Expression, environment: Environment, what: str) -> float:
+        """The number of an expression that must be known at compile time."""
+        del environment
+        return self.arrays.number(expression, what)
+
+    def whole_number(self, expression: Expression, environment: Environment, what: str) -> int:
+        """A whole number known at compile time."""
+        value = self.number(expression, environment, what)
+        if not value.is_integer():
+            self.findings.report(names.unfit_constant(what, "is no whole number", expression.span))
+            raise LoweringFailed
+        return int(value)
+
+    def dimension(self, name: str, span: Span) -> Axis:
+        """The axis of a name of `dims:`."""
+        entry = self.scope[name].entry if name in self.scope else None
+        if not isinstance(entry, Dimension):
+            self.findings.report(shape_errors.unknown_dimension(name, span))
+            raise LoweringFailed
+        self.used.add(name)
+        return Axis(name, entry.size)
+
+    def labels(self, dimension: str) -> tuple[str, ...]:
+        """Labels of a dimension's elements; empty where it has none."""
+        entry = self.scope[dimension].entry if dimension in self.scope else None
+        return entry.labels if isinstance(entry, Dimension) else ()
+
+    # ---- inside
+
+    def _sample_time(self, span: Span) -> float:
+        if self.sampling.sample_time is None:
+            self.findings.report(time.needs_sample_time("`dt`", span))
+            raise LoweringFailed
+        return self.sampling.sample_time
+
+    def _signal(
+        self,
+        name: str,
+        entry: Signal | State,
+        span: Span,
+        environment: Environment,
+        *,
+        logged: bool,
+    ) -> NodeId:
+        """The samples of a signal at the environment's time: its log, or what the step sees."""
+        self._forbid_in_constant(name, span, environment)
+        axes = self.arrays.axes_of(entry)
+        first, last = environment.window or (0, 0)
+        if environment.window is not None:
+            axes = (*axes, Axis(WINDOW, last - first + 1))
+        type = Type(axes, entry.unit.value if entry.unit else None)
+        first, last = first + environment.shift, last + environment.shift
+        builder = self.builder(environment)
+        read = builder.log if logged else builder.signal
+        return read(name, first, last, type)
+
+    def _forbid_in_constant(self, name: str, span: Span, environment: Environment) -> None:
+        if environment.part is Part.CONSTANT:
+            self.findings.report(names.constant_needed(f"`{name}`", span))
+            raise LoweringFailed

@@ -1,0 +1,66 @@
+"""Durations and time offsets become whole samples, once, here; nothing is rounded silently (R1)."""
+
+from __future__ import annotations
+
+import math
+
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.diagnostics import Findings
+from spec_schema.errors import time as errors
+from spec_schema.expression import Duration, Length, Samples, TimeOffset
+from spec_schema.source import Span
+
+LONGEST_WINDOW = 1_000_000
+# A duration such as 0.3 s at 0.1 s is 2.9999999999999996 samples in floating point.
+_TOLERANCE = 1e-9
+
+
+class Sampling:
+    """Converts lengths of time at one sample time; reports what does not fit."""
+
+    def __init__(self, sample_time: float | None, findings: Findings) -> None:
+        self.sample_time = sample_time
+        self._findings = findings
+
+    def samples(self, length: Length) -> int:
+        """Number of samples of a length; LoweringFailed where it falls between two samples."""
+        match length:
+            case Samples(count=count):
+                found = count
+            case Duration():
+                found = self.from_seconds(length.seconds, length.quantity.text, length.span)
+        if abs(found) > LONGEST_WINDOW:
+            self._findings.report(errors.window_too_long(found, LONGEST_WINDOW, length.span))
+            raise LoweringFailed
+        return found
+
+    def offset(self, offset: TimeOffset) -> int:
+        """Samples from t; negative is the past."""
+        return offset.sign * self.samples(offset.length)
+
+    def from_seconds(self, seconds: float, text: str, span: Span) -> int:
+        """Samples of a duration in seconds; `text` is how the user wrote it."""
+        if self.sample_time is None:
+            self._findings.report(errors.needs_sample_time(f"the duration {text}", span))
+            raise LoweringFailed
+        exact = seconds / self.sample_time
+        nearest = round(exact)
+        if abs(exact - nearest) > _TOLERANCE * max(1.0, abs(exact)):
+            below, above = math.floor(exact), math.ceil(exact)
+            self._findings.report(
+                errors.not_a_multiple(
+                    text,
+                    _seconds_text(self.sample_time),
+                    _seconds_text(below * self.sample_time),
+                    _seconds_text(above * self.sample_time),
+                    span,
+                )
+            )
+            raise LoweringFailed
+        return nearest
+
+
+def _seconds_text(seconds: float) -> str:
+    if seconds and abs(seconds) < 1:
+        return f"{seconds * 1000:.9g} ms"
+    return f"{seconds:.9g} s"

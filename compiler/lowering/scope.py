@@ -1,0 +1,80 @@
+"""What the names of a spec stand for: all sections share one namespace."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from spec_schema.diagnostics import Findings
+from spec_schema.dimensions import Dimension
+from spec_schema.errors import names as errors
+from spec_schema.layers import Layer
+from spec_schema.signals import Equation, Output, Signal, State
+from spec_schema.spec import Spec
+from spec_schema.values import Constant, Function, Parameter
+
+Entry = Dimension | Signal | Constant | Parameter | Layer | Function | State | Equation | Output
+
+
+class Kind(Enum):
+    """The section that declares a name; the value is how messages call it."""
+
+    DIMENSION = "a dimension"
+    INPUT = "an input"
+    TARGET = "a target"
+    CONSTANT = "a constant"
+    PARAMETER = "a parameter"
+    LAYER = "a layer"
+    FUNCTION = "a function"
+    STATE = "a state"
+    EQUATION = "an equation"
+    OUTPUT = "an output"
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A name and its entry in the spec."""
+
+    name: str
+    kind: Kind
+    entry: Entry
+
+
+class Scope(Mapping[str, Declared]):
+    """All declared names; one declared twice is reported and keeps its first meaning."""
+
+    def __init__(self, spec: Spec, findings: Findings) -> None:
+        self._declared: dict[str, Declared] = {}
+        sections: tuple[tuple[Kind, Mapping[str, Entry]], ...] = (
+            (Kind.DIMENSION, spec.dims),
+            (Kind.INPUT, spec.inputs),
+            (Kind.TARGET, spec.targets),
+            (Kind.CONSTANT, spec.constants),
+            (Kind.PARAMETER, spec.parameters),
+            (Kind.LAYER, spec.layers),
+            (Kind.FUNCTION, spec.functions),
+            (Kind.STATE, spec.states),
+            (Kind.EQUATION, spec.equations),
+            (Kind.OUTPUT, spec.outputs),
+        )
+        for kind, section in sections:
+            for name, entry in section.items():
+                first = self._declared.get(name)
+                if first is None:
+                    self._declared[name] = Declared(name, kind, entry)
+                else:
+                    findings.report(
+                        errors.declared_twice(
+                            name, entry.place.key, first.entry.place.key, first.kind.value
+                        )
+                    )
+
+    def __getitem__(self, name: str) -> Declared:
+        return self._declared[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._declared)
+
+    def __len__(self) -> int:
+        return len(self._declared)
