@@ -158,7 +158,7 @@ def wrong_sample_time(file: str, found: float, expected: float, place: Span) -> 
         f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s",
         place,
         "the second row",
-        help=f"`every: {every}` picks every {every}. row" if fits else None,
+        help=f"`every: {every}` takes one row in {every}" if fits else None,
     )
 
 

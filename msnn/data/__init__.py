@@ -1,0 +1,1 @@
+"""Reads measured data: files become records, records become episodes, episodes give starts."""

@@ -1,0 +1,56 @@
+"""Finds the files of a data source: names, patterns and folders, relative to the spec."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from spec_schema.data_section import Data, Source
+from spec_schema.diagnostics import Findings
+from spec_schema.errors import data_files as errors
+
+
+@dataclass(frozen=True, slots=True)
+class DataFile:
+    """One file of a set; `shown` is its name in messages, as short as it can be."""
+
+    path: Path
+    shown: str
+    source: str
+    layout: Source
+
+
+def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
+    """The files of all sources in the order of the spec, those of one pattern by name.
+
+    A folder stands for the `*.csv` in it. A pattern that matches nothing is an error.
+    """
+    found: list[DataFile] = []
+    for name, source in data.source.items():
+        seen: set[Path] = set()
+        for pattern in source.files:
+            paths = _matches(folder, pattern.value)
+            if not paths:
+                findings.report(errors.no_file(pattern.value, str(folder), pattern.span))
+            for path in paths:
+                if path not in seen:
+                    seen.add(path)
+                    found.append(DataFile(path, _shown(path, folder), name, source))
+    return found
+
+
+def _matches(folder: Path, pattern: str) -> list[Path]:
+    plain = folder / pattern
+    if plain.is_dir():
+        return sorted(plain.glob("*.csv"))
+    if plain.is_file():
+        return [plain]
+    wild = next((i for i, part in enumerate(plain.parts) if set(part) & set("*?[")), None)
+    if wild is None:
+        return []
+    base = Path(*plain.parts[:wild])
+    return sorted(path for path in base.glob("/".join(plain.parts[wild:])) if path.is_file())
+
+
+def _shown(path: Path, folder: Path) -> str:
+    return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)

@@ -1,0 +1,98 @@
+"""Divides records into the sets train, val and test: by file, by block or by fraction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msnn.data.dataset import UNASSIGNED
+from spec_schema.diagnostics import Findings
+from spec_schema.errors import data_files as errors
+from spec_schema.splits import Blocks, Fraction, Split
+
+SETS = ("train", "val", "test")
+
+SetCodes = NDArray[np.int8]
+
+
+def split_source(sources: Sequence[str], split: Split, findings: Findings) -> str | None:
+    """The source that a split divides: `train`, or the only one there is."""
+    if "train" in sources:
+        return "train"
+    if len(sources) == 1:
+        return sources[0]
+    reason = "`split` divides the source `train` or a lone one, and there is neither"
+    findings.report(errors.impossible_split(reason, split.place.key))
+    return None
+
+
+def split_rows(
+    split: Split, lengths: Sequence[int], codes: Mapping[str, int], findings: Findings
+) -> list[SetCodes]:
+    """The set of every row of every record, given the records' lengths."""
+    match split.by:
+        case "file":
+            chosen = _files(_fractions(split), len(lengths))
+            for name, share in _fractions(split).items():
+                if share > 0 and chosen and name not in chosen:
+                    reason = (
+                        f"{len(lengths)} files are too few to give `{name}` {share:.0%} of them"
+                    )
+                    findings.report(errors.impossible_split(reason, split.place.key))
+            return [
+                np.full(length, codes.get(name, UNASSIGNED), dtype=np.int8)
+                for name, length in zip(chosen, lengths, strict=True)
+            ]
+        case "fraction":
+            return [_fraction_rows(_fractions(split), length, codes) for length in lengths]
+        case "block":
+            return [_block_rows(split, length, codes) for length in lengths]
+
+
+def _fractions(split: Split) -> dict[str, float]:
+    """The share of each set; what is left over belongs to `train` unless its share is given."""
+    given = {"train": split.train, "val": split.val, "test": split.test}
+    shares = {name: s.value if isinstance(s, Fraction) else 0.0 for name, s in given.items()}
+    if split.train is None:
+        shares["train"] = max(1.0 - shares["val"] - shares["test"], 0.0)
+    return shares
+
+
+def _files(shares: Mapping[str, float], count: int) -> list[str]:
+    """A set for each file, spread evenly over the files in their order: no chance involved."""
+    shares = {**shares, "": max(1.0 - sum(shares.values()), 0.0)}
+    owed = dict.fromkeys(shares, 0.0)
+    chosen: list[str] = []
+    for _ in range(count):
+        for name, share in shares.items():
+            owed[name] += share
+        most = max(owed, key=lambda name: owed[name])
+        owed[most] -= 1.0
+        chosen.append(most)
+    return chosen
+
+
+def _fraction_rows(shares: Mapping[str, float], length: int, codes: Mapping[str, int]) -> SetCodes:
+    rows = np.full(length, UNASSIGNED, dtype=np.int8)
+    passed = 0.0
+    for name in SETS:
+        start, passed = passed, passed + shares[name]
+        rows[_rounded(start * length) : _rounded(passed * length)] = codes[name]
+    return rows
+
+
+def _block_rows(split: Split, length: int, codes: Mapping[str, int]) -> SetCodes:
+    rows = np.full(length, UNASSIGNED, dtype=np.int8)
+    assert split.blocks is not None, "the schema asks for `blocks:`"
+    for name, share in zip(SETS, (split.train, split.val, split.test), strict=True):
+        for number in share.numbers if isinstance(share, Blocks) else ():
+            start = _rounded((number - 1) * length / split.blocks)
+            rows[start : _rounded(number * length / split.blocks)] = codes[name]
+    return rows
+
+
+def _rounded(value: float) -> int:
+    return math.floor(value + 0.5)

@@ -1,0 +1,102 @@
+"""Where rollouts may start, so that no window, target or rollout leaves its episode (rule R2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from backends.step_interface import needed_nodes
+from compiler.ops import ReadLog, ReadSignal
+from compiler.program import Graph, NodeId, Program
+from msnn.data.dataset import IntArray
+
+Horizon = int | Literal["episode", "record"]
+"""Evaluations of the step in one rollout; `record` runs over all rows and scores those of a set."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Rows around t that a step reads from the log, and rows around t0 that the start reads."""
+
+    back: int
+    ahead: int
+    start_ahead: int
+
+    def rows(self, steps: int) -> int:
+        """Rows that a rollout of `steps` steps needs."""
+        return self.back + max(steps + self.ahead, self.start_ahead + 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """Rollouts side by side: `steps[i]` evaluations from row `t0[i]`."""
+
+    t0: IntArray
+    steps: IntArray
+    skipped: int
+    """Episodes that are too short for one rollout."""
+    longest: int
+    """Rows of the longest episode."""
+
+    def __len__(self) -> int:
+        return len(self.t0)
+
+    def take(self, members: IntArray) -> Runs:
+        return Runs(self.t0[members], self.steps[members], self.skipped, self.longest)
+
+
+def reach(program: Program) -> Reach:
+    """How far the step, losses, `predicts` and the start of a program look around t."""
+    wanted = [output.node for output in program.outputs]
+    wanted += [state.next for state in program.states]
+    wanted += [loss.prediction for loss in program.losses]
+    wanted += [loss.target for loss in program.losses if loss.target is not None]
+    back, ahead = _span(program.step, wanted)
+    for output in program.outputs:
+        if output.predicts is not None:
+            ahead = max(ahead, output.predicts.ahead)
+    start_back, start_ahead = _span(program.start, [state.start for state in program.states])
+    return Reach(max(back, start_back), ahead, start_ahead)
+
+
+def _span(graph: Graph, wanted: list[NodeId]) -> tuple[int, int]:
+    back = ahead = 0
+    for index in needed_nodes(graph, wanted):
+        match graph[index].op:
+            case ReadSignal(_, first, last) | ReadLog(_, first, last):
+                back, ahead = max(back, -first), max(ahead, last)
+            case _:
+                pass
+    return back, ahead
+
+
+def rollouts(
+    episodes: IntArray, reach: Reach, horizon: Horizon, stride: int, *, rest: bool = False
+) -> Runs:
+    """All rollouts in the episodes (start, stop), in their order; cost is linear in their number.
+
+    With `rest` a last, shorter rollout covers the samples that no full one reaches; this wants
+    `stride` = horizon.
+    """
+    lengths = episodes[:, 1] - episodes[:, 0]
+    longest = int(lengths.max(initial=0))
+    samples = np.maximum(lengths - reach.back - reach.ahead, 0)
+    # the start may look farther ahead than the steps do
+    starts = np.clip(lengths - reach.back - reach.start_ahead, 0, samples)
+    first = episodes[:, 0] + reach.back
+    if isinstance(horizon, str):
+        fits = starts > 0
+        return Runs(first[fits], samples[fits], int(np.sum(~fits)), longest)
+    full = np.where(samples >= horizon, (samples - horizon) // stride + 1, 0)
+    full = np.minimum(full, -(-starts // stride))
+    count = full
+    if rest:
+        left = samples - full * stride
+        count = full + ((left > 0) & (full * stride < starts))
+    which = np.repeat(np.arange(len(episodes)), count)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    t0 = first[which] + number * stride
+    steps = np.minimum(horizon, first[which] + samples[which] - t0)
+    return Runs(t0, steps, int(np.sum(count == 0)), longest)
