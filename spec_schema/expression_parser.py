@@ -84,7 +84,7 @@ def _parse(text: str, positions: Positions, findings: Findings) -> Expression | 
         # Within parentheses a block scalar may break its lines; brackets are balanced by now.
         tree = ast.parse(f"({scanned.text}\n)", mode="eval").body
     except SyntaxError as error:
-        findings.report(errors.malformed_expression(places.of_syntax_error(error)))
+        findings.report(places.syntax_fault(error))
         return None
     except (RecursionError, MemoryError):
         findings.report(errors.too_deep(DEEPEST, whole))

@@ -10,6 +10,7 @@ from spec_schema.errors import expressions as errors
 from spec_schema.expression import Duration
 from spec_schema.names import is_name, is_python_word, normalised
 from spec_schema.source import Span
+from spec_schema.units import unit_symbol
 from spec_schema.yaml_nodes import Positions
 
 DEEPEST = 100
@@ -23,6 +24,7 @@ _TOKEN = re.compile(
     r"|(?P<operator>\*\*|<=|>=|[-+*/@<>.,=:])|(?P<open>[(\[])|(?P<close>[)\]])"
 )
 _LEADING_ZEROS = re.compile(r"0[0-9]+")
+_DIGITS = "0123456789."
 _PARTNER = {")": "(", "]": "["}
 _BOOLEAN_WORDS = {"and", "or", "not"}
 _REPAIRS = {
@@ -128,7 +130,8 @@ class _Scanner:
         if is_operand and self.operand is not None:
             first, last = self.operand
             left = self.text[first:last]
-            self._report(errors.missing_operator(left, text, self._span(first, end)))
+            is_unit = left[0] in _DIGITS and unit_symbol(text) is not None
+            self._report(errors.missing_operator(left, text, self._span(first, end), is_unit))
         self.operand = (start, end) if is_operand or found.lastgroup == "close" else None
 
     def _word(self, word: str, span: Span) -> bool:
@@ -145,7 +148,7 @@ class _Scanner:
         return False
 
     def _open(self, bracket: str, start: int) -> None:
-        literal = self.operand is not None and self.text[self.operand[0]] in "0123456789."
+        literal = self.operand is not None and self.text[self.operand[0]] in _DIGITS
         if literal and self.operand is not None:
             first, last = self.operand
             span = self._span(first, start + 1)

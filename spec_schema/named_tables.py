@@ -39,8 +39,7 @@ def _read_table(node: Node, info: ValidationInfo) -> Table:
         found = kind(node)
         findings_of(info).report(errors.wrong_kind("a mapping of names", found, node.span))
         raise RefusedError
-    entries = {name: value for name, value in node.entries.items() if not name.startswith("x-")}
-    return Table(entries, node.keys, node.span, node.key)
+    return node
 
 
 Named: TypeAlias = Annotated[Mapping[str, Item], BeforeValidator(_read_declarations)]

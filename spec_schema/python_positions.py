@@ -3,6 +3,8 @@
 import ast
 from itertools import accumulate
 
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.errors import expressions as errors
 from spec_schema.source import Span
 from spec_schema.yaml_nodes import Positions
 
@@ -35,13 +37,16 @@ class PythonPositions:
         start = self._text.index(operator, self.end(left), self.start(right))
         return self._positions.span(start, start + len(operator))
 
-    def of_syntax_error(self, error: SyntaxError) -> Span:
-        """The place that Python's parser complains of; at least one character wide."""
+    def syntax_fault(self, error: SyntaxError) -> Diagnostic:
+        """What Python's parser complains of; its own words differ from version to version."""
         line, column = error.lineno or 1, (error.offset or 1) - 1
-        line_index = min(line, len(self._lines) - 1) - 1
-        start = self._starts[line_index] + column - (1 if line == 1 else 0)
-        start = min(max(start, 0), max(len(self._text) - 1, 0))
-        return self._positions.span(start, start + 1)
+        if line >= len(self._lines):
+            # It stumbled over the added parenthesis.
+            last = len(self._text.rstrip())
+            return errors.incomplete_expression(self._positions.span(last - 1, last))
+        start = self._starts[line - 1] + column - (1 if line == 1 else 0)
+        start = min(max(start, 0), len(self._text) - 1)
+        return errors.malformed_expression(self._positions.span(start, start + 1))
 
     def start(self, node: ast.expr | ast.keyword | ast.Slice) -> int:
         """The offset in the text at which a node starts."""

@@ -26,6 +26,8 @@ def syntax_fault(error: yaml.MarkedYAMLError, source: SourceText) -> Diagnostic:
     found = text[at : at + 1]
     here = source.span(at, at + 1)
     scanning = error.context or ""
+    if found == ":" and not text[:at].rpartition("\n")[2].strip():
+        return errors.key_is_not_text("nothing", here)
     if found == "\t":
         return errors.tab(here)
     if "cannot start any token" in problem:
@@ -42,10 +44,10 @@ def syntax_fault(error: yaml.MarkedYAMLError, source: SourceText) -> Diagnostic:
         return errors.misplaced_item(here)
     if scanning in {"while parsing a flow mapping", "while parsing a flow sequence"}:
         return _flow_fault(at, opened, source)
-    if scanning == "while scanning a quoted scalar" or "quoted scalar" in scanning:
-        return errors.open_quote(source.span(opened, opened + 1))
     if "double-quoted scalar" in scanning:
         return errors.unknown_escape(source.span(at - 1, at + 1))
+    if "quoted scalar" in scanning:
+        return errors.open_quote(source.span(opened, opened + 1))
     if scanning == "while scanning a simple key":
         line_end = opened + len(text[opened:].splitlines()[0].rstrip())
         return errors.missing_colon(source.span(opened, line_end))

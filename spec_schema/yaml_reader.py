@@ -34,11 +34,7 @@ def read_tree(source: SourceText, findings: Findings) -> Node | None:
         return None
     if source.path.endswith(".json") and not _is_json(source, findings):
         return None
-    root = _compose(source, findings)
-    if isinstance(root, Scalar) and root.is_empty:
-        findings.report(errors.empty_file(start))
-        return None
-    return root
+    return _compose(source, findings)
 
 
 def _compose(source: SourceText, findings: Findings) -> Node | None:
@@ -74,7 +70,11 @@ def _build(source: SourceText, loader: Any, findings: Findings) -> Node | None:
             builder.take(event)
     except StoppedError:
         return None
-    return builder.root
+    root = builder.root
+    if root is None or (isinstance(root, Scalar) and root.is_empty):
+        findings.report(errors.empty_file(source.span(0, 1)))
+        return None
+    return root
 
 
 def _is_json(source: SourceText, findings: Findings) -> bool:

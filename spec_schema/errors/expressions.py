@@ -33,6 +33,12 @@ def malformed_expression(span: Span) -> Diagnostic:
     return _error("E0323", "this is not an expression", span, "cannot be read from here on")
 
 
+def incomplete_expression(span: Span) -> Diagnostic:
+    """E0347: an expression that stops in its middle."""
+    message = "the expression ends too early"
+    return _error("E0347", message, span, "something is missing after this")
+
+
 def too_long(length: int, longest: int, span: Span) -> Diagnostic:
     """E0324: an expression above the cap of characters."""
     message = f"the expression has {length} characters, more than {longest}"
@@ -123,10 +129,13 @@ def empty_expression(span: Span) -> Diagnostic:
     return _error("E0338", "the expression is empty", span, "nothing here")
 
 
-def missing_operator(left: str, right: str, span: Span) -> Diagnostic:
-    """E0339: two operands side by side."""
+def missing_operator(left: str, right: str, span: Span, is_unit: bool = False) -> Diagnostic:
+    """E0339: two operands side by side; maybe a number with a unit that no duration has."""
     message = f"an operator is missing between `{left}` and `{right}`"
-    return _error("E0339", message, span, "two operands", f"for a product write `{left} * {right}`")
+    repair = f"for a product write `{left} * {right}`"
+    if is_unit:
+        repair += "; a duration is in us, ms, s, min or h, and other units go into `unit:`"
+    return _error("E0339", message, span, "two operands", repair)
 
 
 def malformed_word(word: str, span: Span) -> Diagnostic:

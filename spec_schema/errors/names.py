@@ -136,13 +136,17 @@ def recursive_function(name: str, span: Span) -> Diagnostic:
 def unused_entry(name: str, kind: str, span: Span) -> Diagnostic:
     """W0301: something declared that nothing uses."""
     return Diagnostic(
-        "W0301", "warning", f"{kind} `{name}` is never used", span, "not used by any output or loss"
+        "W0301",
+        "warning",
+        f"`{name}` is never used",
+        span,
+        f"{kind} that no output, state or loss needs",
     )
 
 
 def unfit_constant(name: str, problem: str, span: Span) -> Diagnostic:
     """E0312: a constant or initial value whose numbers do not fit what is declared."""
-    return Diagnostic("E0312", "error", f"the value of `{name}` {problem}", span, "this value")
+    return Diagnostic("E0312", "error", f"the value of {name} {problem}", span, "this value")
 
 
 def unfit_setting(owner: str, problem: str, span: Span, repair: str | None = None) -> Diagnostic:

@@ -6,6 +6,9 @@ from spec_schema.diagnostics import Diagnostic
 from spec_schema.source import Span
 from spec_schema.suggest import nearest
 
+# The keys of a layer are worth listing, those of a whole spec are in the documentation.
+_SHORT_LIST = 12
+
 
 def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagnostic:
     """E0201: a key that the language does not have."""
@@ -24,13 +27,14 @@ def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagn
 
 def key_not_yet(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagnostic:
     """E0202: a key of the full language that this version does not read."""
+    known = tuple(known)
     return Diagnostic(
         "E0202",
         "error",
         f"`{key}` in {owner} is not in this version of msnn",
         span,
         "planned, not available yet",
-        notes=(f"available here: {', '.join(known)}",),
+        notes=(f"available here: {', '.join(known)}",) if len(known) <= _SHORT_LIST else (),
     )
 
 
@@ -231,7 +235,7 @@ def malformed_columns(text: str, span: Span) -> Diagnostic:
 
 def misfitting_split(problem: str, span: Span) -> Diagnostic:
     """E0223: a split whose keys do not fit each other."""
-    return Diagnostic("E0223", "error", problem, span, "does not fit `by`")
+    return Diagnostic("E0223", "error", problem, span, "does not fit")
 
 
 def reversed_range(low: float, high: float, span: Span) -> Diagnostic:

@@ -83,7 +83,8 @@ def key_is_not_text(found: str, span: Span) -> Diagnostic:
 
 def not_utf8(span: Span) -> Diagnostic:
     """E0113: bytes that are not UTF-8."""
-    return _error("E0113", "the file is not UTF-8 from here on", span, "", "save it as UTF-8")
+    message = "the file is not UTF-8"
+    return _error("E0113", message, span, "a byte that is not UTF-8", "save it as UTF-8")
 
 
 def control_character(code_point: int, span: Span) -> Diagnostic:
