@@ -1,0 +1,53 @@
+"""Every broken spec in tests/bad_specs is answered with exactly the text beside it."""
+
+from pathlib import Path
+
+import pytest
+
+from spec_schema.diagnostics import SpecError
+from spec_schema.reader import read_spec
+from spec_schema.render import render
+from tests.golden import assert_golden
+
+FOLDER = Path(__file__).parents[1] / "bad_specs"
+BROKEN = sorted([*FOLDER.glob("*.yaml"), *FOLDER.glob("*.json")], key=lambda path: path.name)
+
+
+def said_of(path: Path) -> str:
+    """What `msnn check` says of a spec: the reader's diagnostics, or else the compiler's."""
+    try:
+        result = read_spec(path)
+    except SpecError as error:
+        return _shown(error, path)
+    from compiler.compile import compile_spec
+
+    try:
+        compiled = compile_spec(result.spec)
+    except SpecError as error:
+        return _shown(SpecError(error.diagnostics, (result.source,)), path)
+    # A spec that compiles may still be here for its warnings.
+    return _shown(SpecError((*result.warnings, *compiled.warnings), (result.source,)), path)
+
+
+def _shown(error: SpecError, path: Path) -> str:
+    text = render(error.diagnostics, "full", error.sources)
+    return text.replace(str(path), path.name) + "\n"
+
+
+@pytest.mark.parametrize("path", BROKEN, ids=lambda path: path.name)
+def test_broken_spec_is_answered_with_the_text_beside_it(path: Path, accept: bool) -> None:
+    said = said_of(path)
+    assert said.strip(), f"{path.name} has nothing wrong with it"
+    assert_golden(path.with_suffix(".txt"), said, accept)
+
+
+@pytest.mark.parametrize("path", BROKEN, ids=lambda path: path.name)
+def test_file_is_named_after_the_code_it_is_for(path: Path) -> None:
+    code = path.name.split("_")[0]
+    if code[0] in "EW" and code[1:].isdigit():
+        assert f"[{code}]" in said_of(path)
+
+
+def test_no_text_without_its_spec() -> None:
+    specs = {path.stem for path in BROKEN}
+    assert {path.stem for path in FOLDER.glob("*.txt")} <= specs
