@@ -1,0 +1,172 @@
+"""Keeps the branch that a `Select` does not take from spoiling derivatives with 0 · ∞ = NaN."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from compiler.builder import GraphBuilder
+from compiler.graph_copy import copy_node
+from compiler.ops import Apply, Broadcast, Concat, Divide, Op, Reshape, Select, Slice
+from compiler.program import Graph, Node, NodeId, Program
+from compiler.types import Axis
+
+SINGULAR = frozenset({"sqrt", "log", "pow", "asin", "acos", "atan2", "exp", "sinh", "cosh"})
+"""Functions whose value or slope is infinite or NaN somewhere; division is the other operation."""
+
+SAFE = 0.5
+"""An argument at which all of them, and 1/x, have a finite value and slope."""
+
+LONGEST = 8
+"""Conditions that are kept of a deeper nest, the inner ones, so that the pass stays linear."""
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A bool node without its broadcasts, and which of its values the branch belongs to."""
+
+    node: NodeId
+    holds: bool
+
+
+Guard = tuple[Condition, ...]
+"""All of these are true wherever anything uses the value; the outermost comes first."""
+
+
+def guard_untaken(program: Program) -> Program:
+    """Gives divisions and singular functions a harmless argument where no branch takes their value.
+
+    Before: any form. After: the same values; in reverse mode the untaken branch sends 0 · finite.
+    A value that is also used outside of the branch stays as it is.
+
+        where(x > 0, sqrt(x), 0)
+        where(x > 0, sqrt(where(x > 0, x, 0.5)), 0)
+    """
+    states, outputs, losses = program.states, program.outputs, program.losses
+    roots = [output.node for output in outputs] + [state.next for state in states]
+    roots += [loss.prediction for loss in losses]
+    roots += [loss.target for loss in losses if loss.target is not None]
+    step, now = _guarded(program.step, roots)
+    start, first = _guarded(program.start, [state.start for state in states])
+    return replace(
+        program,
+        step=step,
+        start=start,
+        states=tuple(
+            replace(state, next=now[state.next], start=first[state.start]) for state in states
+        ),
+        outputs=tuple(replace(output, node=now[output.node]) for output in outputs),
+        losses=tuple(
+            replace(
+                loss,
+                prediction=now[loss.prediction],
+                target=None if loss.target is None else now[loss.target],
+            )
+            for loss in losses
+        ),
+    )
+
+
+def _guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[Graph, dict[NodeId, NodeId]]:
+    roots = list(roots)
+    guards = _guards(graph, roots)
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index in _order(graph, guards, roots):
+        node, guard = graph[index], guards[index]
+        args = tuple(copies[arg] for arg in node.args)
+        if guard and _is_singular(node.op):
+            conditions = [(copies[condition.node], condition.holds) for condition in guard]
+            args = _harmless(builder, node, args, conditions)
+        copies[index] = copy_node(builder, node, args)
+    return builder.graph(), copies
+
+
+def _harmless(
+    builder: GraphBuilder,
+    node: Node,
+    args: tuple[NodeId, ...],
+    conditions: list[tuple[NodeId, bool]],
+) -> tuple[NodeId, ...]:
+    kept = args[:1] if isinstance(node.op, Divide) else ()
+    guarded: list[NodeId] = []
+    for arg in args[len(kept) :]:
+        type = builder.type(arg)
+        safe = builder.broadcast(builder.constant(SAFE), type.axes)
+        for condition, holds in reversed(conditions):
+            wide = builder.broadcast(condition, type.axes)
+            branches = (arg, safe) if holds else (safe, arg)
+            arg = builder.emit(Select(), (wide, *branches), type)
+        guarded.append(arg)
+    return (*kept, *guarded)
+
+
+def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
+    """For each node the conditions that hold at all its uses, None where nothing uses it."""
+    guards: list[Guard | None] = [None] * len(graph)
+    for root in roots:
+        guards[root] = ()
+    for index in reversed(range(len(graph))):
+        node, guard = graph[index], guards[index]
+        if guard is None:
+            continue
+        for place, arg in enumerate(node.args):
+            under = guard
+            if isinstance(node.op, Select) and place > 0:
+                condition = Condition(_without_broadcast(graph, node.args[0]), place == 1)
+                under = (*(c for c in guard if c.node != condition.node), condition)[-LONGEST:]
+            under = tuple(
+                c for c in under if _reaches(graph[c.node].type.axes, node.op, graph[arg].type.axes)
+            )
+            before = guards[arg]
+            guards[arg] = under if before is None else tuple(c for c in before if c in under)
+    return guards
+
+
+def _without_broadcast(graph: Graph, node: NodeId) -> NodeId:
+    while isinstance(graph[node].op, Broadcast):
+        node = graph[node].args[0]
+    return node
+
+
+def _reaches(condition: tuple[Axis, ...], op: Op, operand: tuple[Axis, ...]) -> bool:
+    """Whether a condition on the elements of a value is one on those of its operand too."""
+    match op:
+        case Reshape():
+            return not condition
+        case Slice(axis) | Concat(axis):
+            return set(condition) <= {a for a in operand if a.name != axis}
+        case _:
+            return set(condition) <= set(operand)
+
+
+def _is_singular(op: Op) -> bool:
+    return isinstance(op, Divide) or (isinstance(op, Apply) and op.function in SINGULAR)
+
+
+def _order(graph: Graph, guards: list[Guard | None], roots: list[NodeId]) -> list[NodeId]:
+    """Needed nodes, each after its operands and the conditions of its guard.
+
+    There is such an order. Were c computed from a node that c′ guards, and c′ from one that c
+    guards, then every `Select` by c would lie in a branch of one by c′ and the other way round; the
+    last of them in the graph's order cannot.
+    """
+    order: list[NodeId] = []
+    placed = [False] * len(graph)
+    for root in roots:
+        stack = [(root, False)]
+        while stack:
+            index, ready = stack.pop()
+            if placed[index]:
+                continue
+            if ready:
+                placed[index] = True
+                order.append(index)
+                continue
+            node, guard = graph[index], guards[index]
+            needs = [*node.args]
+            if guard and _is_singular(node.op):
+                needs += [condition.node for condition in guard]
+            stack.append((index, True))
+            stack.extend((need, False) for need in reversed(needs) if not placed[need])
+    return order
