@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from compiler.builder import GraphBuilder
@@ -53,8 +54,10 @@ def compile_spec(spec: Spec, *, strict_units: bool = False, spec_hash: str = "")
     model = Model(spec, findings)
     outputs = _outputs(model)
     state_table = _states(model)
-    _unused_entries(model)
     losses = _losses(model, outputs)
+    _unused_equations(model)
+    if not findings.failed:  # what is left unused by a mistake is no news
+        _report_unused(model)
     diagnostics = tuple(
         replace(d, severity="error") if strict_units and d.code in ("W0504", "W0505") else d
         for d in findings.in_order
@@ -175,15 +178,23 @@ def _states(model: Model) -> list[State]:
     return found
 
 
-def _unused_entries(model: Model) -> None:
-    """Lowers what nothing uses, so that its mistakes are found, and says that it is unused."""
+def _unused_equations(model: Model) -> None:
+    """Lowers the equations that nothing needs, so that their mistakes are found too."""
     for name, entry in model.spec.equations.items():
-        if name not in model.used:
-            model.findings.report(names.unused_entry(name, "equation", entry.place.key))
-            try:
-                model.entry(name, entry, _STEP, entry.place.key)
-            except LoweringFailed:
-                continue
+        with suppress(LoweringFailed):
+            model.entry(name, entry, _STEP, entry.place.key)
+
+
+def _report_unused(model: Model) -> None:
+    for name, declared in model.scope.items():
+        if name not in model.used and declared.kind in _EXPECTED_IN_USE:
+            place = declared.entry.place.key
+            model.findings.report(names.unused_entry(name, declared.kind.value, place))
+
+
+_EXPECTED_IN_USE = frozenset(
+    {Kind.INPUT, Kind.CONSTANT, Kind.PARAMETER, Kind.LAYER, Kind.FUNCTION, Kind.EQUATION}
+)
 
 
 def _losses(model: Model, outputs: list[Output]) -> list[Loss]:

@@ -107,7 +107,9 @@ class Arrays:
         if not entry.dims:
             if len([axis for axis in found.axes if not axis.name]) > 1:
                 self._model.findings.report(
-                    names.unfit_constant(name, "is a matrix and needs `dims:`", entry.value.span)
+                    names.unfit_constant(
+                        f"`{name}`", "is a matrix and needs `dims:`", entry.value.span
+                    )
                 )
                 raise LoweringFailed
             return NamedArray(found.values, found.axes, unit)
@@ -137,7 +139,7 @@ class Arrays:
         if low is not None and high is not None and low >= high:
             assert entry.min is not None
             self._model.findings.report(
-                names.unfit_constant(name, "has min at or above max", entry.min.span)
+                names.unfit_constant(f"`{name}`", "has min at or above max", entry.min.span)
             )
             raise LoweringFailed
         outside = bool(
@@ -148,7 +150,7 @@ class Arrays:
             least = "-inf" if low is None else f"{low:g}"
             most = "inf" if high is None else f"{high:g}"
             problem = f"must lie inside its bounds {least} … {most}, not on or beyond them"
-            self._model.findings.report(names.unfit_constant(name, problem, span))
+            self._model.findings.report(names.unfit_constant(f"`{name}`", problem, span))
             raise LoweringFailed
         return Parameter(
             name,
@@ -238,10 +240,10 @@ class Arrays:
         shape = tuple(axis.size for axis in axes)
         if values.shape not in ((), shape):
             problem = f"has the shape {list(values.shape)}, not {describe_axes(axes)}"
-            self._model.findings.report(names.unfit_constant(name, problem, span))
+            self._model.findings.report(names.unfit_constant(f"`{name}`", problem, span))
             raise LoweringFailed
         if not np.all(np.isfinite(values)):
-            self._model.findings.report(names.unfit_constant(name, "is not finite", span))
+            self._model.findings.report(names.unfit_constant(f"`{name}`", "is not finite", span))
             raise LoweringFailed
         return np.broadcast_to(values, shape)
 

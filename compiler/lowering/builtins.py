@@ -266,7 +266,7 @@ def _numbers(name: str) -> Callable[[Model, Call, Environment], NodeId]:
         count = int(given[-1]) if name != "arange" else _arange_count(given)
         if not 1 <= count <= LONGEST_LIST:
             model.findings.report(
-                names.unfit_constant(name, f"would have {count} elements", call.span)
+                names.unfit_constant(f"`{name}`", f"would have {count} elements", call.span)
             )
             raise LoweringFailed
         match name:

@@ -9,7 +9,6 @@ from enum import Enum
 from compiler.program import NodeId
 from spec_schema.expression import Expression
 
-
 Time = tuple[int, tuple[int, int] | None]
 """Shift and window: when an expression is evaluated, seen from t."""
 
@@ -29,7 +28,7 @@ class Part(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Values of the continuous states at one stage of the integrator (R6)."""
+    """Values of the continuous states at one stage of the integrator (R6); equal only to itself."""
 
     values: Mapping[str, NodeId]
 

@@ -52,7 +52,7 @@ _RELATIONS = {
 
 
 def lower(model: Model, expression: Expression, environment: Environment) -> NodeId:
-    """The node of an expression's value; reports every mistake in it, then raises LoweringFailed."""
+    """The node of an expression's value; LoweringFailed once its mistakes are reported."""
     builder = model.builder(environment)
     with builder.at(expression.span):
         node = _lower(model, expression, environment, builder)
@@ -63,7 +63,7 @@ def lower(model: Model, expression: Expression, environment: Environment) -> Nod
 def lower_all(
     model: Model, expressions: Iterable[Expression], environment: Environment
 ) -> list[NodeId]:
-    """The nodes of several operands; all their mistakes are reported before LoweringFailed is raised."""
+    """The nodes of several operands; LoweringFailed once all their mistakes are reported."""
     nodes: list[NodeId] = []
     failed = False
     for expression in expressions:

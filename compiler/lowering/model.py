@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from compiler.builder import GraphBuilder
 from compiler.lowering.arrays import Arrays
 from compiler.lowering.builtins import BUILTINS, NOT_YET, lower_builtin
-from compiler.lowering.environment import Argument, Environment, Part
+from compiler.lowering.environment import Argument, Environment, Part, Stage, Time
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.layer_calls import lower_layer
+from compiler.lowering.losses import LOSS_FUNCTIONS
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declared, Kind, Scope
 from compiler.lowering.states import States
@@ -50,7 +51,7 @@ class Model:
         """States whose log is read somewhere (R6): the data must have them."""
         self.used: set[str] = set()
         """Names that something refers to."""
-        self._entries: dict[tuple[str, Part, int, tuple[int, int] | None, int], NodeId | None] = {}
+        self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
         self._active: list[str] = []
 
     def builder(self, environment: Environment) -> GraphBuilder:
@@ -116,7 +117,7 @@ class Model:
     ) -> NodeId:
         """The value of an equation or output, lowered once a time and stage."""
         own = environment.of_entry()
-        key = (name, own.part, own.shift, own.window, id(own.stage))
+        key = (name, own.part, own.time, own.stage)
         if name in self._active:
             loop = (*self._active[self._active.index(name) :], name)
             self.findings.report(states.algebraic_loop(loop, span))
@@ -155,6 +156,10 @@ class Model:
         builtin = BUILTINS.get(name)
         if builtin is not None and name not in self.scope:
             return lower_builtin(self, name, builtin, call, environment)
+        if name in LOSS_FUNCTIONS and name not in self.scope:
+            repair = "a loss is one of them alone; write two losses with `weight:`"
+            self.findings.report(names.misplaced(name, "an expression", function.span, repair))
+            raise LoweringFailed
         if name in NOT_YET and name not in self.scope:
             self.findings.report(names.builtin_not_yet(name, function.span))
             raise LoweringFailed
