@@ -77,12 +77,17 @@ def _define_cosh(b: GraphBuilder, a: tuple[NodeId, ...]) -> NodeId:
 
 
 def _define_sigmoid(b: GraphBuilder, a: tuple[NodeId, ...]) -> NodeId:
-    return b.divide(b.constant(1.0), b.add(b.constant(1.0), b.apply("exp", b.negate(a[0]))))
+    # the bound is above every double's rounding; exp = ∞ would give the slope 0 · ∞
+    grown = b.apply("exp", b.minimum(b.negate(a[0]), b.constant(700.0)))
+    return b.divide(b.constant(1.0), b.add(b.constant(1.0), grown))
 
 
 def _define_softplus(b: GraphBuilder, a: tuple[NodeId, ...]) -> NodeId:
+    # a tie has the slope of the first operand: half of each order gives the right one at 0, 1/2
+    zero, half = b.constant(0.0), b.constant(0.5)
+    both = b.add(b.maximum(a[0], zero), b.maximum(zero, a[0]))
     tail = b.apply("exp", b.negate(b.apply("abs", a[0])))
-    return b.add(b.maximum(a[0], b.constant(0.0)), b.apply("log", b.add(b.constant(1.0), tail)))
+    return b.add(b.multiply(half, both), b.apply("log", b.add(b.constant(1.0), tail)))
 
 
 def _define_by_kernel(name: str) -> Definition:
