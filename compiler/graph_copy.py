@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
+from dataclasses import replace
 
 from compiler.builder import GraphBuilder
-from compiler.program import Graph, Node, NodeId
+from compiler.program import Graph, Node, NodeId, Program
 from compiler.types import WINDOW
 
 
@@ -18,15 +19,28 @@ def copy_node(builder: GraphBuilder, node: Node, args: tuple[NodeId, ...]) -> No
     return copied
 
 
-def copy_nodes(
-    builder: GraphBuilder, graph: Graph, nodes: Iterable[NodeId]
-) -> dict[NodeId, NodeId]:
-    """Copies the nodes, operands before users, and returns where each of them is now."""
-    copies: dict[NodeId, NodeId] = {}
-    for index in nodes:
-        node = graph[index]
-        copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
-    return copies
+def with_step(program: Program, step: Graph, copies: Mapping[NodeId, NodeId]) -> Program:
+    """The program with another step graph; `copies` tells where each named node is in it now."""
+    return replace(
+        program,
+        step=step,
+        states=tuple(replace(state, next=copies[state.next]) for state in program.states),
+        outputs=tuple(replace(output, node=copies[output.node]) for output in program.outputs),
+        losses=tuple(
+            replace(
+                loss,
+                prediction=copies[loss.prediction],
+                target=None if loss.target is None else copies[loss.target],
+            )
+            for loss in program.losses
+        ),
+    )
+
+
+def with_start(program: Program, start: Graph, copies: Mapping[NodeId, NodeId]) -> Program:
+    """The program with another start graph; `copies` tells where each state's node is in it now."""
+    states = tuple(replace(state, start=copies[state.start]) for state in program.states)
+    return replace(program, start=start, states=states)
 
 
 def samples(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from compiler.liveness import needed
 from compiler.node_evaluators import Array, Evaluator, Surroundings, evaluator
 from compiler.ops import ReadLog, ReadSignal, ReadState, Window
 from compiler.program import Extent, Graph, NodeId, Program
@@ -161,13 +162,13 @@ class _Plan:
         weights: Mapping[str, NDArray[np.float64]],
         dtype: np.dtype[Any],
     ) -> None:
-        needed = _needed(graph, wanted)
+        live = needed(graph, wanted)
         nowhere = Surroundings({}, np.zeros(1, np.int64), {})
         self._known: list[Any] = [None] * len(graph)
         self._steps: list[tuple[NodeId, Evaluator]] = []
         self._extents: dict[str, Extent] = {}
         for index, node in graph:
-            if not needed[index]:
+            if not live[index]:
                 continue
             types = tuple(graph[arg].type for arg in node.args)
             evaluate = evaluator(node, types, weights, dtype)
@@ -202,17 +203,6 @@ class _Plan:
                     f"{last} reads {first + extent.first} … {last + extent.last}"
                 )
                 raise IndexError(message)
-
-
-def _needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:
-    needed = [False] * len(graph)
-    for node in wanted:
-        needed[node] = True
-    for index in range(len(graph) - 1, -1, -1):
-        if needed[index]:
-            for arg in graph[index].args:
-                needed[arg] = True
-    return needed
 
 
 def _rows(t: ArrayLike) -> NDArray[np.int64]:

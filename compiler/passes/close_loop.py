@@ -8,7 +8,7 @@ from enum import Enum
 
 from compiler.builder import GraphBuilder
 from compiler.evaluation_order import CycleError, evaluation_order
-from compiler.graph_copy import copy_node, samples
+from compiler.graph_copy import copy_node, samples, with_step
 from compiler.ops import ReadSignal, Window
 from compiler.program import Node, NodeId, Output, Program, Role, Signal, State, Tape
 from compiler.program import extents as extents_of
@@ -84,24 +84,10 @@ def close_loop(program: Program, signals: Iterable[str]) -> Program:
             copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
     starts = GraphBuilder(program.start)
     tapes = [loop.state(builder, starts, copies) for loop in loops.values() if loop.length]
-    return replace(
-        program,
-        signals=tuple(
-            replace(s, role=Role.TARGET) if s.name in loops else s for s in program.signals
-        ),
-        states=(*(replace(state, next=copies[state.next]) for state in program.states), *tapes),
-        step=builder.graph(),
-        start=starts.graph(),
-        outputs=tuple(replace(output, node=copies[output.node]) for output in program.outputs),
-        losses=tuple(
-            replace(
-                loss,
-                prediction=copies[loss.prediction],
-                target=None if loss.target is None else copies[loss.target],
-            )
-            for loss in program.losses
-        ),
-    )
+    listed = tuple(replace(s, role=Role.TARGET) if s.name in loops else s for s in program.signals)
+    program = with_step(program, builder.graph(), copies)
+    states = (*program.states, *tapes)
+    return replace(program, signals=listed, states=states, start=starts.graph())
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,17 +113,20 @@ class _Loop:
     def read(
         self, builder: GraphBuilder, op: ReadSignal, node: Node, copies: dict[NodeId, NodeId]
     ) -> NodeId:
-        if self.ahead == 0 and op.last == 0:
+        if self.ahead == op.first == op.last == 0:
+            return builder.reshape(self._predicted(builder, copies), node.type.axes)
+        if self.ahead == op.last == 0:
             value = self._with_prediction(builder, copies)
         else:
             value = builder.state(self._tape_name, self._windowed(self.length))
         return samples(builder, value, self.first, (op.first, op.last), node)
 
+    def _predicted(self, builder: GraphBuilder, copies: dict[NodeId, NodeId]) -> NodeId:
+        return builder.broadcast(copies[self.output.node], self.signal.axes)
+
     def _with_prediction(self, builder: GraphBuilder, copies: dict[NodeId, NodeId]) -> NodeId:
         """The tape followed by the output's value of this step."""
-        predicted = builder.broadcast(copies[self.output.node], self.signal.axes)
-        if not self.length:
-            return builder.reshape(predicted, self._windowed(1).axes)
+        predicted = self._predicted(builder, copies)
         return builder.emit(Window(self._tape_name), (predicted,), self._windowed(self.length + 1))
 
     def state(

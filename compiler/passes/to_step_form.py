@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, samples
+from compiler.graph_copy import copy_node, samples, with_step
 from compiler.ops import ReadSignal, Window
 from compiler.program import Extent, History, Node, NodeId, Program, Signal, State, extents
 from compiler.types import WINDOW, Axis, Type
@@ -29,8 +29,8 @@ def to_step_form(program: Program) -> Program:
     reads = extents(program.step, log=False)
     ports = {name: _Port.of(program.signal(name), extent) for name, extent in reads.items()}
     builder = GraphBuilder()
-    copies: list[NodeId] = []
-    for _, node in program.step:
+    copies: dict[NodeId, NodeId] = {}
+    for index, node in program.step:
         if isinstance(node.op, ReadSignal):
             with builder.at(node.span):
                 copy = ports[node.op.signal].read(builder, node.op, node)
@@ -38,27 +38,11 @@ def to_step_form(program: Program) -> Program:
                 builder.name(copy, node.label)
         else:
             copy = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
-        copies.append(copy)
+        copies[index] = copy
     starts = GraphBuilder(program.start)
     buffers = [port.state(builder, starts) for port in ports.values() if port.length]
-    return replace(
-        program,
-        states=(
-            *(replace(state, next=copies[state.next]) for state in program.states),
-            *buffers,
-        ),
-        step=builder.graph(),
-        start=starts.graph(),
-        outputs=tuple(replace(output, node=copies[output.node]) for output in program.outputs),
-        losses=tuple(
-            replace(
-                loss,
-                prediction=copies[loss.prediction],
-                target=None if loss.target is None else copies[loss.target],
-            )
-            for loss in program.losses
-        ),
-    )
+    program = with_step(program, builder.graph(), copies)
+    return replace(program, states=(*program.states, *buffers), start=starts.graph())
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +71,8 @@ class _Port:
 
     def read(self, builder: GraphBuilder, op: ReadSignal, node: Node) -> NodeId:
         """The samples of one read of the window form."""
+        if op.first == op.last == self.newest:
+            return builder.reshape(self._newest(builder), node.type.axes)
         if op.last <= self.newest:
             value, oldest = self._past(builder), self.newest - self.length
         elif op.first >= self.newest:
