@@ -85,6 +85,9 @@ class _Scanner:
                 continue
             self._token(found)
             position = found.end()
+        if self.faults >= _MOST_FAULTS:
+            # The rest was not looked at: what seems open may be closed there.
+            self.open.clear()
         for bracket, start in self.open:
             self._report(errors.unbalanced_bracket(bracket, self._span(start, start + 1), False))
         return ScannedExpression("".join(self.clean), self.durations)
@@ -156,6 +159,7 @@ class _Scanner:
         self.open.append((bracket, start))
         if len(self.open) > DEEPEST:
             self._report(errors.too_deep(DEEPEST, self._span(0, len(self.text))))
+            self.faults = _MOST_FAULTS
 
     def _close(self, bracket: str, start: int) -> None:
         if self.open and self.open[-1][0] == _PARTNER[bracket]:

@@ -1,5 +1,6 @@
 """Reads a spec file: text, YAML, schema and expressions, with everything wrong with it at once."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from pydantic import ValidationError
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import yaml_text as errors
 from spec_schema.errors.files import unreadable_file
+from spec_schema.settings import apply_settings, settings_source
 from spec_schema.source import SourceText
 from spec_schema.spec import Spec
 from spec_schema.yaml_reader import read_tree
@@ -22,9 +24,12 @@ class ReadResult:
     source: SourceText
 
 
-def read_spec(path: str | Path, text: str | None = None) -> ReadResult:
+def read_spec(
+    path: str | Path, text: str | None = None, settings: Sequence[str] = ()
+) -> ReadResult:
     """The spec in a `.yaml` or `.json` file, or in `text` as if it stood in that file.
 
+    `settings` such as `train.0.epochs=5` replace values of the workflow sections.
     Raises SpecError with all diagnostics of the first stage that fails: the file, its YAML, its
     schema together with its expressions.
     """
@@ -35,6 +40,9 @@ def read_spec(path: str | Path, text: str | None = None) -> ReadResult:
     try:
         root = read_tree(source, findings)
         findings.raise_errors()
+        if root is not None:
+            root = apply_settings(root, settings, findings)
+        findings.raise_errors()
         try:
             spec = Spec.model_validate(root, context=findings)
         except ValidationError:
@@ -43,7 +51,7 @@ def read_spec(path: str | Path, text: str | None = None) -> ReadResult:
             raise
         findings.raise_errors()
     except SpecError as error:
-        raise SpecError(error.diagnostics, (source,)) from None
+        raise SpecError(error.diagnostics, (source, settings_source(settings))) from None
     return ReadResult(spec, findings.in_order, source)
 
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated, ClassVar, TypeAlias
 
-from pydantic import BeforeValidator, ValidationInfo
+from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry, Variant, findings_of, single_key
@@ -40,6 +40,13 @@ class UniformInitializer(Entry):
 
     min: Annotated[float, number()] = 0.0
     max: Annotated[float, number()] = 1.0
+
+    @model_validator(mode="after")
+    def _is_ordered(self, info: ValidationInfo) -> "UniformInitializer":
+        if self.min >= self.max:
+            report = errors.reversed_range(self.min, self.max, self.place.value)
+            findings_of(info).report(report)
+        return self
 
 
 class Initializer(Variant):

@@ -88,11 +88,11 @@ class TreeBuilder:
         if event.anchor:
             anchor = _ANCHOR.match(text, start, end)
             start = anchor.end() if anchor else start
-        end = max(start, start + len(text[start:end].rstrip()))
         style = _STYLES.get(event.style, "plain")
         value: str = event.value
-        # A block scalar keeps its last line feed, which the trimmed end leaves out.
         offsets = scalar_offsets(text, start, end, style, value)
+        # PyYAML counts the blank lines below a block scalar, which nobody wants underlined.
+        end = max(start, start + len(text[start:end].rstrip()))
         positions = Positions(self._source, offsets)
         meaning = core_value(value) if style == "plain" else value
         return Scalar(value, meaning, style != "plain", positions, self._source.span(start, end))

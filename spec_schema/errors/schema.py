@@ -255,10 +255,3 @@ def repeated_item(text: str, span: Span, first: Span) -> Diagnostic:
         "again here",
         secondary=((first, "first here"),),
     )
-
-
-def conflicting_keys(one: str, other: str, span: Span, reason: str) -> Diagnostic:
-    """E0226: two keys that exclude each other."""
-    return Diagnostic(
-        "E0226", "error", f"`{one}` and `{other}` exclude each other: {reason}", span, "both given"
-    )

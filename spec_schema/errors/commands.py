@@ -1,0 +1,119 @@
+"""E1030-E1069: the command line, its settings, and what must be installed for a command."""
+
+from collections.abc import Sequence
+
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.source import Span
+
+
+def malformed_setting(text: str, span: Span) -> Diagnostic:
+    """E1030: a `--set` that is not `path=value`."""
+    return Diagnostic(
+        "E1030",
+        "error",
+        f"`--set {text}` is not a path, `=` and a value",
+        span,
+        "not a setting",
+        help="an example: `--set train.0.epochs=5`",
+    )
+
+
+def unsettable(path: str, sections: Sequence[str], span: Span) -> Diagnostic:
+    """E1031: a `--set` of something that is not a key of the workflow."""
+    listed = ", ".join(f"`{section}.…`" for section in sections)
+    return Diagnostic(
+        "E1031",
+        "error",
+        f"`{path}` cannot be set from the command line",
+        span,
+        "not part of the workflow",
+        help=f"{listed} can be set; change the spec for anything else",
+    )
+
+
+def no_such_item(step: str, count: int, span: Span) -> Diagnostic:
+    """E1032: a `--set` path that names an item which a list does not have."""
+    known = f"0 … {count - 1}" if count else "none"
+    return Diagnostic(
+        "E1032",
+        "error",
+        f"`{step}` is no item of the list: its items are numbered from 0 ({known})",
+        span,
+        "no such item",
+    )
+
+
+def unwritable(path: str, reason: str) -> Diagnostic:
+    """E1033: a file or folder that cannot be written."""
+    return Diagnostic("E1033", "error", f"cannot write {path}: {reason}", None)
+
+
+def folder_exists(path: str) -> Diagnostic:
+    """E1034: `msnn init` where something is already."""
+    return Diagnostic(
+        "E1034",
+        "error",
+        f"{path} is there already, and nothing is overwritten",
+        None,
+        help="choose another name",
+    )
+
+
+def unusable_name(name: str, reason: str) -> Diagnostic:
+    """E1035: a project name that a spec cannot have."""
+    return Diagnostic(
+        "E1035",
+        "error",
+        f"`{name}` cannot name a model: {reason}",
+        None,
+        help="letters, digits and `_`, beginning with a letter",
+    )
+
+
+def not_trained(path: str, name: str) -> Diagnostic:
+    """E1036: a command that needs weights where none were trained."""
+    return Diagnostic(
+        "E1036",
+        "error",
+        f"`{name}` has no trained weights: there is no {path}",
+        None,
+        help="run `msnn train` first, or take the initial values with `--initial`",
+    )
+
+
+def missing_extra(what: str, install: str) -> Diagnostic:
+    """E1037: an optional part that is not installed."""
+    return Diagnostic("E1037", "error", f"{what} is not installed", None, help=install)
+
+
+def unknown_target(name: str, known: Sequence[str]) -> Diagnostic:
+    """E1038: an export target that this version does not have."""
+    return Diagnostic(
+        "E1038",
+        "error",
+        f"`{name}` is not an export target",
+        None,
+        help=f"the targets are {', '.join(known)} and all",
+    )
+
+
+def no_data_section(command: str) -> Diagnostic:
+    """E1039: a command that needs data where the spec names none."""
+    return Diagnostic(
+        "E1039",
+        "error",
+        f"the spec has no `data:` section, which {command} needs",
+        None,
+        help="the least is `data: {source: {train: data/*.csv}}`",
+    )
+
+
+def foreign_spec(name: str) -> Diagnostic:
+    """E1040: a program file whose program was not compiled from the spec in it."""
+    return Diagnostic(
+        "E1040",
+        "error",
+        f"{name} holds a program and the text of another spec",
+        None,
+        help="write it again with `msnn compile`",
+    )

@@ -1,0 +1,283 @@
+"""E0901-E0949: training, weights, metrics and simulation."""
+
+from collections.abc import Iterable, Sequence
+
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.source import Span
+from spec_schema.suggest import nearest
+
+
+def no_stages() -> Diagnostic:
+    """E0901: training without a `train` section."""
+    return Diagnostic(
+        "E0901",
+        "error",
+        "the spec has no `train:` section",
+        None,
+        help="the least is `train: [{epochs: 100}]`",
+    )
+
+
+def cannot_close(signal: str, reason: str, span: Span) -> Diagnostic:
+    """E0902: a rollout whose loop cannot be closed."""
+    return Diagnostic(
+        "E0902", "error", f"cannot close {reason}", span, f"this rollout closes `{signal}`"
+    )
+
+
+def skips_everything(skip: int, horizon: int, span: Span) -> Diagnostic:
+    """E0903: a rollout that scores nothing."""
+    return Diagnostic(
+        "E0903",
+        "error",
+        f"skip {skip} leaves nothing of a horizon of {horizon} evaluations",
+        span,
+        "nothing is scored",
+    )
+
+
+def nothing_to_train(stage: str, span: Span) -> Diagnostic:
+    """E0904: a stage in which every parameter is frozen, or a model without any."""
+    return Diagnostic(
+        "E0904",
+        "error",
+        f"stage `{stage}` has no parameter to train",
+        span,
+        "all parameters are constant here",
+    )
+
+
+def no_factors_with_lbfgs(span: Span) -> Diagnostic:
+    """E0905: learning rates of single parameters with an optimiser that has one step length."""
+    return Diagnostic(
+        "E0905",
+        "error",
+        "lbfgs has one step length for all parameters",
+        span,
+        "no factors with lbfgs",
+        help="give the parameter a `scale:` instead",
+    )
+
+
+def unknown_loss(name: str, span: Span, losses: Iterable[str]) -> Diagnostic:
+    """E0906: a loss that the spec does not have."""
+    losses = tuple(losses)
+    meant = nearest(name, losses)
+    return Diagnostic(
+        "E0906",
+        "error",
+        f"unknown loss `{name}`",
+        span,
+        "not a loss",
+        notes=(f"losses: {', '.join(losses) or 'none'}",),
+        help=f"did you mean `{meant}`?" if meant else None,
+    )
+
+
+def no_objective(stage: str, span: Span) -> Diagnostic:
+    """E0907: a stage whose weighted total is always zero."""
+    return Diagnostic(
+        "E0907",
+        "error",
+        f"stage `{stage}` has no loss with a weight above 0",
+        span,
+        "nothing to minimise",
+        help="give an output `predicts:` or add `losses:`",
+    )
+
+
+def no_parameter(pattern: str, span: Span, names: Sequence[str]) -> Diagnostic:
+    """E0908: a pattern of parameter names that fits none."""
+    meant = nearest(pattern, names)
+    return Diagnostic(
+        "E0908",
+        "error",
+        f"`{pattern}` fits no learnable parameter",
+        span,
+        "no such parameter",
+        notes=(f"parameters: {', '.join(names) or 'none'}",),
+        help=f"did you mean `{meant}`?" if meant else None,
+    )
+
+
+def initial_value_on_bound(name: str, span: Span | None) -> Diagnostic:
+    """E0909: a bounded parameter that starts on or beyond a bound, where it has no slope."""
+    return Diagnostic(
+        "E0909",
+        "error",
+        f"the initial value of `{name}` is not inside its bounds",
+        span,
+        "on or beyond a bound",
+        help="start inside, or widen the bound",
+    )
+
+
+def unreadable_weights(file: str, reason: str) -> Diagnostic:
+    """E0910: a weights file that cannot be read."""
+    return Diagnostic("E0910", "error", f"cannot read the weights {file}: {reason}", None)
+
+
+def missing_weights(file: str, names: Sequence[str]) -> Diagnostic:
+    """E0911: a weights file without some parameters of the model."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    return Diagnostic(
+        "E0911",
+        "error",
+        f"{file} has no values for {listed}",
+        None,
+        help="was it trained with another version of the spec?",
+    )
+
+
+def misshapen_weights(
+    file: str, name: str, found: Sequence[int], expected: Sequence[int], span: Span | None
+) -> Diagnostic:
+    """E0912: an array of another shape than the parameter."""
+    return Diagnostic(
+        "E0912",
+        "error",
+        f"`{name}` in {file} has shape {_shape(found)}, not {_shape(expected)}",
+        span,
+        "declared here" if span else "",
+    )
+
+
+def diverged(
+    stage: str, epoch: int, what: str, step: int, place: str, span: Span | None
+) -> Diagnostic:
+    """E0913: training that produced a value that is not finite."""
+    return Diagnostic(
+        "E0913",
+        "error",
+        f"stage `{stage}` diverged in epoch {epoch}: {what} is the first value that is not "
+        f"finite, at step {step} of a rollout from {place}",
+        span,
+        "not finite here",
+        notes=("the best weights so far are kept",),
+        help="try a smaller learning rate, `clip:`, a shorter horizon, or bounds",
+    )
+
+
+def diverged_parameter(stage: str, epoch: int, name: str, span: Span | None) -> Diagnostic:
+    """E0914: a parameter that an optimiser step made infinite or NaN."""
+    return Diagnostic(
+        "E0914",
+        "error",
+        f"stage `{stage}` diverged in epoch {epoch}: a step made `{name}` not finite",
+        span,
+        "not finite after the step",
+        notes=("the best weights so far are kept",),
+        help="try a smaller learning rate or `clip:`",
+    )
+
+
+def no_checkpoint(folder: str) -> Diagnostic:
+    """E0915: resuming where nothing was interrupted."""
+    return Diagnostic("E0915", "error", f"no interrupted run to resume in {folder}", None)
+
+
+def other_checkpoint(folder: str, reason: str) -> Diagnostic:
+    """E0916: resuming a run of another model."""
+    return Diagnostic("E0916", "error", f"cannot resume the run in {folder}: {reason}", None)
+
+
+def unscorable_target(span: Span) -> Diagnostic:
+    """E0917: a metric's target that is more than one logged sample."""
+    return Diagnostic(
+        "E0917",
+        "error",
+        "the target of a metric is one logged sample such as `x[t+1]`",
+        span,
+        "not a logged sample",
+    )
+
+
+def nothing_predicted(output: str, span: Span) -> Diagnostic:
+    """E0918: a metric of an output that stands for nothing logged."""
+    return Diagnostic(
+        "E0918",
+        "error",
+        f"`{output}` predicts nothing: the metric has no target",
+        span,
+        "no target",
+        help='add `target: "x[t+1]"` here or `predicts:` to the output',
+    )
+
+
+def unknown_output(name: str, span: Span, outputs: Iterable[str]) -> Diagnostic:
+    """E0919: a metric of something that is neither an output nor a loss."""
+    outputs = tuple(outputs)
+    meant = nearest(name, outputs)
+    return Diagnostic(
+        "E0919",
+        "error",
+        f"`{name}` is neither an output nor a loss",
+        span,
+        "unknown",
+        notes=(f"known: {', '.join(outputs)}",),
+        help=f"did you mean `{meant}`?" if meant else None,
+    )
+
+
+def wrong_limit_unit(limit: str, expected: str, span: Span) -> Diagnostic:
+    """E0920: a limit in a unit that the metric cannot be compared with."""
+    return Diagnostic(
+        "E0920",
+        "error",
+        f"the limit {limit} does not compare with a metric in {expected}",
+        span,
+        f"the metric is in {expected}",
+    )
+
+
+def metric_of_loss(metric: str, name: str, span: Span) -> Diagnostic:
+    """E0921: a metric other than the loss itself asked of a loss."""
+    return Diagnostic(
+        "E0921",
+        "error",
+        f"`{metric}` of the loss `{name}` has no meaning: a loss is a number already",
+        span,
+        "this is a loss",
+        help="leave `metric:` out, or name an output",
+    )
+
+
+def starts_elsewhere(stage: str, state: str, span: Span | None) -> Diagnostic:
+    """W0901: an initial value that holds for the first row of a record, used at other rows."""
+    return Diagnostic(
+        "W0901",
+        "warning",
+        f"stage `{stage}` starts rollouts inside records, where the fixed `init` of `{state}` "
+        "need not hold",
+        span,
+        "reads no log",
+        help=f"`rollout: record`, or an `init` that reads the log such as `{state}.meas`",
+    )
+
+
+def moved_off_bound(names: Sequence[str]) -> Diagnostic:
+    """W0902: loaded values on a bound, where they could not be trained."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    return Diagnostic("W0902", "warning", f"moved off their bounds to be trainable: {listed}", None)
+
+
+def extra_weights(file: str, names: Sequence[str]) -> Diagnostic:
+    """W0903: arrays in a weights file that the model does not have."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    return Diagnostic("W0903", "warning", f"{file} also has {listed}, which are not used", None)
+
+
+def at_bound(name: str, span: Span | None) -> Diagnostic:
+    """W0904: a parameter that ended at a bound."""
+    return Diagnostic(
+        "W0904",
+        "warning",
+        f"`{name}` ended at its bound",
+        span,
+        "at the bound",
+        help="the true value may lie beyond it",
+    )
+
+
+def _shape(shape: Sequence[int]) -> str:
+    return "×".join(map(str, shape)) or "scalar"

@@ -1,0 +1,68 @@
+"""Every diagnostic code has one constructor, in the file of its range, and is used."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import spec_schema.errors
+
+FOLDER = Path(spec_schema.errors.__file__).parent
+ROOT = FOLDER.parents[1]
+_CODE = re.compile(r"[EW][01]\d{3}")
+
+
+def _constructors() -> Iterator[tuple[Path, ast.FunctionDef]]:
+    for path in sorted(FOLDER.glob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                yield path, node
+
+
+CONSTRUCTORS = list(_constructors())
+
+
+@pytest.mark.parametrize(
+    "constructor", [node for _, node in CONSTRUCTORS], ids=lambda node: node.name
+)
+def test_docstring_starts_with_the_codes(constructor: ast.FunctionDef) -> None:
+    written = {
+        node.value
+        for node in ast.walk(constructor)
+        if isinstance(node, ast.Constant) and _CODE.fullmatch(str(node.value))
+    }
+    assert written, "a constructor names its code"
+    said = (ast.get_docstring(constructor) or "").split(":")[0]
+    assert set(_CODE.findall(said)) == written
+
+
+def test_codes_are_unique() -> None:
+    owners: dict[str, str] = {}
+    for path, constructor in CONSTRUCTORS:
+        docstring = ast.get_docstring(constructor) or ""
+        for code in _CODE.findall(docstring.split(":")[0]):
+            name = f"{path.stem}.{constructor.name}"
+            assert owners.setdefault(code, name) == name, f"{code} is taken"
+
+
+def test_every_constructor_is_used() -> None:
+    texts = [
+        path.read_text(encoding="utf-8")
+        for package in ("spec_schema", "compiler", "backends", "msnn")
+        for path in (ROOT / package).rglob("*.py")
+        if path.parent != FOLDER
+    ]
+    for _, constructor in CONSTRUCTORS:
+        used = re.compile(rf"\b{constructor.name}\b")
+        assert any(used.search(text) for text in texts), constructor.name
+
+
+def test_reader_codes_have_a_broken_spec() -> None:
+    """The two that have none are caps of size and a file that is not there."""
+    shown = {path.name.split("_")[0] for path in (ROOT / "tests" / "bad_specs").iterdir()}
+    for path, constructor in CONSTRUCTORS:
+        if path.stem in {"yaml_text", "schema", "expressions"}:
+            code = (ast.get_docstring(constructor) or "").split(":")[0]
+            assert code in shown | {"E0119"}, f"{code} {constructor.name}"

@@ -1,0 +1,207 @@
+"""Units mean what pint says they mean."""
+
+import math
+from fractions import Fraction
+from typing import Any
+
+import pint
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spec_schema.unit_parser import parse_unit
+from spec_schema.unit_table import PREFIXES, UNIT_ROWS
+from spec_schema.units import ONE, UnitError, unit_symbol
+
+# What pint calls the symbols that it spells otherwise.
+_PINT_NAMES = {
+    "Ω": "ohm",
+    "%": "percent",
+    "deg": "degree",
+    "arcmin": "arcminute",
+    "arcsec": "arcsecond",
+    "rps": "revolution/second",
+    "rev": "revolution",
+    "kgf": "kilogram_force",
+    "lbf": "pound_force",
+    "kn": "knot",
+    "PS": "metric_horsepower",
+    "g0": "standard_gravity",
+    "gal": "gallon",
+    "St": "stokes",
+    "P": "poise",
+    "t": "tonne",
+    "T": "tesla",
+    "Btu": "Btu_it",
+    "hp": "UK_horsepower",
+    "au": "astronomical_unit",
+    "Ah": "ampere_hour",
+    "Wh": "watt_hour",
+    "degC": "delta_degC",
+    "degF": "delta_degF",
+    "in": "inch",
+    "min": "minute",
+    "L": "liter",
+    "l": "liter",
+    "C": "coulomb",
+    "F": "farad",
+    "H": "henry",
+    "h": "hour",
+    "d": "day",
+    "nmi": "nautical_mile",
+    "mmHg": "mmHg",
+    "kph": "kph",
+}
+_BASES = ("meter", "kilogram", "second", "ampere", "kelvin", "mole", "candela")
+# Products of a few rounded factors.
+_CLOSE = 1e-12
+
+
+@pytest.fixture(scope="module")
+def registry() -> Any:
+    return pint.UnitRegistry()
+
+
+@pytest.mark.parametrize("symbol", UNIT_ROWS)
+def test_symbol_is_what_pint_says(symbol: str, registry: Any) -> None:
+    unit = unit_symbol(symbol)
+    assert unit is not None
+    oracle = registry.Quantity(1, _PINT_NAMES.get(symbol, symbol)).to_base_units()
+    # rpm and rps: pint measures angle in radians of dimension 1, as do checks here.
+    assert oracle.magnitude == pytest.approx(unit.scale, rel=_CLOSE)
+    powers = dict.fromkeys(_BASES, 0)
+    powers.update({b: p for b, p in oracle._units.items() if b != "radian"})
+    assert [powers[base] for base in _BASES] == [float(e) for e in unit.exponents[:7]]
+
+
+@pytest.mark.parametrize("prefix", PREFIXES)
+def test_prefix_is_what_pint_says(prefix: str, registry: Any) -> None:
+    unit = unit_symbol(f"{prefix}N")
+    assert unit is not None
+    oracle = registry.Quantity(1, f"{prefix}N").to_base_units().magnitude
+    assert oracle == pytest.approx(unit.scale, rel=_CLOSE)
+
+
+def test_no_prefixed_unit_hides_a_unit_of_its_own() -> None:
+    for prefix in PREFIXES:
+        for symbol, row in UNIT_ROWS.items():
+            unit = unit_symbol(prefix + symbol) if row.prefixes else None
+            if unit is not None and prefix + symbol in UNIT_ROWS:
+                # `min`, `cd`, `Pa` … : the plain meaning wins.
+                own = UNIT_ROWS[prefix + symbol]
+                assert unit.scale == own.scale
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "target", "expected"),
+    [
+        (20.0, "degC", "K", 293.15),
+        (-40.0, "degF", "degC", -40.0),
+        (100.0, "km/h", "m/s", 100 / 3.6),
+        (180.0, "deg", "rad", math.pi),
+        (60.0, "rpm", "rad/s", 2 * math.pi),
+        (50.0, "%", "1", 0.5),
+        (1.0, "kWh", "J", 3.6e6),
+        (1.0, "Hz", "1/s", 1.0),
+    ],
+)
+def test_conversion(value: float, unit: str, target: str, expected: float) -> None:
+    found = parse_unit(unit).convert(value, parse_unit(target))
+    # degF has a rounded offset of 255 K; the others are one product.
+    assert found == pytest.approx(expected, rel=1e-12)
+
+
+def test_incomparable_units_do_not_convert() -> None:
+    with pytest.raises(ValueError, match="m does not convert to s"):
+        parse_unit("m").convert(1.0, parse_unit("s"))
+
+
+def test_offset_is_lost_in_products() -> None:
+    assert parse_unit("J/degC").same_as(parse_unit("J/K"))
+    assert not parse_unit("degC").same_as(parse_unit("K"))
+
+
+def test_angle_is_tagged_and_counts_as_one() -> None:
+    assert parse_unit("rad").same_as(ONE)
+    assert parse_unit("rad") != ONE
+    assert parse_unit("deg").is_dimensionless
+    assert not parse_unit("deg").same_as(ONE)
+    assert parse_unit("rad/s").same_as(parse_unit("Hz"))
+
+
+@pytest.mark.parametrize(
+    ("text", "canonical"),
+    [
+        ("m/s^2", "m/s^2"),
+        ("N * m", "N*m"),
+        ("1/m/rad", "1/m/rad"),
+        ("m*m", "m^2"),
+        ("m/m", "1"),
+        ("s^-1", "1/s"),
+        ("m**2", "m^2"),
+        ("µm", "μm"),
+        ("kg·m", "kg*m"),
+        ("1", "1"),
+    ],
+)
+def test_canonical_text(text: str, canonical: str) -> None:
+    assert parse_unit(text).text == canonical
+
+
+@pytest.mark.parametrize(
+    ("text", "start", "end", "repair"),
+    [
+        ("Nm", 0, 2, "N*m"),
+        ("m/sec", 2, 5, "s"),
+        ("°C", 0, 2, "degC"),
+        ("m s", 2, 3, None),
+        ("J/(kg*K)", 2, 3, "J/kg/K"),
+        ("m/", 1, 2, None),
+        ("*m", 0, 1, None),
+        ("m^0.5", 3, 4, None),
+        ("2*m", 0, 1, None),
+        ("m^999", 1, 5, None),
+        ("", 0, 0, None),
+    ],
+)
+def test_bad_text(text: str, start: int, end: int, repair: str | None) -> None:
+    with pytest.raises(UnitError) as caught:
+        parse_unit(text)
+    assert (caught.value.start, caught.value.end, caught.value.repair) == (start, end, repair)
+
+
+_UNITS = st.lists(
+    st.tuples(st.sampled_from(sorted(UNIT_ROWS)), st.integers(-3, 3).filter(bool)),
+    min_size=1,
+    max_size=4,
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(_UNITS)
+def test_text_reads_back_and_algebra_agrees(factors: list[tuple[str, int]]) -> None:
+    product = ONE
+    for symbol, power in factors:
+        unit = unit_symbol(symbol)
+        assert unit is not None
+        product = product * unit.power(power)
+    again = parse_unit(product.text)
+    assert again.exponents == product.exponents
+    assert again.scale == pytest.approx(product.scale, rel=_CLOSE)
+    assert (product / product).same_as(ONE)
+    assert product.power(Fraction(2)).root(2).exponents == product.exponents
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.text("mskgNrad*/^-1230 (). °Ω%", max_size=20) | st.text(max_size=10))
+def test_any_text_is_a_unit_or_a_unit_error(text: str) -> None:
+    error = _failure(text)
+    assert error is None or 0 <= error.start <= error.end <= len(text)
+
+
+def _failure(text: str) -> UnitError | None:
+    try:
+        parse_unit(text)
+    except UnitError as error:
+        return error
+    return None
