@@ -1,0 +1,34 @@
+"""The two IEEE 754 formats that a kernel is written for, and what a kernel must know of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+RealName = Literal["float", "double"]
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A binary format: `digits` bits of significand, values below 2^`overflow_exponent`, the
+    smallest positive value 2^`smallest_exponent`."""
+
+    c_type: RealName
+    c_suffix: str
+    dtype: np.dtype[Any]
+    digits: int
+    overflow_exponent: int
+    smallest_exponent: int
+
+    @property
+    def largest(self) -> float:
+        """The largest finite value."""
+        return (2.0 - 2.0 ** (1 - self.digits)) * 2.0 ** (self.overflow_exponent - 1)
+
+
+FLOAT = Format("float", "f", np.dtype(np.float32), 24, 128, -149)
+DOUBLE = Format("double", "", np.dtype(np.float64), 53, 1024, -1074)
+
+FORMATS: dict[RealName, Format] = {"float": FLOAT, "double": DOUBLE}

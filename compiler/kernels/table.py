@@ -1,0 +1,66 @@
+"""The kernels by name, with the accuracy that docs/kernels.md shows to hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from compiler.kernels.exponential import EXP
+from compiler.kernels.hyperbolic import COSH, SINH, TANH
+from compiler.kernels.inverse_trigonometric import ACOS, ASIN, ATAN, ATAN2
+from compiler.kernels.logarithm import LOG
+from compiler.kernels.logistic import SIGMOID, SOFTPLUS
+from compiler.kernels.operations import square_root
+from compiler.kernels.power import POW
+from compiler.kernels.subroutine import Subroutine
+from compiler.kernels.trigonometric import COS, SIN, TAN
+from compiler.kernels.values import Real, Value
+
+
+def _sqrt(x: Real) -> tuple[Value, ...]:
+    return (square_root(x),)
+
+
+SQRT = Subroutine("sqrt", ("x",), ("result",), "Square root, correctly rounded.", _sqrt)
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """A scalar function of reals; `error` bounds |value − exact| in units in the last place."""
+
+    name: str
+    arity: int
+    parameters: tuple[str, ...]
+    doc: str
+    domain: str
+    error: float
+    subroutine: Subroutine
+
+
+def _kernel(subroutine: Subroutine, domain: str, error: float) -> Kernel:
+    parameters = subroutine.parameters
+    return Kernel(
+        subroutine.name, len(parameters), parameters, subroutine.doc, domain, error, subroutine
+    )
+
+
+_ALL = "all numbers"
+_ROWS = (
+    _kernel(EXP, _ALL, 1.0),
+    _kernel(LOG, "x ≥ 0; NaN below", 1.0),
+    _kernel(SQRT, "x ≥ 0; NaN below", 0.5),
+    _kernel(SIN, "all finite numbers; NaN for ±∞", 1.0),
+    _kernel(COS, "all finite numbers; NaN for ±∞", 1.0),
+    _kernel(TAN, "all finite numbers; NaN for ±∞", 1.0),
+    _kernel(ASIN, "−1 … 1; NaN outside", 1.0),
+    _kernel(ACOS, "−1 … 1; NaN outside", 1.0),
+    _kernel(ATAN, _ALL, 1.0),
+    _kernel(ATAN2, _ALL, 2.0),
+    _kernel(SINH, _ALL, 1.0),
+    _kernel(COSH, _ALL, 1.0),
+    _kernel(TANH, _ALL, 1.0),
+    _kernel(SIGMOID, _ALL, 1.0),
+    _kernel(SOFTPLUS, _ALL, 1.0),
+    _kernel(POW, "as C's pow: NaN for a negative x and a y that is no integer", 2.0),
+)
+
+KERNELS: dict[str, Kernel] = {row.name: row for row in _ROWS}
