@@ -18,6 +18,7 @@ def _constant() -> Record:
     x = r.sample("x", operand(0, 3), (JOINT,))
     table = np.array([[0.5, -0.0], [1e-3, 3.0], [-7.25, 1e6]])
     r.expect("y", r.graph.constant(table, (JOINT, BASIS)), np.broadcast_to(table, (26, 3, 2)))
+    r.expect("itself", x, r.logged("x"))  # gives the slopes of the outputs below a scale
     zeros = r.graph.constant((0.0, 0.0, 0.0), (JOINT,))
     with np.errstate(invalid="ignore"):
         r.expect("times_zero", r.graph.multiply(x, zeros), r.logged("x") * 0.0)
