@@ -1,0 +1,82 @@
+"""The files of a CasADi export load without msnn, describe themselves and do not vary."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import casadi
+import numpy as np
+import pytest
+
+from backends.casadi_files import write_casadi
+from backends.casadi_function import build_function
+from compiler.passes.to_step_form import to_step_form
+from compiler.program import Program
+from tests.backends.readme_code import run_example
+from tests.programs import SAMPLES
+
+
+@pytest.fixture
+def program() -> Program:
+    return to_step_form(SAMPLES["joint_arm"]().program)
+
+
+def test_writes_four_files_that_load(program: Program, tmp_path: Path):
+    paths = write_casadi(program, None, tmp_path, "arm")
+    names = ["arm.casadi", "arm_initial_state.casadi", "arm.json", "arm_casadi.md"]
+    assert [path.name for path in paths] == names
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    loaded, built = casadi.Function.load(str(paths[0])), build_function(program)
+    assert loaded.name_in() == built.name_in()
+    arguments = [np.linspace(0.1, 0.9, size) for size in map(built.size1_in, range(built.n_in()))]
+    for a, b in zip(loaded(*arguments), built(*arguments), strict=True):
+        np.testing.assert_array_equal(np.array(a), np.array(b))
+
+
+def test_the_description_names_ports_units_and_values(program: Program, tmp_path: Path):
+    weights = {"coupling": np.arange(9.0).reshape(3, 3)}
+    paths = write_casadi(program, weights, tmp_path, "arm")
+    data = json.loads(paths[2].read_text(encoding="utf-8"))
+    assert data["sample_time"] == 0.001
+    assert data["functions"]["step"] == "arm.casadi"
+    by_name = {entry["name"]: entry for entry in data["parameters"]}
+    assert by_name["coupling"]["values"] == list(range(9))
+    assert by_name["coupling"]["unit"] == "rad/N/m"
+    torque = data["inputs"][1]
+    assert (torque["name"], torque["unit"], torque["range"]) == ("tau", "N*m", [-5.0, 5.0])
+    (history,) = data["states"]
+    assert history["origin"] == {"kind": "history", "source": "q"}
+    assert (history["port"], history["next_port"]) == ("q_history", "q_history_next")
+    assert history["axes"] == [{"name": "joint", "size": 3}, {"name": "t", "size": 3}]
+    (window,) = data["start_windows"]
+    assert (window["first_sample"], window["last_sample"]) == (-3, -1)
+    assert data["dimensions"][0]["labels"] == ["base", "elbow", "wrist"]
+
+
+def test_a_late_input_is_described(tmp_path: Path):
+    program = to_step_form(SAMPLES["late_sensor"]().program)
+    data = json.loads(write_casadi(program, None, tmp_path, "p")[2].read_text(encoding="utf-8"))
+    sensor = next(entry for entry in data["inputs"] if entry["name"] == "sensor")
+    assert sensor["lag"] > 0
+    assert sensor["last_sample"] == -sensor["lag"]
+
+
+def test_the_same_program_gives_the_same_bytes(program: Program, tmp_path: Path):
+    first = [path.read_bytes() for path in write_casadi(program, None, tmp_path / "a", "arm")]
+    second = [path.read_bytes() for path in write_casadi(program, None, tmp_path / "b", "arm")]
+    assert first == second
+
+
+@pytest.mark.parametrize("name", ["joint_arm", "spring_damper_rk4", "preview_driver"])
+def test_the_readme_runs(name: str, tmp_path: Path):
+    program = to_step_form(SAMPLES[name]().program)
+    paths = write_casadi(program, None, tmp_path, "model")
+    printed = run_example(paths[3])
+    assert program.outputs[0].name in printed
+
+
+def test_a_weight_of_a_wrong_shape_writes_nothing(program: Program, tmp_path: Path):
+    with pytest.raises(ValueError, match="coupling"):
+        write_casadi(program, {"coupling": np.zeros(4)}, tmp_path, "arm")
+    assert list(tmp_path.iterdir()) == []
