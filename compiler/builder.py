@@ -56,9 +56,9 @@ class GraphBuilder:
 
     def __init__(self, graph: Graph | None = None) -> None:
         self._nodes: list[Node] = list(graph.nodes) if graph else []
-        self._known: dict[tuple[Op, tuple[NodeId, ...], Type], NodeId] = {}
+        self._known: dict[_Key, NodeId] = {}
         for index, node in enumerate(self._nodes):
-            self._known.setdefault((node.op, node.args, node.type), index)
+            self._known.setdefault(_key(node.op, node.args, node.type), index)
         self._span: Span | None = None
         self.conflicts: list[UnitConflict] = []
         """Units that did not fit since the caller last looked; the caller knows the place."""
@@ -94,7 +94,7 @@ class GraphBuilder:
 
     def emit(self, op: Op, args: tuple[NodeId, ...], type: Type) -> NodeId:
         """The node with this operation, operands and type, made if there is none yet."""
-        key = (op, args, type)
+        key = _key(op, args, type)
         known = self._known.get(key)
         if known is None:
             known = self._known[key] = len(self._nodes)
@@ -304,3 +304,12 @@ class GraphBuilder:
     def _binary(self, op: Op, left: NodeId, right: NodeId, unit: Unit | None) -> NodeId:
         left, right, axes = self.aligned(left, right)
         return self.emit(op, (left, right), Type(axes, unit))
+
+
+_Key = tuple[Op, tuple[NodeId, ...], Type, bytes]
+
+
+def _key(op: Op, args: tuple[NodeId, ...], type: Type) -> _Key:
+    """What makes two nodes the same; 0.0 == -0.0, but the constants are different numbers."""
+    bits = np.array(op.values).tobytes() if isinstance(op, Constant) else b""
+    return op, args, type, bits
