@@ -1,1 +1,23 @@
 """Passes: plain functions from Program to Program, one file each, verified before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from compiler.passes.drop_unused import drop_unused
+from compiler.passes.fold_constants import fold_constants
+from compiler.passes.share_common import share_common
+from compiler.program import Program
+from compiler.verifier import verify
+
+PASSES: tuple[Callable[[Program], Program], ...] = (fold_constants, share_common, drop_unused)
+"""What every compiled program goes through, in this order."""
+
+
+def run_passes(program: Program) -> Program:
+    """The program after all of `PASSES`. Raises InvalidProgram before or after a pass that errs."""
+    verify(program)
+    for run in PASSES:
+        program = run(program)
+        verify(program)
+    return program

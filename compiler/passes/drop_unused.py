@@ -1,0 +1,92 @@
+"""Removes what no output and no loss needs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from compiler.builder import GraphBuilder
+from compiler.graph_copy import copy_node
+from compiler.liveness import needed
+from compiler.ops import ReadLog, ReadSignal, ReadState, Window
+from compiler.program import Graph, NodeId, Output, Program, Role, State, parameters_read
+
+
+def drop_unused(program: Program) -> Program:
+    """Removes nodes, states, parameters and signals that no output and no loss depends on.
+
+    A state is needed where something needed reads it. While the program has losses, the targets and
+    the signals that outputs predict stay too: validation compares with them. An output whose
+    predicted signal goes no longer says that it predicts it.
+
+    Before and after: any form.
+
+        state x: scalar m, next %1, start %0      # read by no node that an output needs
+    """
+    live, names = _live(program)
+    states = tuple(state for state in program.states if state.name in names)
+    started = needed(program.start, [state.start for state in states])
+    step, now = _kept(program.step, live)
+    start, first = _kept(program.start, started)
+    read = _signals_read(step) | _signals_read(start)
+    if program.losses:
+        read |= {out.predicts.signal for out in program.outputs if out.predicts}
+        read |= {signal.name for signal in program.signals if signal.role is Role.TARGET}
+    used = parameters_read(step) | parameters_read(start)
+    return replace(
+        program,
+        signals=tuple(signal for signal in program.signals if signal.name in read),
+        parameters=tuple(parameter for parameter in program.parameters if parameter.name in used),
+        states=tuple(
+            replace(state, next=now[state.next], start=first[state.start]) for state in states
+        ),
+        step=step,
+        start=start,
+        outputs=tuple(_output(output, now, read) for output in program.outputs),
+        losses=tuple(
+            replace(
+                loss,
+                prediction=now[loss.prediction],
+                target=None if loss.target is None else now[loss.target],
+            )
+            for loss in program.losses
+        ),
+    )
+
+
+def _live(program: Program) -> tuple[list[bool], set[str]]:
+    """The needed nodes of the step, and the names of the needed states."""
+    states: dict[str, State] = {state.name: state for state in program.states}
+    live, names = [False] * len(program.step), set[str]()
+    waiting = [output.node for output in program.outputs]
+    for loss in program.losses:
+        waiting += [loss.prediction] if loss.target is None else [loss.prediction, loss.target]
+    while waiting:
+        index = waiting.pop()
+        if live[index]:
+            continue
+        live[index] = True
+        node = program.step[index]
+        waiting += node.args
+        if isinstance(node.op, ReadState | Window):
+            name = node.op.name if isinstance(node.op, ReadState) else node.op.state
+            names.add(name)
+            waiting.append(states[name].next)
+    return live, names
+
+
+def _kept(graph: Graph, live: list[bool]) -> tuple[Graph, dict[NodeId, NodeId]]:
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index, node in graph:
+        if live[index]:
+            copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+    return builder.graph(), copies
+
+
+def _signals_read(graph: Graph) -> set[str]:
+    return {node.op.signal for _, node in graph if isinstance(node.op, ReadSignal | ReadLog)}
+
+
+def _output(output: Output, now: dict[NodeId, NodeId], read: set[str]) -> Output:
+    predicts = output.predicts if output.predicts and output.predicts.signal in read else None
+    return replace(output, node=now[output.node], predicts=predicts)

@@ -1,0 +1,53 @@
+"""Replaces the scalar functions that a backend lacks by their definitions."""
+
+from __future__ import annotations
+
+from compiler.builder import GraphBuilder
+from compiler.graph_copy import copy_node, with_start, with_step
+from compiler.ops import Apply
+from compiler.program import Graph, NodeId, Program
+from compiler.scalar_functions import SCALAR_FUNCTIONS
+
+
+def expand_functions(program: Program, native: frozenset[str]) -> Program:
+    """Replaces each `Apply` of a function that is not native by the definition in its row.
+
+    Before: any form. After: every `Apply` is of a native function. Raises ValueError where a row
+    has no definition.
+
+        %1: scalar 1 = tan(%0)                    # native: sin, cos
+
+        %1: scalar 1 = sin(%0)
+        %2: scalar 1 = cos(%0)
+        %3: scalar 1 = %1 / %2
+    """
+    program = with_step(program, *_expanded(program.step, native))
+    return with_start(program, *_expanded(program.start, native))
+
+
+def _expanded(graph: Graph, native: frozenset[str]) -> tuple[Graph, dict[NodeId, NodeId]]:
+    places = {index: index for index, _ in graph}
+    # a definition may use functions that are not native either
+    while any(isinstance(node.op, Apply) and node.op.function not in native for _, node in graph):
+        builder = GraphBuilder()
+        copies: dict[NodeId, NodeId] = {}
+        for index, node in graph:
+            args = tuple(copies[arg] for arg in node.args)
+            if isinstance(node.op, Apply) and node.op.function not in native:
+                with builder.at(node.span):
+                    copies[index] = _definition(builder, node.op.function, args)
+                if node.label is not None:
+                    builder.name(copies[index], node.label)
+            else:
+                copies[index] = copy_node(builder, node, args)
+        graph = builder.graph()
+        places = {index: copies[place] for index, place in places.items()}
+    return graph, places
+
+
+def _definition(builder: GraphBuilder, function: str, args: tuple[NodeId, ...]) -> NodeId:
+    definition = SCALAR_FUNCTIONS[function].definition
+    if definition is None:
+        message = f"`{function}` has no definition in other functions"
+        raise ValueError(message)
+    return definition(builder, args)

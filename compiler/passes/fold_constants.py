@@ -1,0 +1,96 @@
+"""Computes at compile time what depends on numbers of the spec only."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from compiler.builder import GraphBuilder
+from compiler.graph_copy import copy_node, with_start, with_step
+from compiler.node_evaluators import Array, Surroundings, evaluator
+from compiler.ops import (
+    Broadcast,
+    Constant,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Select,
+    Window,
+)
+from compiler.program import Graph, Node, NodeId, Program
+
+LARGEST_FOLDED = 4096
+"""Elements of the largest value that is computed; beyond it the program stays smaller as it is."""
+
+
+def fold_constants(program: Program) -> Program:
+    """Replaces nodes that depend on constants only by their float64 value in the interpreter.
+
+    A `Select` whose condition is known becomes the operand that it chooses. Kept as they are:
+    values that are not finite or too large, bools, and a constant that is only repeated.
+
+    Before and after: any form. Nodes that lose their users are left for `drop_unused`.
+
+        %0: scalar 1 = constant 2.0
+        %1: scalar 1 = sqrt(%0)
+
+        %1: scalar 1 = constant 1.4142135623730951
+    """
+    program = with_step(program, *_folded(program.step))
+    return with_start(program, *_folded(program.start))
+
+
+def _folded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    known: list[Any] = []
+    for index, node in graph:
+        value = _value(graph, node, known)
+        known.append(value)
+        chosen = _chosen(node, known)
+        if chosen is not None:
+            copies[index] = copies[chosen]
+        elif value is not None and _replaces(graph, node, value):
+            numbers = Constant(tuple(float(number) for number in value.ravel()))
+            folded = Node(numbers, (), node.type, node.span, node.label)
+            copies[index] = copy_node(builder, folded, ())
+        else:
+            copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+    return builder.graph(), copies
+
+
+def _value(graph: Graph, node: Node, known: list[Any]) -> Array | None:
+    """The node's value, (1, *shape), where it depends on constants only."""
+    outside = ReadParameter | ReadSignal | ReadLog | ReadState | Window
+    if isinstance(node.op, outside) or node.type.size > LARGEST_FOLDED:
+        return None
+    if any(known[arg] is None for arg in node.args):
+        return None
+    types = tuple(graph[arg].type for arg in node.args)
+    evaluate = evaluator(node, types, {}, np.dtype(np.float64))
+    with np.errstate(all="ignore"):
+        return evaluate(known, _NOWHERE)
+
+
+_NOWHERE = Surroundings({}, np.zeros(1, np.int64), {})
+
+
+def _chosen(node: Node, known: list[Any]) -> NodeId | None:
+    """The operand that a `Select` with a known condition is."""
+    if not isinstance(node.op, Select):
+        return None
+    condition, then, otherwise = node.args
+    holds = known[condition]
+    if holds is None or holds.any() != holds.all():
+        return None
+    return then if holds.all() else otherwise
+
+
+def _replaces(graph: Graph, node: Node, value: Array) -> bool:
+    if isinstance(node.op, Constant) or node.type.kind != "real":
+        return False
+    if isinstance(node.op, Broadcast) and graph[node.args[0]].type.size < node.type.size:
+        return False
+    return bool(np.isfinite(value).all())
