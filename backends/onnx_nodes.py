@@ -46,7 +46,9 @@ class OnnxNodes:
 
     def numbers(self, name: str, values: NDArray[np.float64], doc: str = "") -> str:
         """An initialiser of the model's precision under a name that is taken already."""
-        tensor = numpy_helper.from_array(np.asarray(values, dtype=self.dtype), name)
+        with np.errstate(over="ignore"):  # a bound beyond float32 is an infinite one there
+            array = np.asarray(values, dtype=self.dtype)
+        tensor = numpy_helper.from_array(array, name)
         tensor.doc_string = doc
         self.initializers.append(tensor)
         return name
