@@ -30,7 +30,11 @@ def scalar_function(code: fx.Graph, name: str, args: Sequence[fx.Node]) -> fx.No
     if name == "softplus":  # log(exp(x) + exp(0)): exact tails, and slope 1/2 at 0
         zero = code.call_function(torch.zeros_like, (args[0],))
         return code.call_function(torch.logaddexp, (args[0], zero))
-    return code.call_function(getattr(torch, SCALAR_FUNCTIONS[name].torch), tuple(args))
+    value = code.call_function(getattr(torch, SCALAR_FUNCTIONS[name].torch), tuple(args))
+    if name == "sign":  # torch gives 0 for NaN
+        missing = code.call_function(torch.isnan, (args[0],))
+        return code.call_function(torch.where, (missing, args[0], value))
+    return value
 
 
 def broadcast(
