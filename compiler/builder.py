@@ -38,7 +38,7 @@ from compiler.ops import (
 )
 from compiler.program import Graph, Node, NodeId
 from compiler.scalar_functions import SCALAR_FUNCTIONS, Array
-from compiler.types import WINDOW, Axis, Type
+from compiler.types import WINDOW, Axis, Type, in_order
 from compiler.unit_rules import (
     UnitConflict,
     function_unit,
@@ -256,6 +256,14 @@ class GraphBuilder:
             right = self.rename(right, partner, mine.name)
         unit = product_unit(self.type(left).unit, self.type(right).unit)
         return self.emit(Contract(mine.name), (left, right), Type(axes, unit))
+
+    def contract_over(self, left: NodeId, right: NodeId, axis: str) -> NodeId:
+        """Σ over one axis that both have of their product, other axes aligned by name."""
+        mine, other = self.type(left), self.type(right)
+        rest = [a for a in mine.axes if a.name != axis]
+        rest += [a for a in other.axes if a.name != axis and mine.axis(a.name) is None]
+        unit = product_unit(mine.unit, other.unit)
+        return self.emit(Contract(axis), (left, right), Type(in_order(tuple(rest)), unit))
 
     def window(self, state: str, newest: NodeId, length: int) -> NodeId:
         """The `length` samples of a buffer state and the newest one."""
