@@ -7,10 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from backends.step_interface import needed_nodes
-from compiler.ops import ReadLog, ReadSignal
-from compiler.program import Graph, NodeId, Program
+from compiler.program import Extent, Program
 from msnn.data.dataset import IntArray
+from msnn.data.reads import reads, span
 
 Horizon = int | Literal["episode", "record"]
 """Evaluations of the step in one rollout; `record` runs over all rows and scores those of a set."""
@@ -53,23 +52,14 @@ def reach(program: Program) -> Reach:
     wanted += [state.next for state in program.states]
     wanted += [loss.prediction for loss in program.losses]
     wanted += [loss.target for loss in program.losses if loss.target is not None]
-    back, ahead = _span(program.step, wanted)
+    around = span(reads(program.step, wanted).values()) or Extent(0, 0)
     for output in program.outputs:
         if output.predicts is not None:
-            ahead = max(ahead, output.predicts.ahead)
-    start_back, start_ahead = _span(program.start, [state.start for state in program.states])
-    return Reach(max(back, start_back), ahead, start_ahead)
-
-
-def _span(graph: Graph, wanted: list[NodeId]) -> tuple[int, int]:
-    back = ahead = 0
-    for index in needed_nodes(graph, wanted):
-        match graph[index].op:
-            case ReadSignal(_, first, last) | ReadLog(_, first, last):
-                back, ahead = max(back, -first), max(ahead, last)
-            case _:
-                pass
-    return back, ahead
+            around = around.union(Extent(0, output.predicts.ahead))
+    starts = reads(program.start, [state.start for state in program.states])
+    start = span(starts.values()) or Extent(0, 0)
+    back = max(-around.first, -start.first, 0)
+    return Reach(back, max(around.last, 0), max(start.last, 0))
 
 
 def rollouts(

@@ -142,17 +142,14 @@ def misshapen_weights(
     )
 
 
-def diverged(
-    stage: str, epoch: int, what: str, step: int, place: str, span: Span | None
-) -> Diagnostic:
+def diverged(stage: str, epoch: int, what: str, place: str, span: Span | None) -> Diagnostic:
     """E0913: training that produced a value that is not finite."""
     return Diagnostic(
         "E0913",
         "error",
-        f"stage `{stage}` diverged in epoch {epoch}: {what} is the first value that is not "
-        f"finite, at step {step} of a rollout from {place}",
+        f"stage `{stage}` diverged in epoch {epoch}: {what} is not finite {place}",
         span,
-        "not finite here",
+        "the first value that is not finite",
         notes=("the best weights so far are kept",),
         help="try a smaller learning rate, `clip:`, a shorter horizon, or bounds",
     )

@@ -1,0 +1,33 @@
+"""What values read of the log, directly or through everything that they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from compiler.liveness import needed
+from compiler.ops import ReadLog, ReadSignal
+from compiler.program import Extent, Graph, NodeId
+
+
+def reads(graph: Graph, wanted: Iterable[NodeId]) -> dict[str, Extent]:
+    """The samples around t that the wanted values depend on, by signal."""
+    marked = needed(graph, wanted)
+    found: dict[str, Extent] = {}
+    for index, node in graph:
+        if not marked[index]:
+            continue
+        match node.op:
+            case ReadLog(signal, first, last) | ReadSignal(signal, first, last):
+                extent = Extent(first, last)
+                found[signal] = found[signal].union(extent) if signal in found else extent
+            case _:
+                pass
+    return found
+
+
+def span(extents: Iterable[Extent]) -> Extent | None:
+    """The samples from the first to the last of all extents, None if there are none."""
+    extents = tuple(extents)
+    if not extents:
+        return None
+    return Extent(min(e.first for e in extents), max(e.last for e in extents))

@@ -1,0 +1,38 @@
+"""Which evaluations of a whole record count: those whose targets are rows of the set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from compiler.program import Extent, Graph, Loss, Program
+from msnn.data.dataset import BoolArray, Dataset
+from msnn.data.reads import reads, span
+
+
+def rows_in_set(dataset: Dataset, name: str, extent: Extent) -> BoolArray:
+    """For every row t whether all of t+first … t+last belong to the set."""
+    member = dataset.in_set(name)
+    found = np.ones(len(member), dtype=np.bool_)
+    for offset in range(extent.first, extent.last + 1):
+        shifted = np.zeros(len(member), dtype=np.bool_)
+        source = member[max(offset, 0) : len(member) + min(offset, 0)]
+        shifted[max(-offset, 0) : max(-offset, 0) + len(source)] = source
+        found &= shifted
+    return found
+
+
+def scored_rows(dataset: Dataset, name: str, program: Program) -> Mapping[str, BoolArray]:
+    """For every loss of the program the rows t at which its target is of the set."""
+    return {
+        loss.name: rows_in_set(dataset, name, target_extent(program.step, loss))
+        for loss in program.losses
+    }
+
+
+def target_extent(step: Graph, loss: Loss) -> Extent:
+    """The samples around t that the target of a loss reads; t itself where there is none."""
+    if loss.target is None:
+        return Extent(0, 0)
+    return span(reads(step, [loss.target]).values()) or Extent(0, 0)

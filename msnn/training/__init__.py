@@ -1,0 +1,1 @@
+"""Trains the parameters of a program on measured data, stage after stage."""

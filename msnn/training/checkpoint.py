@@ -1,0 +1,90 @@
+"""Where a run stands, on disk: enough to go on bit for bit, and nothing that could run as code."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from backends.atomic_write import write_bytes
+from msnn.data.dataset import FloatArray
+from msnn.rollout import LossSum
+from msnn.training.engine import EngineState, LossSums
+from spec_schema.diagnostics import SpecError
+from spec_schema.errors import training as errors
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """The position inside a stage, the engine there, and the best weights so far."""
+
+    spec_hash: str
+    stage: int
+    epoch: int
+    """Epochs of the stage that are complete."""
+    batch: int
+    """Batches of the next epoch that are done."""
+    sums: LossSums
+    """Losses of these batches."""
+    best_value: float
+    best_epoch: int
+    best: Mapping[str, FloatArray]
+    engine: EngineState
+
+
+def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
+    """Writes the file whole or not at all."""
+    arrays = {f"best/{name}": np.ascontiguousarray(v) for name, v in checkpoint.best.items()}
+    arrays |= {f"engine{name}": np.ascontiguousarray(v) for name, v in _engine_arrays(checkpoint)}
+    record = {
+        "format": _FORMAT,
+        "spec_hash": checkpoint.spec_hash,
+        "stage": checkpoint.stage,
+        "epoch": checkpoint.epoch,
+        "batch": checkpoint.batch,
+        "sums": {name: [s.total, s.count] for name, s in checkpoint.sums.items()},
+        "best_value": checkpoint.best_value,
+        "best_epoch": checkpoint.best_epoch,
+        "engine": checkpoint.engine.structure,
+    }
+    write_bytes(path, save(arrays, {"msnn": json.dumps(record)}))
+
+
+def read_checkpoint(path: Path) -> Checkpoint:
+    """What was written; SpecError for a file that is not a checkpoint of this version."""
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+            arrays: dict[str, Any] = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        record = json.loads(metadata["msnn"])
+        if record["format"] != _FORMAT:
+            raise ValueError(record["format"])
+        return Checkpoint(
+            spec_hash=record["spec_hash"],
+            stage=int(record["stage"]),
+            epoch=int(record["epoch"]),
+            batch=int(record["batch"]),
+            sums={name: LossSum(float(t), int(n)) for name, (t, n) in record["sums"].items()},
+            best_value=float(record["best_value"]),
+            best_epoch=int(record["best_epoch"]),
+            best={n.removeprefix("best/"): a for n, a in arrays.items() if n.startswith("best/")},
+            engine=EngineState(
+                {n.removeprefix("engine"): a for n, a in arrays.items() if n.startswith("engine")},
+                record["engine"],
+            ),
+        )
+    except (OSError, SafetensorError, KeyError, ValueError, TypeError) as error:
+        reason = f"{path.name} is not a checkpoint of this version"
+        raise SpecError((errors.other_checkpoint(str(path.parent), reason),)) from error
+
+
+def _engine_arrays(checkpoint: Checkpoint) -> list[tuple[str, FloatArray]]:
+    return list(checkpoint.engine.arrays.items())

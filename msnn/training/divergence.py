@@ -1,0 +1,82 @@
+"""Finds where a rollout went wrong: the first step, the value where it began, its place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from compiler.interpreter import Interpreter
+from compiler.program import Node, NodeId, Program
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.starts import Runs
+from msnn.rollout import Moment, moments
+from msnn.training.stage_plan import StagePlan
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.errors import training as errors
+
+
+def explain_divergence(
+    plan: StagePlan,
+    dataset: Dataset,
+    weights: Mapping[str, FloatArray],
+    runs: Runs,
+    epoch: int,
+) -> Diagnostic:
+    """Names the value that stopped being finite first, as the judge finds it in the same dtype."""
+    program = plan.rollout.program
+    for parameter in program.parameters:
+        if not np.isfinite(weights[parameter.name]).all():
+            return errors.diverged_parameter(plan.name, epoch, parameter.name, parameter.span)
+    judge = Interpreter(program, weights, plan.dtype)
+    for moment in moments(judge, dataset.series, runs, losses=True):
+        for node in _results(program):
+            member = _member_not_finite(moment, node)
+            if member is not None:
+                origin = program.step[_origin(program, moment, node, member)]
+                start = int(moment.t[min(member, len(moment.t) - 1)]) - moment.number
+                place = f"at step {moment.number} of a rollout from {_place(dataset, start)}"
+                return errors.diverged(plan.name, epoch, _described(origin), place, origin.span)
+    return errors.diverged(plan.name, epoch, "the loss", "summed over a batch", plan.span)
+
+
+def _results(program: Program) -> list[NodeId]:
+    return [state.next for state in program.states] + [loss.prediction for loss in program.losses]
+
+
+def _member_not_finite(moment: Moment, node: NodeId) -> int | None:
+    """The first rollout in which the node's value is not finite."""
+    value = moment.values.nodes[node]
+    if value is None:
+        return None
+    fine = np.isfinite(value).reshape(len(value), -1).all(axis=1)
+    return None if fine.all() else int(np.argmin(fine))
+
+
+def _origin(program: Program, moment: Moment, node: NodeId, member: int) -> NodeId:
+    """The node behind a value that is not finite whose own operands still are."""
+    while True:
+        bad = (arg for arg in program.step[node].args if _is_bad(moment, arg, member))
+        before = next(bad, None)
+        if before is None:
+            return node
+        node = before
+
+
+def _is_bad(moment: Moment, node: NodeId, member: int) -> bool:
+    value = moment.values.nodes[node]
+    return value is not None and not np.isfinite(value[min(member, len(value) - 1)]).all()
+
+
+def _described(node: Node) -> str:
+    if node.label is not None:
+        return f"`{node.label}`"
+    return f"the result of a `{type(node.op).__name__.lower()}`"
+
+
+def _place(dataset: Dataset, row: int) -> str:
+    """`row 17 of train/a.csv`."""
+    for record in dataset.records:
+        if record.start <= row < record.stop:
+            return f"row {record.file_row(row)} of {record.file}"
+    return f"row {row}"

@@ -1,0 +1,53 @@
+"""What a training engine must do; stages drive any engine through this interface alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
+from msnn.rollout import LossSum
+
+LossSums = dict[str, LossSum]
+
+
+class NonFiniteLossError(Exception):
+    """The loss of a batch, or a parameter after it, is infinite or NaN; `runs` is the batch."""
+
+    def __init__(self, runs: Runs) -> None:
+        super().__init__("the loss of a batch is not finite")
+        self.runs = runs
+
+
+@dataclass(frozen=True, slots=True)
+class EngineState:
+    """All that an engine needs to go on later bit for bit: arrays by name and a JSON value."""
+
+    arrays: Mapping[str, FloatArray]
+    structure: object
+
+
+class Engine(Protocol):
+    """Holds parameters, an optimiser and the data of one stage."""
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values of all parameters."""
+        ...
+
+    def train_batch(self, runs: Runs) -> LossSums:
+        """One optimiser step on these rollouts; the losses before it. Raises NonFiniteLossError."""
+        ...
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of these rollouts at the current weights, on the rows that count."""
+        ...
+
+    def state(self) -> EngineState:
+        """Parameters and optimiser as they are now."""
+        ...
+
+    def restore(self, state: EngineState) -> None:
+        """Goes back to a state of the same stage."""
+        ...

@@ -1,0 +1,96 @@
+"""The folder of one training run: `runs/<name>/<time>/`, and `latest` that points at the last."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from backends.atomic_write import write_text
+from compiler.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.weights_file import write_weights
+
+LATEST = "latest"
+WEIGHTS = "weights.safetensors"
+CHECKPOINT = "checkpoint.safetensors"
+METRICS = "metrics.jsonl"
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """Writes what a run leaves behind; every file whole or not at all."""
+
+    path: Path
+    program: Program
+
+    @property
+    def weights(self) -> Path:
+        return self.path / WEIGHTS
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.path / CHECKPOINT
+
+    def write_weights(self, weights: Mapping[str, FloatArray]) -> None:
+        """Replaces the weights of the run, and lets `latest` point at it."""
+        write_weights(self.weights, weights, self.program)
+        _point(self.path.parent / LATEST, self.path.name)
+
+    def append_metrics(self, record: Mapping[str, Any]) -> None:
+        """Adds one line of JSON to `metrics.jsonl`."""
+        with (self.path / METRICS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(_finite(record), ensure_ascii=False) + "\n")
+
+    def write_description(self, record: Mapping[str, Any], spec_text: str | None) -> None:
+        """Writes `run.json` (resolved stages, data) and the spec as it was."""
+        write_text(self.path / "run.json", json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+        if spec_text is not None:
+            write_text(self.path / "spec.msnn.yaml", spec_text)
+
+
+def new_run_folder(program: Program, runs: Path) -> RunFolder:
+    """A fresh folder `runs/<program>/<local time>`, numbered where two start in one second."""
+    parent = runs / program.name
+    stamp = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+    for number in range(1, 1000):
+        path = parent / (stamp if number == 1 else f"{stamp}_{number}")
+        try:
+            path.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return RunFolder(path, program)
+    message = f"a thousand runs started in {parent} within one second"
+    raise FileExistsError(message)
+
+
+def interrupted_run(program: Program, runs: Path) -> RunFolder | None:
+    """The last run of the program that left a checkpoint, None if there is none."""
+    parent = runs / program.name
+    folders = sorted(path.parent for path in parent.glob(f"*/{CHECKPOINT}"))
+    folders = [folder for folder in folders if not folder.is_symlink()]
+    return RunFolder(folders[-1], program) if folders else None
+
+
+def _finite(value: Any) -> Any:
+    """The value with null for numbers that JSON has no word for."""
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case dict():
+            return {key: _finite(part) for key, part in value.items()}
+        case _:
+            return value
+
+
+def _point(link: Path, name: str) -> None:
+    """Makes `link` a symbolic link to its sibling, replacing an older one in one step."""
+    temporary = link.with_name(f".{link.name}.{os.getpid()}")
+    temporary.unlink(missing_ok=True)
+    temporary.symlink_to(name, target_is_directory=True)
+    temporary.replace(link)

@@ -1,0 +1,204 @@
+"""A training stage with every default filled in, names resolved and lengths in samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Literal
+
+from compiler.passes.close_loop import LoopError, close_loop
+from compiler.program import Program
+from msnn.data.starts import Horizon
+from msnn.durations import samples
+from spec_schema.diagnostics import Findings
+from spec_schema.errors import training as errors
+from spec_schema.located import Located
+from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd
+from spec_schema.source import Span
+from spec_schema.training import Rollout, Stage
+
+TOTAL = "total"
+"""What a monitor is called that watches the weighted total."""
+
+
+@dataclass(frozen=True, slots=True)
+class RolloutPlan:
+    """How far and from where a stage or a metric simulates; the loop in `program` is closed."""
+
+    program: Program
+    horizon: Horizon
+    stride: int
+    skip: int
+    closed: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StagePlan:
+    """One stage of training (rule R12: keys are not inherited from the stage before)."""
+
+    index: int
+    name: str
+    epochs: int
+    batch: int | None
+    """None: all starts at once."""
+    optimizer: Adam | AdamW | Sgd | Lbfgs
+    rollout: RolloutPlan
+    loss_weights: Mapping[str, float]
+    trained: tuple[str, ...]
+    """Parameters that move."""
+    lr_factors: Mapping[str, float]
+    clip: float | None
+    weight_decay: float
+    monitor: str
+    patience: int | None
+    seed: int
+    dtype: Literal["float32", "float64"]
+    span: Span | None
+
+    def record(self) -> dict[str, object]:
+        """The stage as plain data, for the description of a run."""
+        return {
+            "name": self.name,
+            "epochs": self.epochs,
+            "batch": self.batch,
+            "optimizer": {
+                type(self.optimizer).__name__.lower(): self.optimizer.model_dump(exclude={"place"})
+            },
+            "rollout": {
+                "horizon": self.rollout.horizon,
+                "stride": self.rollout.stride,
+                "skip": self.rollout.skip,
+                "close": list(self.rollout.closed),
+            },
+            "losses": dict(self.loss_weights),
+            "trained": list(self.trained),
+            "lr": dict(self.lr_factors),
+            "clip": self.clip,
+            "weight_decay": self.weight_decay,
+            "monitor": self.monitor,
+            "patience": self.patience,
+            "seed": self.seed,
+            "dtype": self.dtype,
+        }
+
+
+def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -> list[StagePlan]:
+    """The stages as they will run; what is wrong with them goes to `findings`."""
+    plans = [
+        plan
+        for index, stage in enumerate(stages)
+        if (plan := _planned(program, index, stage, findings)) is not None
+    ]
+    if not stages:
+        findings.report(errors.no_stages())
+    return plans
+
+
+def plan_rollout(
+    program: Program, rollout: Rollout | None, stride: int | None, findings: Findings
+) -> RolloutPlan | None:
+    """The rollout of a stage or metric; `stride` None makes it equal to the horizon."""
+    if rollout is None:
+        return RolloutPlan(program, 1, 1, 0, ())
+    horizon: Horizon | None
+    if isinstance(rollout.horizon, str):
+        horizon = rollout.horizon
+    else:
+        horizon = samples(rollout.horizon, program.sample_time, findings)
+    length = horizon if isinstance(horizon, int) else 1
+    given = stride or length
+    if rollout.stride is not None:
+        given = samples(rollout.stride, program.sample_time, findings)
+    skip = 0 if rollout.skip is None else samples(rollout.skip, program.sample_time, findings)
+    closed = closed_signals(program, rollout)
+    try:
+        looped = close_loop(program, closed)
+    except LoopError as error:
+        findings.report(errors.cannot_close(error.signal, str(error), rollout.place.value))
+        return None
+    if horizon is None or given is None or skip is None:
+        return None
+    if isinstance(horizon, int) and skip >= horizon:
+        findings.report(errors.skips_everything(skip, horizon, rollout.place.value))
+        return None
+    return RolloutPlan(looped, horizon, max(given, 1), skip, closed)
+
+
+def closed_signals(program: Program, rollout: Rollout) -> tuple[str, ...]:
+    """The inputs that a rollout feeds back: those of `close`, by default all that are predicted."""
+    if rollout.close is not None:
+        return tuple(name.value for name in rollout.close)
+    predicted = [out.predicts.signal for out in program.outputs if out.predicts is not None]
+    read = {signal.name for signal in program.signals}
+    return tuple(dict.fromkeys(name for name in predicted if name in read))
+
+
+def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> StagePlan | None:
+    name = stage.name.value if stage.name is not None else f"stage_{index + 1}"
+    span = stage.place.key
+    rollout = plan_rollout(program, stage.rollout, 1, findings)
+    learned = [parameter.name for parameter in program.parameters if parameter.learn]
+    frozen = {
+        parameter
+        for pattern in stage.freeze
+        for parameter in _matching(pattern, pattern.value, learned, findings)
+    }
+    factors: dict[str, float] = {}
+    for pattern, factor in stage.lr.items():
+        for parameter in _matching(factor, pattern, learned, findings):
+            factors[parameter] = factor.value
+    trained = tuple(parameter for parameter in learned if parameter not in frozen)
+    optimizer = stage.optimizer.choice
+    if not trained:
+        findings.report(errors.nothing_to_train(name, span))
+    if isinstance(optimizer, Lbfgs) and stage.lr:
+        place = next(iter(stage.lr.values())).span
+        findings.report(errors.no_factors_with_lbfgs(place))
+    weights = {loss.name: loss.weight for loss in program.losses}
+    for loss, weight in stage.losses.items():
+        if loss in weights:
+            weights[loss] = weight.value
+        else:
+            findings.report(errors.unknown_loss(loss, weight.key or weight.span, weights))
+    if not any(weights.values()):
+        findings.report(errors.no_objective(name, span))
+    monitor, patience = TOTAL, None
+    if stage.early_stop is not None:
+        patience = stage.early_stop.patience
+        watched = stage.early_stop.monitor
+        if watched is not None:
+            monitor = watched.value
+            if monitor not in weights and monitor != TOTAL:
+                findings.report(errors.unknown_loss(monitor, watched.span, weights))
+    if rollout is None:
+        return None
+    all_at_once = isinstance(optimizer, Lbfgs) and "batch" not in stage.model_fields_set
+    return StagePlan(
+        index=index,
+        name=name,
+        epochs=stage.epochs,
+        batch=None if all_at_once else stage.batch,
+        optimizer=optimizer,
+        rollout=rollout,
+        loss_weights=weights,
+        trained=trained,
+        lr_factors=factors,
+        clip=stage.clip,
+        weight_decay=stage.weight_decay,
+        monitor=monitor,
+        patience=patience,
+        seed=stage.seed,
+        dtype=stage.dtype,
+        span=span,
+    )
+
+
+def _matching(
+    place: Located[str] | Located[float], pattern: str, names: Sequence[str], findings: Findings
+) -> list[str]:
+    found = [name for name in names if fnmatchcase(name, pattern)]
+    if not found:
+        span = place.key or place.span if isinstance(place.value, float) else place.span
+        findings.report(errors.no_parameter(pattern, span, names))
+    return found

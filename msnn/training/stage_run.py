@@ -1,0 +1,171 @@
+"""Runs one stage: epochs of shuffled batches, the monitor, the best weights, early stopping."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.program import Measure
+from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
+from msnn.rollout import LossSum
+from msnn.training.checkpoint import Checkpoint
+from msnn.training.engine import Engine, LossSums
+from msnn.training.progress import EpochEnd
+from msnn.training.stage_plan import TOTAL, StagePlan
+
+Weights = Mapping[str, FloatArray]
+EVALUATION_BATCH = 4096
+"""Rollouts that the monitor runs side by side; bounds its memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class StageResult:
+    """How a stage ended; epoch 0 is the weights that it began with."""
+
+    best: Weights
+    best_value: float
+    best_epoch: int
+    epochs: int
+    reason: str
+    seconds: float
+
+
+class Interrupted(Exception):  # noqa: N818  (an event, no error)
+    """The user asked for an end; `checkpoint` is where to go on."""
+
+    def __init__(self, checkpoint: Checkpoint) -> None:
+        super().__init__("training was interrupted")
+        self.checkpoint = checkpoint
+
+
+@dataclass(slots=True)
+class StageRun:
+    """A stage with its engine and data; `run` goes through its epochs."""
+
+    plan: StagePlan
+    engine: Engine
+    train: Runs
+    watched: Runs
+    spec_hash: str
+    stop_asked: Callable[[], bool]
+    epoch_ended: Callable[[EpochEnd], None]
+    epoch: int = 0
+    batch: int = 0
+    best_value: float = float("inf")
+    best_epoch: int = 0
+    best: Weights | None = None
+    sums: LossSums | None = None
+
+    def resume(self, checkpoint: Checkpoint) -> None:
+        """Goes on where a checkpoint of this stage was made."""
+        self.engine.restore(checkpoint.engine)
+        self.epoch, self.batch = checkpoint.epoch, checkpoint.batch
+        self.best_value, self.best_epoch = checkpoint.best_value, checkpoint.best_epoch
+        self.best, self.sums = checkpoint.best, checkpoint.sums
+
+    def run(self) -> StageResult:
+        """Trains to the last epoch or the early stop. Raises NonFiniteLossError, Interrupted."""
+        began = time.monotonic()
+        if self.best is None:
+            self._keep_if_best(self._monitor())
+        reason = "done"
+        while self.epoch < self.plan.epochs:
+            sums = self._run_epoch()
+            self.epoch, self.batch, self.sums = self.epoch + 1, 0, None
+            value = self._monitor()
+            self._keep_if_best(value)
+            self._report(sums, value, time.monotonic() - began)
+            waited = self.epoch - self.best_epoch
+            if self.plan.patience is not None and waited >= self.plan.patience:
+                reason = f"no better for {waited} epochs"
+                break
+        assert self.best is not None
+        return StageResult(
+            self.best,
+            self.best_value,
+            self.best_epoch,
+            self.epoch,
+            reason,
+            time.monotonic() - began,
+        )
+
+    def checkpoint(self) -> Checkpoint:
+        """Where the stage stands now."""
+        assert self.best is not None
+        return Checkpoint(
+            self.spec_hash,
+            self.plan.index,
+            self.epoch,
+            self.batch,
+            self.sums or {},
+            self.best_value,
+            self.best_epoch,
+            self.best,
+            self.engine.state(),
+        )
+
+    def _run_epoch(self) -> LossSums:
+        order = shuffled(len(self.train), self.plan.seed, self.plan.index, self.epoch)
+        size = self.plan.batch or max(len(order), 1)
+        sums = self.sums or {}
+        for number, start in enumerate(range(0, len(order), size)):
+            if number < self.batch:
+                continue
+            # one that is smaller is the same as one filled up with members of weight 0
+            found = self.engine.train_batch(self.train.take(order[start : start + size]))
+            sums = {name: sums.get(name, LossSum(0.0, 0)) + value for name, value in found.items()}
+            self.batch, self.sums = number + 1, sums
+            if self.stop_asked():
+                raise Interrupted(self.checkpoint())
+        return sums
+
+    def _monitor(self) -> float:
+        sums: LossSums = {}
+        for start in range(0, len(self.watched), EVALUATION_BATCH):
+            members = np.arange(start, min(start + EVALUATION_BATCH, len(self.watched)))
+            for name, value in self.engine.evaluate(self.watched.take(members)).items():
+                sums[name] = sums.get(name, LossSum(0.0, 0)) + value
+        values = self._values(sums)
+        return self._total(values) if self.plan.monitor == TOTAL else values[self.plan.monitor]
+
+    def _keep_if_best(self, value: float) -> None:
+        first_finite = np.isfinite(value) and not np.isfinite(self.best_value)
+        if self.best is None or value < self.best_value or first_finite:
+            self.best, self.best_value, self.best_epoch = self.engine.weights(), value, self.epoch
+
+    def _values(self, sums: LossSums) -> dict[str, float]:
+        measures: dict[str, Measure] = {
+            loss.name: loss.measure for loss in self.plan.rollout.program.losses
+        }
+        return {name: value.value(measures[name]) for name, value in sums.items()}
+
+    def _total(self, values: Mapping[str, float]) -> float:
+        return sum(w * values[name] for name, w in self.plan.loss_weights.items() if w)
+
+    def _report(self, sums: LossSums, monitor: float, seconds: float) -> None:
+        losses = self._values(sums)
+        self.epoch_ended(
+            EpochEnd(
+                stage=self.plan.name,
+                epoch=self.epoch,
+                epochs=self.plan.epochs,
+                total=self._total(losses),
+                losses=losses,
+                monitor=monitor,
+                best=self.best_value,
+                best_epoch=self.best_epoch,
+                seconds=seconds,
+            )
+        )
+
+
+def shuffled(
+    count: int, seed: int, stage: int, epoch: int
+) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """The order of an epoch's starts: a counter decides it, so that a resumed run has the same."""
+    source = np.random.Philox(np.random.SeedSequence([seed, stage, epoch]))
+    return np.random.Generator(source).permutation(count)

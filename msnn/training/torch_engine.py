@@ -1,0 +1,166 @@
+"""The torch engine: unrolls the program's module and moves its raw variables with torch.optim."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+
+import torch
+from torch import Tensor
+
+from backends.torch_module import build_module
+from compiler.program import Measure
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.starts import Runs
+from msnn.rollout import LossSum
+from msnn.training.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.optimizer_state import flattened, rebuilt
+from msnn.training.stage_plan import StagePlan
+from msnn.training.torch_losses import TorchLossSum, batch_losses, scoring
+from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd
+
+_DTYPES = {"float32": torch.float32, "float64": torch.float64}
+_WALL = 1e6
+
+
+class TorchEngine:
+    """Trains the parameters `plan.trained` of one stage; the others keep their values."""
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        series: Mapping[str, FloatArray],
+        weights: Mapping[str, FloatArray],
+        train_rows: Mapping[str, BoolArray] | None,
+        evaluation_rows: Mapping[str, BoolArray] | None,
+    ) -> None:
+        dtype = _DTYPES[plan.dtype]
+        self._plan = plan
+        self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
+        self._model = build_module(plan.rollout.program, dtype)
+        self.moved = self._model.load_physical(weights)
+        self._variables = self._select()
+        self._optimizer = _optimizer(plan, self._variables)
+        self._train = scoring(series, dtype, plan.rollout.skip, train_rows)
+        self._evaluation = scoring(series, dtype, plan.rollout.skip, evaluation_rows)
+
+    def _select(self) -> dict[str, Tensor]:
+        variables: dict[str, Tensor] = {}
+        for parameter in self._plan.rollout.program.parameters:
+            trained = parameter.name in self._plan.trained
+            raw = self._model.raw(parameter.name)
+            raw.requires_grad_(trained)
+            if trained:
+                variables[parameter.name] = raw
+        return variables
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values; parameters that are not trained are exactly those given."""
+        return {**self._model.weights(), **self._fixed}
+
+    def train_batch(self, runs: Runs) -> LossSums:
+        """One optimiser step on these rollouts; the losses before it. Raises NonFiniteLossError."""
+        before: LossSums = {}
+        height = 0.0
+
+        def closure() -> Tensor:
+            nonlocal before, height
+            self._optimizer.zero_grad()
+            sums = batch_losses(self._model, self._train, runs)
+            total = self._total(sums)
+            finite = math.isfinite(total.item())
+            if not before:
+                if not finite:
+                    raise NonFiniteLossError(runs)
+                before, height = _sums(sums), _WALL * (1.0 + abs(total.item()))
+            elif not finite:  # a trial step of a line search went too far: a wall sends it back
+                return total.new_tensor(height)
+            if total.requires_grad:
+                total.backward()
+            if self._plan.clip is not None:
+                torch.nn.utils.clip_grad_norm_(self._variables.values(), self._plan.clip)
+            return total
+
+        with _one_thread():
+            # its annotation says float, its code takes the tensor
+            self._optimizer.step(closure)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        return before
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of these rollouts at the current weights, on the rows that count."""
+        with torch.no_grad(), _one_thread():
+            return _sums(batch_losses(self._model, self._evaluation, runs))
+
+    def state(self) -> EngineState:
+        """Raw variables and optimiser as they are now."""
+        variables = {name: raw.detach() for name, raw in self._variables.items()}
+        return flattened({"variables": variables, "optimizer": self._optimizer.state_dict()})
+
+    def restore(self, state: EngineState) -> None:
+        """Goes back to a state of the same stage."""
+        content = rebuilt(state)
+        with torch.no_grad():
+            for name, raw in self._variables.items():
+                raw.copy_(content["variables"][name])
+        self._optimizer.load_state_dict(content["optimizer"])
+
+    def _total(self, sums: Mapping[str, TorchLossSum]) -> Tensor:
+        measures: dict[str, Measure] = {
+            loss.name: loss.measure for loss in self._plan.rollout.program.losses
+        }
+        terms = [
+            weight * sums[name].value(measures[name])
+            for name, weight in self._plan.loss_weights.items()
+            if weight
+        ]
+        return torch.stack(terms).sum()
+
+
+def _sums(sums: Mapping[str, TorchLossSum]) -> LossSums:
+    return {name: LossSum(s.total.item(), s.count) for name, s in sums.items()}
+
+
+def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.Optimizer:
+    decay = plan.weight_decay
+    match plan.optimizer:
+        case Adam(lr=lr, beta1=b1, beta2=b2, eps=eps):
+            groups = _groups(plan, variables, lr)
+            return torch.optim.Adam(
+                groups, lr=lr, betas=(b1, b2), eps=eps, weight_decay=decay, foreach=False
+            )
+        case AdamW(lr=lr, beta1=b1, beta2=b2, eps=eps):
+            groups = _groups(plan, variables, lr)
+            return torch.optim.AdamW(
+                groups, lr=lr, betas=(b1, b2), eps=eps, weight_decay=decay, foreach=False
+            )
+        case Sgd(lr=lr, momentum=momentum):
+            groups = _groups(plan, variables, lr)
+            return torch.optim.SGD(groups, lr=lr, momentum=momentum, weight_decay=decay)
+        case Lbfgs(lr=lr, history=history, iterations=iterations):
+            return torch.optim.LBFGS(
+                list(variables.values()),
+                lr=lr,
+                max_iter=iterations,
+                history_size=history,
+                line_search_fn="strong_wolfe",
+            )
+
+
+def _groups(plan: StagePlan, variables: Mapping[str, Tensor], lr: float) -> list[dict[str, object]]:
+    """One group for each learning rate."""
+    by_rate: dict[float, list[Tensor]] = {}
+    for name, raw in variables.items():
+        by_rate.setdefault(lr * plan.lr_factors.get(name, 1.0), []).append(raw)
+    return [{"params": raws, "lr": rate} for rate, raws in by_rate.items()]
+
+
+@contextmanager
+def _one_thread() -> Generator[None]:
+    """Small models are slower on more threads, and one adds in the same order each time."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,160 @@
+"""Sums the losses of a batch of rollouts in torch: windows are views of one gathered block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from backends.torch_module import TorchModel, Windows
+from compiler.program import Extent, Measure, Program, extents
+from msnn.data.dataset import BoolArray
+from msnn.data.starts import Runs
+from msnn.rollout import longest_first
+
+
+@dataclass(frozen=True, slots=True)
+class TorchLossSum:
+    """Σ of a loss over all scored elements, differentiable, and their number."""
+
+    total: Tensor
+    count: int
+
+    def value(self, measure: Measure) -> Tensor:
+        """The loss: 0 where nothing was scored (rule R9)."""
+        mean = self.total / max(self.count, 1)
+        if measure is Measure.RMSE and mean.item() > 0:  # the root has no slope at 0
+            return mean.sqrt()
+        return mean
+
+
+@dataclass(frozen=True, slots=True)
+class TorchScoring:
+    """The data of a stage in torch, and what of a rollout counts."""
+
+    series: Mapping[str, Tensor]
+    skip: int
+    missing: bool
+    """Whether targets may be NaN."""
+    scored: Mapping[str, Tensor] | None
+    """Rows t at which each loss counts; None for all."""
+
+
+def scoring(
+    series: Mapping[str, np.ndarray],
+    dtype: torch.dtype,
+    skip: int,
+    scored: Mapping[str, BoolArray] | None,
+) -> TorchScoring:
+    """The series as tensors of one dtype."""
+    missing = any(bool(np.isnan(values).any()) for values in series.values())
+    return TorchScoring(
+        {name: torch.from_numpy(values).to(dtype) for name, values in series.items()},
+        skip,
+        missing,
+        None if scored is None else {n: torch.from_numpy(rows) for n, rows in scored.items()},
+    )
+
+
+def batch_losses(model: TorchModel, data: TorchScoring, runs: Runs) -> dict[str, TorchLossSum]:
+    """Every loss over rollouts that run side by side; one that has ended is left out."""
+    program = model.program
+    order = longest_first(runs)
+    t0 = torch.from_numpy(runs.t0[order])
+    steps = runs.steps[order]
+    block = _Block(program, data.series, t0, int(steps[0]))
+    frame = model.frame()
+    states = model.start_on(block.windows(0, len(t0)), frame, len(t0))
+    parts: dict[str, list[_Part]] = {loss.name: [] for loss in program.losses}
+    for number in range(int(steps[0])):
+        running = int(np.searchsorted(-steps, -number, side="left"))
+        if running < len(t0) and number:
+            states = {name: value[:running] for name, value in states.items()}
+        values = model.step_on(block.windows(number, running), states, frame, running)
+        states = values.next_states
+        if number >= data.skip:
+            for name, (prediction, target) in values.losses.items():
+                rows = None if data.scored is None else data.scored[name][t0[:running] + number]
+                parts[name].append(_Part(prediction, target, rows))
+    return {
+        loss.name: _summed(loss.measure, parts[loss.name], data.missing, model.dtype)
+        for loss in program.losses
+    }
+
+
+class _Block:
+    """The rows around a batch of rollouts, gathered once: (B, *shape, rows) a signal."""
+
+    def __init__(
+        self, program: Program, series: Mapping[str, Tensor], t0: Tensor, steps: int
+    ) -> None:
+        self._first: dict[str, int] = {}
+        self._rows: dict[str, Tensor] = {}
+        for name, extent in _reads(program, steps).items():
+            offsets = torch.arange(extent.first, extent.last + 1)
+            # a rollout that ends early reads nothing of the rows that are cut off here
+            rows = (t0[:, None] + offsets).clamp(0, len(series[name]) - 1)
+            self._first[name] = extent.first
+            self._rows[name] = torch.movedim(series[name][rows], 1, -1).contiguous()
+
+    def windows(self, number: int, running: int) -> Windows:
+        def windows(signal: str, first: int, last: int) -> Tensor:
+            start = number + first - self._first[signal]
+            return self._rows[signal][:running, ..., start : start + last - first + 1]
+
+        return windows
+
+
+def _reads(program: Program, steps: int) -> dict[str, Extent]:
+    """The samples around t0 that a rollout reads of each signal."""
+    found: dict[str, Extent] = {}
+    for graph, last in ((program.step, steps - 1), (program.start, 0)):
+        for log in (True, False):
+            for name, extent in extents(graph, log=log).items():
+                whole = Extent(extent.first, extent.last + last)
+                found[name] = found[name].union(whole) if name in found else whole
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    prediction: Tensor
+    target: Tensor | None
+    rows: Tensor | None
+
+
+def _summed(
+    measure: Measure, parts: list[_Part], missing: bool, dtype: torch.dtype
+) -> TorchLossSum:
+    predictions = [p.prediction if p.rows is None else p.prediction[p.rows] for p in parts]
+    targets = [
+        p.target if p.rows is None else p.target[p.rows] for p in parts if p.target is not None
+    ]
+    if not predictions:
+        return TorchLossSum(torch.zeros((), dtype=dtype), 0)
+    prediction = predictions[0] if len(predictions) == 1 else torch.cat(predictions)
+    if not targets:
+        return TorchLossSum(_cost(measure, prediction, None).sum(), prediction.numel())
+    target = targets[0] if len(targets) == 1 else torch.cat(targets)
+    if missing:
+        there = ~torch.isnan(target)
+        prediction, target = prediction[there], target[there]
+    return TorchLossSum(_cost(measure, prediction, target).sum(), prediction.numel())
+
+
+def _cost(measure: Measure, prediction: Tensor, target: Tensor | None) -> Tensor:
+    error = prediction if target is None else prediction - target
+    match measure:
+        case Measure.MSE | Measure.RMSE:
+            return error * error
+        case Measure.MAE:
+            return error.abs()
+        case Measure.HUBER:
+            return torch.nn.functional.huber_loss(
+                error, torch.zeros_like(error), reduction="none", delta=1.0
+            )
+        case Measure.MEAN:
+            return prediction

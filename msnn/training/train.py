@@ -1,0 +1,264 @@
+"""Trains a program: stages in their order, each from the best weights of the one before (R12)."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from compiler.program import Program
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from msnn.training.divergence import explain_divergence
+from msnn.training.engine import NonFiniteLossError
+from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
+from msnn.training.run_folder import RunFolder, interrupted_run, new_run_folder
+from msnn.training.stage_data import StageData, stage_data
+from msnn.training.stage_plan import StagePlan, plan_stages
+from msnn.training.stage_run import Interrupted, StageResult, StageRun
+from msnn.training.torch_engine import TorchEngine
+from msnn.weights_file import initial_weights
+from spec_schema.diagnostics import Diagnostic, Findings, SpecError
+from spec_schema.errors import training as errors
+from spec_schema.training import Stage
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingOptions:
+    """How a run is kept: `runs` None writes no files; `resume` goes on with the last one there."""
+
+    runs: Path | None = Path("runs")
+    resume: bool = False
+    spec_text: str | None = None
+    """The text of the spec, to be kept beside the weights."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingResult:
+    """Trained weights in physical units, what each stage reached, and where the run is kept."""
+
+    weights: Mapping[str, FloatArray]
+    stages: tuple[StageResult, ...]
+    folder: Path | None
+    warnings: tuple[Diagnostic, ...]
+
+
+class TrainingDivergedError(Exception):
+    """A stage met a value that is not finite; the best weights so far are in `result`."""
+
+    def __init__(self, diagnostic: Diagnostic, result: TrainingResult) -> None:
+        super().__init__(diagnostic.message)
+        self.diagnostic = diagnostic
+        self.result = result
+
+
+class TrainingInterruptedError(Exception):
+    """The user ended the run; `result` has the best weights so far, `resume` goes on."""
+
+    def __init__(self, result: TrainingResult) -> None:
+        super().__init__("training was interrupted; it can be resumed")
+        self.result = result
+
+
+def train(
+    program: Program,
+    data: Dataset,
+    stages: Sequence[Stage],
+    options: TrainingOptions | None = None,
+    progress: Progress | None = None,
+    weights: Mapping[str, FloatArray] | None = None,
+) -> TrainingResult:
+    """Trains the stages one after the other and returns the best weights of the last.
+
+    `program` is in window form. `weights` are where the first stage begins, by default the initial
+    values. Raises SpecError before anything runs when stages and data do not fit,
+    TrainingDivergedError and TrainingInterruptedError.
+    """
+    options, progress = options or TrainingOptions(), progress or Silent()
+    findings = Findings()
+    plans = plan_stages(program, stages, findings)
+    _check_initial_values(program, findings)
+    datas = [stage_data(plan, data, findings) for plan in plans]
+    findings.raise_errors()
+    for warning in (*data.warnings, *findings.in_order):
+        progress.warned(warning)
+    ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
+    folder, checkpoint = _folder(program, options)
+    if folder is not None and checkpoint is None:
+        folder.write_description(_description(program, plans, data), options.spec_text)
+    run = _Run(program, data, ready, folder, progress, findings.in_order)
+    with _end_on_interrupt() as stop_asked:
+        return run.through(dict(weights or initial_weights(program)), checkpoint, stop_asked)
+
+
+@dataclass(slots=True)
+class _Run:
+    program: Program
+    data: Dataset
+    stages: Sequence[tuple[StagePlan, StageData]]
+    folder: RunFolder | None
+    progress: Progress
+    warnings: tuple[Diagnostic, ...]
+
+    def through(
+        self,
+        weights: dict[str, FloatArray],
+        checkpoint: Checkpoint | None,
+        stop_asked: threading.Event,
+    ) -> TrainingResult:
+        done: list[StageResult] = []
+        for plan, data in self.stages:
+            if checkpoint is not None and plan.index < checkpoint.stage:
+                continue
+            stage = self._stage(plan, data, weights, stop_asked)
+            if checkpoint is not None and plan.index == checkpoint.stage:
+                stage.resume(checkpoint)
+            self._announce(plan, data)
+            try:
+                result = stage.run()
+            except Interrupted as event:
+                self._keep(stage.best or weights)
+                if self.folder is not None:
+                    write_checkpoint(self.folder.checkpoint, event.checkpoint)
+                found = self._result(stage.best or weights, done)
+                raise TrainingInterruptedError(found) from None
+            except NonFiniteLossError as fault:
+                self._keep(stage.best or weights)
+                now = stage.engine.weights()
+                diagnostic = explain_divergence(plan, self.data, now, fault.runs, stage.epoch + 1)
+                found = self._result(stage.best or weights, done)
+                raise TrainingDivergedError(diagnostic, found) from None
+            done.append(result)
+            weights = dict(result.best)
+            self._keep(weights)
+            self.progress.stage_ended(_stage_end(plan, result))
+        if self.folder is not None:
+            self.folder.checkpoint.unlink(missing_ok=True)
+        return self._result(weights, done)
+
+    def _stage(
+        self,
+        plan: StagePlan,
+        data: StageData,
+        weights: Mapping[str, FloatArray],
+        stop_asked: threading.Event,
+    ) -> StageRun:
+        engine = TorchEngine(plan, self.data.series, weights, data.train_rows, data.watched_rows)
+        if engine.moved:
+            self.progress.warned(errors.moved_off_bound(engine.moved))
+        return StageRun(
+            plan,
+            engine,
+            data.train,
+            data.watched,
+            self.program.spec_hash,
+            stop_asked.is_set,
+            self._epoch_ended,
+        )
+
+    def _announce(self, plan: StagePlan, data: StageData) -> None:
+        self.progress.stage_started(
+            StageStart(
+                number=plan.index + 1,
+                stages=len(self.stages),
+                name=plan.name,
+                epochs=plan.epochs,
+                starts=len(data.train),
+                horizon=str(plan.rollout.horizon),
+                monitored_on=data.watched_set,
+            )
+        )
+
+    def _epoch_ended(self, event: EpochEnd) -> None:
+        if self.folder is not None:
+            self.folder.append_metrics(asdict(event))
+        self.progress.epoch_ended(event)
+
+    def _keep(self, weights: Mapping[str, FloatArray]) -> None:
+        if self.folder is not None:
+            self.folder.write_weights(weights)
+
+    def _result(
+        self, weights: Mapping[str, FloatArray], stages: Sequence[StageResult]
+    ) -> TrainingResult:
+        path = None if self.folder is None else self.folder.path
+        return TrainingResult(weights, tuple(stages), path, self.warnings)
+
+
+def _stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
+    return StageEnd(
+        plan.name,
+        result.epochs,
+        result.best_value,
+        result.best_epoch,
+        result.seconds,
+        result.reason,
+    )
+
+
+def _folder(
+    program: Program, options: TrainingOptions
+) -> tuple[RunFolder | None, Checkpoint | None]:
+    if options.runs is None:
+        return None, None
+    if not options.resume:
+        return new_run_folder(program, options.runs), None
+    folder = interrupted_run(program, options.runs)
+    if folder is None:
+        place = str(options.runs / program.name)
+        raise SpecError((errors.no_checkpoint(place),))
+    checkpoint = read_checkpoint(folder.checkpoint)
+    if checkpoint.spec_hash != program.spec_hash:
+        reason = "the spec has changed since"
+        raise SpecError((errors.other_checkpoint(str(folder.path), reason),))
+    return folder, checkpoint
+
+
+def _check_initial_values(program: Program, findings: Findings) -> None:
+    for parameter in program.parameters:
+        values = np.asarray(parameter.initial)
+        low = -np.inf if parameter.minimum is None else parameter.minimum
+        high = np.inf if parameter.maximum is None else parameter.maximum
+        if parameter.learn and not ((values > low) & (values < high)).all():
+            findings.report(errors.initial_value_on_bound(parameter.name, parameter.span))
+
+
+def _description(program: Program, plans: Sequence[StagePlan], data: Dataset) -> dict[str, Any]:
+    return {
+        "format": 1,
+        "program": program.name,
+        "spec_sha256": program.spec_hash,
+        "stages": [plan.record() for plan in plans],
+        "data": {
+            "files": [record.file for record in data.records],
+            "rows": {name: int(data.in_set(name).sum()) for name in data.sets},
+        },
+    }
+
+
+@contextmanager
+def _end_on_interrupt() -> Generator[threading.Event]:
+    """Sets the event at the first Ctrl-C, so that the batch is finished; the second one kills."""
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        if asked.is_set():
+            raise KeyboardInterrupt
+        asked.set()
+
+    before = signal.signal(signal.SIGINT, ask)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)

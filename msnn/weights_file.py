@@ -1,0 +1,84 @@
+"""Weights on disk: a safetensors file with the physical float64 array of every parameter."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from backends.atomic_write import write_bytes
+from compiler.program import Program
+from msnn.data.dataset import FloatArray
+from spec_schema.diagnostics import Diagnostic, SpecError
+from spec_schema.errors import training as errors
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedWeights:
+    """The array of every parameter, and what is to be said about the file."""
+
+    weights: dict[str, FloatArray]
+    warnings: tuple[Diagnostic, ...]
+
+
+def initial_weights(program: Program) -> dict[str, FloatArray]:
+    """The initial value of every parameter, in its shape."""
+    return {
+        parameter.name: np.array(parameter.initial, dtype=np.float64).reshape(
+            tuple(axis.size for axis in parameter.axes)
+        )
+        for parameter in program.parameters
+    }
+
+
+def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Program) -> Path:
+    """Writes the arrays with the program's name, spec hash and units as metadata; whole or not."""
+    units = {p.name: p.unit.text for p in program.parameters if p.unit is not None}
+    metadata = {
+        "format": "msnn-weights-1",
+        "program": program.name,
+        "spec_sha256": program.spec_hash,
+        "units": json.dumps(units, ensure_ascii=False, sort_keys=True),
+    }
+    arrays = {name: np.ascontiguousarray(weights[name], np.float64) for name in sorted(weights)}
+    return write_bytes(path, save(arrays, metadata))
+
+
+def read_weights(path: Path, program: Program) -> LoadedWeights:
+    """The weights of a program (rule R12).
+
+    A missing name and a wrong shape are errors, raised together as SpecError; extra names are a
+    warning.
+    """
+    shown = str(path)
+    try:
+        arrays = load(path.read_bytes())
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise SpecError((errors.unreadable_weights(shown, reason),)) from error
+    except (SafetensorError, ValueError, KeyError) as error:
+        reason = "it is not a safetensors file"
+        raise SpecError((errors.unreadable_weights(shown, reason),)) from error
+    faults: list[Diagnostic] = []
+    missing = [p.name for p in program.parameters if p.name not in arrays]
+    if missing:
+        faults.append(errors.missing_weights(shown, missing))
+    found: dict[str, FloatArray] = {}
+    for parameter in program.parameters:
+        shape = tuple(axis.size for axis in parameter.axes)
+        array = arrays.get(parameter.name)
+        if array is not None and array.shape != shape:
+            faults.append(
+                errors.misshapen_weights(shown, parameter.name, array.shape, shape, parameter.span)
+            )
+        elif array is not None:
+            found[parameter.name] = array.astype(np.float64)
+    if faults:
+        raise SpecError(faults)
+    extra = sorted(set(arrays) - set(found))
+    return LoadedWeights(found, (errors.extra_weights(shown, extra),) if extra else ())
