@@ -37,6 +37,7 @@ from compiler.types import WINDOW, Axis, Type, describe_axes
 LARGEST_SIZE = 1 << 24
 """Scalars in one value: 128 MiB in float64, far above any model and far below any memory."""
 MOST_AXES = 12
+LONGEST_NAME = 200
 FARTHEST_SAMPLE = 1 << 24
 """Samples between t and the farthest one that a program reads."""
 
@@ -46,6 +47,8 @@ def broken_axes(axes: tuple[Axis, ...]) -> str | None:
     names = [axis.name for axis in axes]
     if len(set(names)) != len(names):
         return f"{describe_axes(axes)} has an axis twice"
+    if any(len(name) > LONGEST_NAME or not name.isprintable() for name in names):
+        return "an axis has no proper name"
     if WINDOW in names[:-1]:
         return f"{describe_axes(axes)} has the window before the end"
     if len(axes) > MOST_AXES or any(axis.size < 1 for axis in axes):

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from compiler.liveness import needed
-from compiler.op_rules import Sources, broken_axes, broken_rule
+from compiler.op_rules import LONGEST_NAME, Sources, broken_axes, broken_rule
 from compiler.ops import ReadLog, ReadSignal, ReadState, Window
 from compiler.program import (
     Declared,
@@ -27,7 +27,6 @@ from compiler.program import (
 )
 from compiler.types import UNNAMED, WINDOW, Axis, Type
 
-LONGEST_NAME = 200
 MOST_NODES = 1_000_000
 LARGEST_TOTAL = 1 << 27
 """Elements of all values of a graph together: 1 GiB in float64."""
@@ -52,7 +51,7 @@ def verify(program: Program) -> None:
       targets of losses nothing else;
     - `next` and `start` of a state have the state's axes; outputs and losses are real numbers.
     """
-    _require(bool(program.name), "the program has no name")
+    _unique("program", (program.name,))
     if program.sample_time is not None:
         valid = math.isfinite(program.sample_time) and program.sample_time > 0
         _require(valid, "the sample time is not a positive number")
