@@ -17,6 +17,7 @@ from spec_schema.yaml_scalars import core_value
 DEEPEST = 64
 MOST_VALUES = 50_000
 
+_TAB_OR_COMMENT = re.compile(r"\t|#[^\r\n]*")
 _ANCHOR = re.compile(r"&\S*\s*")
 _STYLES: dict[str | None, Style] = {"'": "'", '"': '"', "|": "|", ">": ">"}
 
@@ -43,11 +44,16 @@ class _Open:
 
 
 class TreeBuilder:
-    """Takes the events of one document in order; `root` is its tree."""
+    """Takes the events of one document in order; `root` is its tree.
 
-    def __init__(self, source: SourceText, findings: Findings) -> None:
+    `text` is that of the source, character for character, as the parser saw it.
+    """
+
+    def __init__(self, source: SourceText, text: str, findings: Findings) -> None:
         self.root: Node | None = None
         self._source = source
+        self._text = text
+        self._read = 0
         self._findings = findings
         self._open: list[_Open] = []
         self._anchors: dict[str, tuple[Node, int]] = {}
@@ -56,6 +62,11 @@ class TreeBuilder:
     def take(self, event: Any) -> None:
         """Takes one event; StoppedError when a budget is spent."""
         start, end = event.start_mark.index, event.end_mark.index
+        self._check_tabs(start)
+        if isinstance(event, yaml.ScalarEvent) and end == start:
+            # The parsers place nothing differently: behind the token before it, or before the next.
+            start = end = min(self._read, start)
+        self._read = max(self._read, end if isinstance(event, yaml.NodeEvent) else start)
         self._check_tag(event, start)
         match event:
             case yaml.DocumentStartEvent():
@@ -76,19 +87,28 @@ class TreeBuilder:
             case _:
                 pass
 
+    def _check_tabs(self, start: int) -> None:
+        """Stops at a tab between tokens, which one of PyYAML's parsers takes and the other not."""
+        for found in _TAB_OR_COMMENT.finditer(self._text, self._read, max(start, self._read)):
+            if found.group() == "\t":
+                self._stop(errors.tab(self._source.span(found.start(), found.end())))
+
     def _check_tag(self, event: Any, start: int) -> None:
         tag = getattr(event, "tag", None)
         if tag is not None:
-            written = self._source.text[start:].split(maxsplit=1)[0]
+            written = self._text[start:].split(maxsplit=1)[0]
             span = self._source.span(start, start + len(written))
             self._findings.report(errors.tagged(written, span))
 
     def _scalar(self, event: Any, start: int, end: int) -> Scalar:
-        text = self._source.text
+        text = self._text
         if event.anchor:
             anchor = _ANCHOR.match(text, start, end)
             start = anchor.end() if anchor else start
         style = _STYLES.get(event.style, "plain")
+        if style == "plain" and "\t" in text[start:end]:
+            tab = text.index("\t", start)
+            self._stop(errors.tab(self._source.span(tab, tab + 1)))
         value: str = event.value
         offsets = scalar_offsets(text, start, end, style, value)
         # PyYAML counts the blank lines below a block scalar, which nobody wants underlined.

@@ -64,7 +64,7 @@ def _build(source: SourceText, loader: Any, findings: Findings) -> Node | None:
     if source.path.endswith(".json"):
         # Between the tokens of JSON tabs are blanks; within its texts they are not allowed.
         text = text.replace("\t", " ")
-    builder = TreeBuilder(source, findings)
+    builder = TreeBuilder(source, text, findings)
     try:
         for event in cast("Any", yaml).parse(text, Loader=loader):
             builder.take(event)
