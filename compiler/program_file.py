@@ -13,7 +13,14 @@ from compiler.verifier import InvalidProgram, verify
 from spec_schema.diagnostics import SpecError
 from spec_schema.errors import program_files
 
-__all__ = ["program_from_data", "program_from_json", "program_to_data", "program_to_json"]
+__all__ = [
+    "data_from_json",
+    "data_to_json",
+    "program_from_data",
+    "program_from_json",
+    "program_to_data",
+    "program_to_json",
+]
 
 LONGEST_TEXT = 256 << 20
 """Characters of a program file."""
@@ -29,14 +36,18 @@ def program_from_json(text: str, name: str) -> Program:
 
     Safe for text from anywhere: sizes are capped, the result is verified. Raises SpecError.
     """
+    return program_from_data(data_from_json(text, name), name)
+
+
+def data_from_json(text: str, name: str) -> Any:
+    """The parsed text of a program file, for a caller that keeps more in it. Raises SpecError."""
     if len(text) > LONGEST_TEXT:
         raise SpecError([program_files.not_a_program(name, "it is too long")])
     try:
-        data = json.loads(text, parse_constant=_no_number)
+        return json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
         reason = "it is not JSON" if isinstance(error, ValueError) else "it is nested too deep"
         raise SpecError([program_files.not_a_program(name, reason)]) from error
-    return program_from_data(data, name)
 
 
 def program_from_data(data: Any, name: str) -> Program:
