@@ -1,4 +1,4 @@
-"""Settings of the command line, `train.0.epochs=5`, put into the tree of a spec before it is read."""
+"""Settings such as `train.0.epochs=5` of the command line, put into the tree before its check."""
 
 from collections.abc import Sequence
 from dataclasses import replace
