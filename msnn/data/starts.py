@@ -46,8 +46,11 @@ class Runs:
         return Runs(self.t0[members], self.steps[members], self.skipped, self.longest)
 
 
-def reach(program: Program) -> Reach:
-    """How far the step, losses, `predicts` and the start of a program look around t."""
+def reach(program: Program, also: Extent | None = None) -> Reach:
+    """How far the step, losses, `predicts` and the start of a program look around t.
+
+    `also` are further samples that somebody reads, such as the target of a metric.
+    """
     wanted = [output.node for output in program.outputs]
     wanted += [state.next for state in program.states]
     wanted += [loss.prediction for loss in program.losses]
@@ -56,6 +59,8 @@ def reach(program: Program) -> Reach:
     for output in program.outputs:
         if output.predicts is not None:
             around = around.union(Extent(0, output.predicts.ahead))
+    if also is not None:
+        around = around.union(also)
     starts = reads(program.start, [state.start for state in program.states])
     start = span(starts.values()) or Extent(0, 0)
     back = max(-around.first, -start.first, 0)

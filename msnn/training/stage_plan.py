@@ -7,30 +7,17 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Literal
 
-from compiler.passes.close_loop import LoopError, close_loop
 from compiler.program import Program
-from msnn.data.starts import Horizon
-from msnn.durations import samples
+from msnn.rollout_plan import RolloutPlan, plan_rollout
 from spec_schema.diagnostics import Findings
 from spec_schema.errors import training as errors
 from spec_schema.located import Located
 from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd
 from spec_schema.source import Span
-from spec_schema.training import Rollout, Stage
+from spec_schema.training import Stage
 
 TOTAL = "total"
 """What a monitor is called that watches the weighted total."""
-
-
-@dataclass(frozen=True, slots=True)
-class RolloutPlan:
-    """How far and from where a stage or a metric simulates; the loop in `program` is closed."""
-
-    program: Program
-    horizon: Horizon
-    stride: int
-    skip: int
-    closed: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,45 +80,6 @@ def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -
     if not stages:
         findings.report(errors.no_stages())
     return plans
-
-
-def plan_rollout(
-    program: Program, rollout: Rollout | None, stride: int | None, findings: Findings
-) -> RolloutPlan | None:
-    """The rollout of a stage or metric; `stride` None makes it equal to the horizon."""
-    if rollout is None:
-        return RolloutPlan(program, 1, 1, 0, ())
-    horizon: Horizon | None
-    if isinstance(rollout.horizon, str):
-        horizon = rollout.horizon
-    else:
-        horizon = samples(rollout.horizon, program.sample_time, findings)
-    length = horizon if isinstance(horizon, int) else 1
-    given = stride or length
-    if rollout.stride is not None:
-        given = samples(rollout.stride, program.sample_time, findings)
-    skip = 0 if rollout.skip is None else samples(rollout.skip, program.sample_time, findings)
-    closed = closed_signals(program, rollout)
-    try:
-        looped = close_loop(program, closed)
-    except LoopError as error:
-        findings.report(errors.cannot_close(error.signal, str(error), rollout.place.value))
-        return None
-    if horizon is None or given is None or skip is None:
-        return None
-    if isinstance(horizon, int) and skip >= horizon:
-        findings.report(errors.skips_everything(skip, horizon, rollout.place.value))
-        return None
-    return RolloutPlan(looped, horizon, max(given, 1), skip, closed)
-
-
-def closed_signals(program: Program, rollout: Rollout) -> tuple[str, ...]:
-    """The inputs that a rollout feeds back: those of `close`, by default all that are predicted."""
-    if rollout.close is not None:
-        return tuple(name.value for name in rollout.close)
-    predicted = [out.predicts.signal for out in program.outputs if out.predicts is not None]
-    read = {signal.name for signal in program.signals}
-    return tuple(dict.fromkeys(name for name in predicted if name in read))
 
 
 def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> StagePlan | None:

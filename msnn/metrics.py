@@ -1,0 +1,69 @@
+"""How well predictions meet their targets: one number a metric, for all elements and for each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import assert_never
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from spec_schema.checks import Metric
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """A metric over everything, and over each element of a vector (its shape; scalar: ())."""
+
+    value: float
+    elements: FloatArray
+    count: int
+    """Elements that had a target."""
+
+
+def score(metric: Metric, prediction: FloatArray, target: FloatArray) -> Scores:
+    """The metric of (samples, *shape) arrays; elements whose target is NaN are left out.
+
+    rmse = √(mean e²), mae = mean |e|, max_abs = max |e| with e = prediction − target;
+    fvu = Σe² / Σ(target − its mean)², r2 = 1 − fvu, fit = 100·(1 − √fvu) in percent (Ljung).
+    The mean is each element's own. NaN where nothing is scored or the target is constant.
+    """
+    there = ~np.isnan(target)
+    error = np.where(there, prediction - target, 0.0)
+    count = np.asarray(there.sum(axis=0), dtype=np.int64)
+    with np.errstate(all="ignore"):
+        mean = np.where(there, target, 0.0).sum(axis=0) / count
+        spread = np.where(there, target - mean, 0.0)
+        value = _value(metric, error.ravel(), int(count.sum()), spread.ravel())
+        flat_error = error.reshape(len(error), -1)
+        flat_spread = spread.reshape(len(error), -1)
+        each = [
+            _value(metric, flat_error[:, i], n, flat_spread[:, i])
+            for i, n in enumerate(count.ravel().tolist())
+        ]
+    return Scores(value, np.array(each).reshape(target.shape[1:]), int(count.sum()))
+
+
+def _value(metric: Metric, error: FloatArray, count: int, spread: FloatArray) -> float:
+    if not count:
+        return float("nan")
+    match metric:
+        case "rmse":
+            return float(np.sqrt(np.sum(error * error) / count))
+        case "mae":
+            return float(np.sum(np.abs(error)) / count)
+        case "max_abs":
+            return float(np.max(np.abs(error)))
+        case "fvu":
+            return _unexplained(error, spread)
+        case "r2":
+            return 1.0 - _unexplained(error, spread)
+        case "fit":
+            return 100.0 * (1.0 - float(np.sqrt(_unexplained(error, spread))))
+        case _:
+            assert_never(metric)
+
+
+def _unexplained(error: FloatArray, spread: FloatArray) -> float:
+    total = float(np.sum(spread * spread))
+    return float(np.sum(error * error)) / total if total > 0 else float("nan")

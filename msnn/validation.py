@@ -1,0 +1,183 @@
+"""Measures a trained program on data, and compares what is found with the limits of the spec."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.interpreter import Interpreter
+from compiler.program import Extent, Program
+from msnn.data.dataset import Dataset, FloatArray, IntArray
+from msnn.data.scored import rows_in_set, scored_rows
+from msnn.data.starts import Runs
+from msnn.metrics import Scores, score
+from msnn.rollout import LossSum, loss_sums, moments
+from msnn.rollout_plan import set_rollouts
+from msnn.validation_plan import CheckPlan, default_set, plan_checks
+from spec_schema.checks import Check
+from spec_schema.diagnostics import Diagnostic, Findings
+from spec_schema.source import Span
+from spec_schema.units import Unit
+
+_SIDE_BY_SIDE = 4096
+"""Rollouts that run at once; bounds the memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class MetricRow:
+    """One metric: what was measured on which rows, the value, and whether it keeps its limits."""
+
+    of: str
+    metric: str
+    """`rmse`, …, or `loss`."""
+    value: float
+    unit: Unit | None
+    elements: FloatArray
+    """The metric of each element of a vector output; shape () for a scalar."""
+    horizon: str
+    closed: tuple[str, ...]
+    data: str
+    rows: str
+    """Which rows were scored: `rows 5…1023 of 1024`, or their number in several records."""
+    scored: int
+    minimum: float | None
+    maximum: float | None
+    span: Span | None
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the value keeps its limits; None without limits. NaN keeps none."""
+        if self.minimum is None and self.maximum is None:
+            return None
+        low = self.minimum is None or self.value >= self.minimum
+        return low and (self.maximum is None or self.value <= self.maximum)
+
+
+@dataclass(frozen=True, slots=True)
+class ValidationReport:
+    """All metrics of a spec, in its order."""
+
+    rows: tuple[MetricRow, ...]
+    warnings: tuple[Diagnostic, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no limit is broken."""
+        return all(row.passed is not False for row in self.rows)
+
+
+def validate(
+    program: Program,
+    data: Dataset,
+    checks: Sequence[Check],
+    weights: Mapping[str, FloatArray] | None = None,
+) -> ValidationReport:
+    """Measures every entry of the `validate` section with the interpreter in float64.
+
+    Rollouts start a horizon apart, so that each row is scored once; a last shorter one covers the
+    rest. Raises SpecError where an entry and the data do not fit.
+    """
+    findings = Findings()
+    plans = plan_checks(program, checks, findings)
+    ready: list[tuple[CheckPlan, str, Runs]] = []
+    for plan in plans:
+        name = plan.data or default_set(data)
+        wanted_by = f"the metric of `{plan.of}`"
+        stride = None if plan.rollout.stride == plan.rollout.horizon else plan.rollout.stride
+        ahead = plan.target.ahead if plan.target is not None else 0
+        also = Extent(min(ahead, 0), max(ahead, 0))
+        runs = set_rollouts(plan.rollout, data, name, stride, wanted_by, plan.span, findings, also)
+        if runs is not None:
+            ready.append((plan, name, runs))
+    findings.raise_errors()
+    rows = tuple(_measured(plan, name, runs, data, weights) for plan, name, runs in ready)
+    return ValidationReport(rows, findings.in_order)
+
+
+def _measured(
+    plan: CheckPlan, name: str, runs: Runs, data: Dataset, weights: Mapping[str, FloatArray] | None
+) -> MetricRow:
+    judge = Interpreter(plan.rollout.program, weights)
+    if plan.metric is None or plan.target is None:
+        value, count = _loss(plan, judge, name, runs, data)
+        scores = Scores(value, np.array(value), count)
+        rows = f"{count} values"
+    else:
+        prediction, target, targets = _predictions(plan, judge, name, runs, data)
+        scores = score(plan.metric, prediction, target)
+        rows = _rows_text(data, targets)
+    horizon = plan.rollout.horizon
+    return MetricRow(
+        of=plan.of,
+        metric=plan.metric or "loss",
+        value=scores.value,
+        unit=plan.unit,
+        elements=scores.elements,
+        horizon=str(horizon),
+        closed=plan.rollout.closed,
+        data=name,
+        rows=rows,
+        scored=scores.count,
+        minimum=plan.minimum,
+        maximum=plan.maximum,
+        span=plan.span,
+    )
+
+
+def _loss(
+    plan: CheckPlan, judge: Interpreter, name: str, runs: Runs, data: Dataset
+) -> tuple[float, int]:
+    program = plan.rollout.program
+    whole = plan.rollout.horizon == "record"
+    rows = scored_rows(data, name, program) if whole else None
+    total = LossSum(0.0, 0)
+    for part in _parts(runs):
+        total += loss_sums(judge, data.series, part, plan.rollout.skip, rows)[plan.of]
+    measure = next(loss.measure for loss in program.losses if loss.name == plan.of)
+    return total.value(measure), total.count
+
+
+def _predictions(
+    plan: CheckPlan, judge: Interpreter, name: str, runs: Runs, data: Dataset
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Predictions, targets and the targets' rows, (samples, *shape) each, in order of rows."""
+    assert plan.target is not None
+    ahead = plan.target.ahead
+    member = rows_in_set(data, name, Extent(ahead, ahead))
+    whole = plan.rollout.horizon == "record"
+    found: list[FloatArray] = []
+    times: list[IntArray] = []
+    for part in _parts(runs):
+        for moment in moments(judge, data.series, part, losses=False):
+            if moment.number < plan.rollout.skip:
+                continue
+            counts = member[moment.t] if whole else np.ones(len(moment.t), dtype=np.bool_)
+            found.append(moment.values.outputs[plan.of][counts])
+            times.append(moment.t[counts])
+    t = np.concatenate(times)
+    order = np.argsort(t, kind="stable")
+    prediction, rows = np.concatenate(found)[order], t[order] + ahead
+    return prediction, data.series[plan.target.signal][rows], rows
+
+
+def _parts(runs: Runs) -> list[Runs]:
+    starts = range(0, len(runs), _SIDE_BY_SIDE)
+    return [runs.take(np.arange(s, min(s + _SIDE_BY_SIDE, len(runs)))) for s in starts]
+
+
+def _rows_text(data: Dataset, rows: IntArray) -> str:
+    """Which rows were scored, so that off-by-ones between tools are visible."""
+    if not len(rows):
+        return "no rows"
+    touched = [r for r in data.records if np.any((rows >= r.start) & (rows < r.stop))]
+    if len(touched) > 1:
+        total = sum(record.stop - record.start for record in touched)
+        return f"{len(rows)} of {total} rows in {len(touched)} records"
+    record = touched[0]
+    first, last = int(rows[0]) - record.start, int(rows[-1]) - record.start
+    total = record.stop - record.start
+    if len(rows) == last - first + 1:
+        return f"rows {first}…{last} of {total}"
+    return f"{len(rows)} of rows {first}…{last} of {total}"
