@@ -1,0 +1,179 @@
+"""Each pass: its text in tests/passes/<pass>.txt, and the same numbers before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compiler.builder import GraphBuilder
+from compiler.interpreter import Interpreter
+from compiler.ops import Constant, ReadSignal
+from compiler.passes import PASSES, run_passes
+from compiler.passes.close_loop import close_loop
+from compiler.passes.drop_unused import drop_unused
+from compiler.passes.expand_functions import expand_functions
+from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
+from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.share_common import share_common
+from compiler.passes.to_step_form import to_step_form
+from compiler.program import Graph, Output, Program, Role, Signal, extents
+from compiler.program_text import program_text
+from compiler.types import Axis, Type
+from compiler.verifier import verify
+from tests.golden import assert_golden
+from tests.pass_programs import PASS_PROGRAMS
+from tests.programs import SAMPLES
+
+ROOT = Path(__file__).parent.parent.parent
+FOLDER = ROOT / "tests" / "passes"
+
+NATIVE = frozenset({"sin", "cos", "exp", "log", "sqrt", "tanh", "abs"})
+# pass -> programs that its text shows, with what makes the input of the pass and the pass
+CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Program]]]] = {
+    "close_loop": [
+        (
+            name,
+            lambda name=name: SAMPLES[name]().program,
+            lambda program, name=name: close_loop(program, SAMPLES[name]().closed),
+        )
+        for name in ("fir_closed_loop", "preview_driver")
+    ],
+    "to_step_form": [
+        (name, lambda name=name: SAMPLES[name]().program, to_step_form)
+        for name in ("fuzzy_local_models", "preview_driver", "late_sensor")
+    ],
+    "fold_constants": [("numbers", PASS_PROGRAMS["numbers"], fold_constants)],
+    "share_common": [("twins", PASS_PROGRAMS["twins"], share_common)],
+    "drop_unused": [("leftovers", PASS_PROGRAMS["leftovers"], drop_unused)],
+    "prune_outputs": [
+        ("leftovers", PASS_PROGRAMS["leftovers"], lambda p: prune_outputs(p, ["kept"])),
+        (
+            "preview_driver",
+            lambda: SAMPLES["preview_driver"]().program,
+            lambda p: prune_outputs(p, ["command"]),
+        ),
+    ],
+    "expand_functions": [
+        ("functions", PASS_PROGRAMS["functions"], lambda p: expand_functions(p, NATIVE))
+    ],
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_text_of_the_pass(name: str, accept: bool) -> None:
+    parts: list[str] = []
+    for title, make, run in CASES[name]:
+        program = make()
+        verify(program)
+        after = run(program)
+        verify(after)
+        parts.append(f"==== {title}, before\n{program_text(program)}")
+        parts.append(f"==== {title}, after {name}\n{program_text(after)}")
+    assert_golden(FOLDER / f"{name}.txt", "\n".join(parts), accept)
+
+
+def test_every_pass_has_its_text() -> None:
+    modules = {path.stem for path in (ROOT / "compiler" / "passes").glob("[a-z]*.py")}
+    assert modules == set(CASES)
+    assert {run.__name__ for run in PASSES} <= set(CASES)
+
+
+FORMS: dict[str, Callable[[Program], Program]] = {
+    "step form": to_step_form,
+    "all passes": run_passes,
+    "step form of all passes": lambda program: to_step_form(run_passes(program)),
+    "all passes on the step form": lambda program: run_passes(to_step_form(program)),
+    "step form twice": lambda program: to_step_form(to_step_form(program)),
+}
+
+
+@pytest.mark.parametrize("closed", [False, True], ids=["open", "closed"])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", SAMPLES)
+def test_passes_keep_every_bit(name: str, form: str, closed: bool) -> None:
+    sample = SAMPLES[name]()
+    program = close_loop(sample.program, sample.closed) if closed else sample.program
+    changed = FORMS[form](program)
+    verify(changed)
+    log, starts = sample.log(100, 8), np.array([4, 30, 41])
+    for dtype in (np.float64, np.float32):
+        before = Interpreter(program, dtype=dtype).rollout(log, starts, 50)
+        after = Interpreter(changed, dtype=dtype).rollout(log, starts, 50)
+        for output, values in before.outputs.items():
+            assert np.array_equal(values, after.outputs[output]), output
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_step_form_reads_each_input_once(name: str) -> None:
+    sample = SAMPLES[name]()
+    program = to_step_form(sample.program)
+    reads = [node.op.signal for _, node in program.step if isinstance(node.op, ReadSignal)]
+    assert len(reads) == len(set(reads))
+    before, after = (extents(p.step, log=False) for p in (sample.program, program))
+    for signal, extent in after.items():
+        newest = min(before[signal].last, 0)
+        assert (extent.first, extent.last) == (newest, max(before[signal].last, newest))
+
+
+def test_step_form_is_reached_once_and_for_all() -> None:
+    for make in SAMPLES.values():
+        program = to_step_form(make().program)
+        assert to_step_form(program) == program
+
+
+def test_closing_twice_changes_nothing_more() -> None:
+    sample = SAMPLES["preview_driver"]()
+    program = close_loop(sample.program, sample.closed)
+    assert close_loop(program, sample.closed) == program
+    assert close_loop(sample.program, ()) == sample.program
+    assert program.signal("u").role is Role.TARGET
+
+
+def test_folding_keeps_what_is_not_finite_or_too_large() -> None:
+    b = GraphBuilder()
+    zero = b.constant(0.0)
+    wide = Axis("k", LARGEST_FOLDED + 1)
+    many = b.add(b.constant([1.0] * wide.size, (wide,)), b.constant(1.0))
+    inverse = b.divide(b.constant(1.0), zero)
+    outputs = (Output("many", many), Output("inverse", inverse))
+    program = Program("kept", None, (), (), (), b.graph(), Graph(), outputs)
+    folded = fold_constants(program)
+    assert not any(isinstance(folded.step[out.node].op, Constant) for out in folded.outputs)
+
+
+def test_zeros_of_both_signs_stay_apart() -> None:
+    b = GraphBuilder()
+    x = b.signal("x", 0, 0, Type())
+    outputs = tuple(
+        Output(name, b.divide(x, b.constant(zero))) for name, zero in (("p", 0.0), ("n", -0.0))
+    )
+    signals = (Signal("x", Role.INPUT),)
+    program = run_passes(Program("zeros", None, signals, (), (), b.graph(), Graph(), outputs))
+    found = Interpreter(program).step({"x": np.ones(1)}, 0, {}).outputs
+    assert (found["p"][0], found["n"][0]) == (np.inf, -np.inf)
+
+
+def test_pruning_to_an_unknown_output_is_refused() -> None:
+    with pytest.raises(KeyError, match="nothing"):
+        prune_outputs(SAMPLES["late_sensor"]().program, ["nothing"])
+
+
+def test_expansion_without_a_definition_is_refused() -> None:
+    with pytest.raises(ValueError, match="`exp` has no definition"):
+        expand_functions(SAMPLES["late_sensor"]().program, frozenset())
+
+
+def test_long_chains_need_no_deep_stack() -> None:
+    b = GraphBuilder()
+    value = b.signal("x", -1, -1, Type())
+    for _ in range(10_000):
+        value = b.add(value, b.constant(1.0))
+    outputs = (Output("y", value, None),)
+    signals = (Signal("x", Role.INPUT),)
+    program = Program("chain", None, signals, (), (), b.graph(), Graph(), outputs)
+    program = to_step_form(close_loop(run_passes(program), ()))
+    found = Interpreter(program).step({"x": np.zeros(2)}, 1, {})
+    assert found.outputs["y"][0] == 10_000

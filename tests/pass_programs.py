@@ -1,0 +1,119 @@
+"""Programs made to show what one pass does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from compiler.builder import GraphBuilder
+from compiler.ops import Add, Multiply, Relation
+from compiler.program import (
+    Declared,
+    Graph,
+    Loss,
+    Measure,
+    Node,
+    Output,
+    Parameter,
+    Prediction,
+    Program,
+    Role,
+    Signal,
+    State,
+)
+from compiler.types import Axis, Type
+from spec_schema.source import Span
+from spec_schema.unit_parser import parse_unit
+
+METRE = parse_unit("m")
+
+
+def numbers() -> Program:
+    """Constants in chains, in a vector, behind a choice, repeated, and one that is not finite."""
+    b = GraphBuilder()
+    k = Axis("k", 3)
+    x = b.signal("x", 0, 0, Type())
+    root = b.apply("sqrt", b.multiply(b.constant(2.0), b.constant(4.5)))
+    spread = b.multiply(b.constant((1.0, 2.0, 3.0), (k,)), root)
+    repeated = b.broadcast(b.constant(7.0), (k,))
+    chosen = b.select(b.compare(Relation.LESS, b.constant(1.0), root), x, b.negate(x))
+    infinite = b.divide(b.constant(1.0), b.constant(0.0))
+    outputs = (
+        Output("scaled", b.multiply(b.broadcast(x, (k,)), spread)),
+        Output("shifted", b.add(b.broadcast(x, (k,)), repeated)),
+        Output("chosen", chosen),
+        Output("limited", b.minimum(x, infinite)),
+    )
+    signals = (Signal("x", Role.INPUT),)
+    return Program("numbers", None, signals, (), (), b.graph(), Graph(), outputs)
+
+
+def twins() -> Program:
+    """The same product three times, written as a pass might leave it."""
+    read = GraphBuilder()
+    x = read.signal("x", 0, 0, Type((), METRE))
+    square = Type((), METRE * METRE)
+
+    def at(line: int) -> Span:
+        return Span("twins.msnn.yaml", line, 1, line, 8)
+
+    nodes = (
+        read.node(x),
+        Node(Multiply(), (x, x), square, at(4), "area"),
+        Node(Multiply(), (x, x), square, at(7), "other_area"),
+        Node(Add(), (1, 2), square, at(8)),
+        Node(Multiply(), (x, x), square),
+        Node(Add(), (3, 4), square, at(9), "sum"),
+    )
+    signals = (Signal("x", Role.INPUT, (), METRE),)
+    outputs = (Output("sum", 5), Output("area", 2))
+    return Program("twins", None, signals, (), (), Graph(nodes), Graph(), outputs)
+
+
+def leftovers() -> Program:
+    """A state, a parameter, an input and nodes that no output needs; a target that a loss needs."""
+    b, starts = GraphBuilder(), GraphBuilder()
+    x, idle = b.signal("x", 0, 0, Type()), b.signal("idle", 0, 0, Type())
+    gain, spare = b.parameter("gain", Type()), b.parameter("spare", Type())
+    count, forgotten = b.state("count", Type()), b.state("forgotten", Type())
+    unread = b.multiply(forgotten, b.add(idle, spare))
+    kept = b.multiply(gain, b.add(x, count))
+    scored = b.apply("abs", b.subtract(kept, x))
+    target = b.log("y", 0, 0, Type())
+    zero, begun = starts.constant(0.0), starts.parameter("spare", Type())
+    return Program(
+        name="leftovers",
+        sample_time=1.0,
+        signals=(
+            Signal("x", Role.INPUT),
+            Signal("idle", Role.INPUT),
+            Signal("y", Role.TARGET),
+        ),
+        parameters=(Parameter("gain"), Parameter("spare")),
+        states=(
+            State("count", (), None, Declared(), b.add(count, b.constant(1.0)), zero),
+            State("forgotten", (), None, Declared(), unread, begun),
+        ),
+        step=b.graph(),
+        start=starts.graph(),
+        outputs=(Output("kept", kept, Prediction("y", 0)), Output("scored", scored)),
+        losses=(Loss("kept", Measure.MSE, kept, target),),
+    )
+
+
+def functions() -> Program:
+    """A tangent, and a hyperbolic sine whose definition needs another definition."""
+    b = GraphBuilder()
+    x = b.signal("x", 0, 0, Type())
+    tangent, sine = b.apply("tan", x), b.apply("sinh", x)
+    b.name(tangent, "slope")
+    outputs = (Output("tangent", tangent), Output("sine", sine))
+    signals = (Signal("x", Role.INPUT),)
+    return Program("functions", None, signals, (), (), b.graph(), Graph(), outputs)
+
+
+PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
+    "numbers": numbers,
+    "twins": twins,
+    "leftovers": leftovers,
+    "functions": functions,
+}
