@@ -113,7 +113,7 @@ def _state(state: State) -> str:
         case History(source):
             origin = f", history of {source}"
         case Tape(signal, ahead):
-            origin = f", tape of {signal} up to t{ahead - 1:+d}"
+            origin = f", tape of {signal} up to {_moment(ahead - 1)}"
         case _:
             assert_never(state.origin)
     bounds = f" in {_bounds(*state.range)}" if state.range else ""
