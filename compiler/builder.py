@@ -1,4 +1,4 @@
-"""Builds a graph one typed node at a time; equal nodes are made once, operands are aligned by name."""
+"""Builds a graph of typed nodes: equal ones are made once, operands are aligned by name."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ from spec_schema.units import Unit
 
 
 class GraphBuilder:
-    """Grows a `Graph`. Methods take and return node ids; AxisConflict is raised where axes differ."""
+    """Grows a `Graph`. Methods take and return node ids and raise AxisConflict."""
 
     def __init__(self, graph: Graph | None = None) -> None:
         self._nodes: list[Node] = list(graph.nodes) if graph else []
@@ -175,7 +175,8 @@ class GraphBuilder:
         unit = self._ruled_sum("where", then, otherwise)
         then, otherwise, _ = self.aligned(then, otherwise)
         condition, then, axes = self.aligned(condition, then)
-        otherwise = self.broadcast(otherwise, axes)
+        # where the condition's window renamed an axis, this one has it too
+        _, otherwise, _ = self.aligned(then, otherwise)
         return self.emit(Select(), (condition, then, otherwise), Type(axes, unit))
 
     def clamp(self, value: NodeId, low: NodeId, high: NodeId) -> NodeId:
@@ -183,7 +184,7 @@ class GraphBuilder:
         self._ruled_sum("clip", value, high)
         value, low, _ = self.aligned(value, low)
         value, high, axes = self.aligned(value, high)
-        low = self.broadcast(low, axes)
+        _, low, _ = self.aligned(value, low)  # it has an axis that the window of high renamed
         return self.emit(Clamp(), (value, low, high), Type(axes, unit))
 
     def apply(self, function: str, *args: NodeId) -> NodeId:
