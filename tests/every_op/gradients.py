@@ -120,7 +120,9 @@ def by_torch(p: Problem) -> Variables:
     }
     if not total.requires_grad:
         return {key: np.zeros(value.shape) for key, value in p.variables.items()}
-    slopes = torch.autograd.grad(total, list(variables.values()), allow_unused=True, materialize_grads=True)
+    slopes = torch.autograd.grad(
+        total, list(variables.values()), allow_unused=True, materialize_grads=True
+    )
     return {key: slope.numpy() for key, slope in zip(variables, slopes, strict=True)}
 
 
