@@ -1,0 +1,219 @@
+"""The part of C that generated code uses, as a tree that the emitter builds for the printer.
+
+Real numbers have no size here: the printer gives every literal and declaration the type of the
+program (`float` or `double`), so that the two are never mixed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class CType(Enum):
+    """Type of a scalar or of the elements of an array; REAL is the program's own."""
+
+    REAL = "real"
+    BOOL = "bool"
+    UNSIGNED = "uint32_t"
+    STATUS = "status"
+
+
+# ---- expressions
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A variable, parameter or macro."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Real:
+    """A literal of the program's real type, rounded to it; ±inf and NaN are allowed."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Unsigned:
+    """A literal like `5U`."""
+
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """`true` or `false`."""
+
+    value: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """`pointer->field`, or `value.field` of a struct that is no pointer."""
+
+    base: str
+    field: str
+    pointer: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """`array[index]`."""
+
+    array: Expression
+    index: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Unary:
+    """`-x`, `!x`, `&x` or `*x`."""
+
+    operator: str
+    operand: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Binary:
+    """`left operator right`; operands that are themselves binary are printed in parentheses."""
+
+    operator: str
+    left: Expression
+    right: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Conditional:
+    """`condition ? then : otherwise`."""
+
+    condition: Expression
+    then: Expression
+    otherwise: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """`function(arguments)`."""
+
+    function: str
+    arguments: tuple[Expression, ...]
+
+
+Expression = Name | Real | Unsigned | Truth | Member | Element | Unary | Binary | Conditional | Call
+
+
+# ---- statements
+
+
+@dataclass(frozen=True, slots=True)
+class Declare:
+    """A local scalar (`size` None) with its value, or an array without one."""
+
+    type: CType
+    name: str
+    value: Expression | None = None
+    size: int | None = None
+    constant: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A constant array, local to its function: REAL or UNSIGNED."""
+
+    name: str
+    values: tuple[float, ...]
+    type: CType = CType.REAL
+    hexadecimal: bool = False
+    """Data that nobody reads is written without rounding to decimals."""
+
+
+@dataclass(frozen=True, slots=True)
+class Assign:
+    """`target = value;`."""
+
+    target: Expression
+    value: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class SetBits:
+    """`target |= bits;`."""
+
+    target: Expression
+    bits: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluate:
+    """An expression whose value is not used."""
+
+    value: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Discard:
+    """`(void)name;` for a parameter that this function does not need."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """`for (variable = start; variable < stop; variable++)`, all of uint32_t."""
+
+    variable: str
+    start: int
+    stop: int
+    body: tuple[Statement, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class If:
+    """A choice between blocks; a lone `If` as the other block is printed as `else if`."""
+
+    condition: Expression
+    then: tuple[Statement, ...]
+    otherwise: tuple[Statement, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """`return value;`."""
+
+    value: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Comment:
+    """One comment line; any text is safe."""
+
+    text: str
+
+
+Statement = Declare | Table | Assign | SetBits | Evaluate | Discard | Loop | If | Return | Comment
+
+
+# ---- declarations
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """A parameter of a function, its type written out: `const veh_in_t *`."""
+
+    type: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """A function definition; `result` is its return type written out."""
+
+    name: str
+    result: str
+    arguments: tuple[Argument, ...]
+    body: tuple[Statement, ...]
+    doc: str = ""
+    static: bool = False
+    inline: bool = False

@@ -1,0 +1,48 @@
+"""Writes numbers as C literals that read back as exactly the same bits."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+Dtype = Literal["float32", "float64"]
+
+
+def real_literal(value: float, dtype: Dtype) -> str:
+    """The shortest decimal literal that gives `value` rounded to dtype: `0.1f`, `-2.0`."""
+    rounded = np.dtype(dtype).type(value)
+    special = _special(float(rounded), dtype)
+    if special:
+        return special
+    text = str(rounded)
+    if not any(mark in text for mark in ".e"):
+        text += ".0"
+    return text + _suffix(dtype)
+
+
+def hex_literal(value: float, dtype: Dtype) -> str:
+    """The bits of `value` rounded to dtype as a hexadecimal literal: `0x1.99999ap-4f`."""
+    rounded = float(np.dtype(dtype).type(value))
+    special = _special(rounded, dtype)
+    if special:
+        return special
+    mantissa, exponent = rounded.hex().split("p")
+    if "." in mantissa:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return f"{mantissa}p{exponent}{_suffix(dtype)}"
+
+
+def _special(value: float, dtype: Dtype) -> str | None:
+    # the macros are floats: a double program converts them in the open
+    cast = "" if dtype == "float32" else "(double)"
+    if math.isnan(value):
+        return f"{cast}NAN"
+    if math.isinf(value):
+        return f"{'-' if value < 0 else ''}{cast}INFINITY"
+    return None
+
+
+def _suffix(dtype: Dtype) -> str:
+    return "f" if dtype == "float32" else ""

@@ -1,0 +1,140 @@
+"""Calls a generated model from numpy: its state struct and the functions of its built library."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[Any]
+
+
+class CStep:
+    """One instance of a model.
+
+    `folder` is what `write_c` wrote, `library` what `build_library` made of it. Values go by their
+    names in the spec, in the shape of the port. ValueError for a missing or unknown name or a wrong
+    shape.
+    """
+
+    def __init__(self, folder: Path, library: Path) -> None:
+        layout = _layout(folder)
+        self._prefix: str = layout["prefix"]
+        self.dtype = np.dtype(layout["dtype"])
+        self.status_bits: dict[str, int] = layout["status"]
+        """Bits of step and self-test by the names of their macros."""
+        self._structs = {
+            name: _Struct(fields, self.dtype) for name, fields in layout["structs"].items()
+        }
+        self._library = ctypes.CDLL(str(library))
+        self._state = self._structs["state"].new(1)
+        self._parameters = self._default_parameters() if layout["takes_parameters"] else None
+
+    def init(self) -> None:
+        """Sets the states that need no data."""
+        self._function("init")(*self._instance())
+
+    def reset(self, windows: Mapping[str, ArrayLike]) -> None:
+        """Sets all states, from samples around the first step."""
+        start = self._structs["init"].filled(windows, 1)
+        self._function("reset")(*self._instance(), start.ctypes.data)
+
+    def step(self, inputs: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
+        """Outputs and status bits of one step."""
+        series = {name: np.asarray(value)[np.newaxis] for name, value in inputs.items()}
+        outputs, status = self.run(series, 1)
+        return {name: values[0] for name, values in outputs.items()}, int(status[0])
+
+    def run(
+        self, inputs: Mapping[str, ArrayLike], steps: int
+    ) -> tuple[dict[str, Array], NDArray[np.uint32]]:
+        """Outputs (steps, *shape) and status (steps,) for inputs (steps, *shape)."""
+        given = self._structs["in"].filled(inputs, steps)
+        outputs = self._structs["out"].new(steps)
+        status = np.zeros(steps, np.uint32)
+        step = self._function("step", ctypes.c_uint32)
+        instance = self._instance()
+        for k in range(steps):
+            to = given.ctypes.data + k * given.itemsize
+            status[k] = step(*instance, to, outputs.ctypes.data + k * outputs.itemsize)
+        return self._structs["out"].values(outputs), status
+
+    def tune(self, parameters: Mapping[str, ArrayLike]) -> None:
+        """Changes parameters of this instance alone."""
+        if self._parameters is None:
+            raise ValueError("the parameters of this code are written into it")
+        struct = self._structs["params"]
+        current = {name: values[0] for name, values in struct.values(self._parameters).items()}
+        self._parameters = struct.filled(current | dict(parameters), 1)
+
+    def memory(self) -> dict[str, Array]:
+        """Fields of the state struct by the names of the states, as they lie in memory."""
+        return {k: v[0] for k, v in self._structs["state"].values(self._state).items()}
+
+    def selftest(self) -> int:
+        """Bits of the self-test; 0 if all is well."""
+        return int(self._function("selftest", ctypes.c_uint32)())
+
+    def _default_parameters(self) -> Array:
+        struct = self._structs["params"]
+        first = ctypes.c_char.in_dll(self._library, f"{self._prefix}_params_default")
+        text = ctypes.string_at(ctypes.addressof(first), struct.dtype.itemsize)
+        return np.frombuffer(text, struct.dtype)
+
+    def _instance(self) -> tuple[int, ...]:
+        state = self._state.ctypes.data
+        return (state,) if self._parameters is None else (state, self._parameters.ctypes.data)
+
+    def _function(self, name: str, result: Any = None) -> Any:
+        function = getattr(self._library, f"{self._prefix}_{name}")
+        function.restype = result
+
+        def call(*addresses: int) -> Any:
+            return function(*map(ctypes.c_void_p, addresses))
+
+        return call
+
+
+class _Struct:
+    """A struct of the header as a numpy type; `align` places fields as C compilers do."""
+
+    def __init__(self, fields: list[dict[str, Any]], real: np.dtype[Any]) -> None:
+        kinds = {"real": real, "uint32": np.dtype(np.uint32)}
+        members = [(f["field"], kinds[f["type"]], tuple(f["shape"])) for f in fields]
+        self.dtype = np.dtype(members, align=True)
+        self._fields = {f["name"]: f for f in fields if f["name"]}
+
+    def new(self, count: int) -> Array:
+        return np.zeros(count, self.dtype)
+
+    def filled(self, values: Mapping[str, ArrayLike], count: int) -> Array:
+        """Structs with the values; a single one takes them without the axis of the series."""
+        if values.keys() != self._fields.keys():
+            expected, given = sorted(self._fields), sorted(values)
+            raise ValueError(f"values wanted for {expected}, given for {given}")
+        structs = self.new(count)
+        for name, value in values.items():
+            target = structs[self._fields[name]["field"]]
+            array = np.asarray(value)
+            shape = target.shape if array.ndim == target.ndim else target.shape[1:]
+            if array.shape != shape or (shape != target.shape and count != 1):
+                raise ValueError(f"`{name}` has shape {array.shape}, not {target.shape}")
+            target[...] = array
+        return structs
+
+    def values(self, structs: Array) -> dict[str, Array]:
+        """The fields that the spec names, (count, *shape)."""
+        return {name: structs[field["field"]].copy() for name, field in self._fields.items()}
+
+
+def _layout(folder: Path) -> dict[str, Any]:
+    """What the folder's one JSON file says about its structs."""
+    files = sorted(folder.glob("*.json"))
+    if len(files) != 1:
+        raise ValueError(f"{folder} holds {len(files)} JSON files, not the one about its C")
+    return json.loads(files[0].read_text(encoding="utf-8"))["c"]

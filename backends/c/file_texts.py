@@ -1,0 +1,110 @@
+"""The text of every file of a generated folder, from one program in step form."""
+
+from __future__ import annotations
+
+from backends.c.c_comments import comment_text
+from backends.c.c_language import Function
+from backends.c.c_literals import real_literal
+from backends.c.c_printer import Printer
+from backends.c.function_writer import Model, Weights
+from backends.c.functions import FunctionNames, FunctionTable
+from backends.c.header_text import about_text, header_text
+from backends.c.input_policy import policy_functions
+from backends.c.interface import Field, Interface
+from backends.c.layout_metadata import layout_metadata
+from backends.c.rendering import render
+from backends.c.selftest_text import SELFTEST_STEPS, selftest_text, test_texts
+from backends.c.start_functions import init_function, reset_function
+from backends.c.step_function import step_function
+from backends.interface_metadata import metadata_text
+from compiler.kernels import c_sources
+from compiler.program import Program
+
+
+def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
+    """Texts by path in the folder, the same bytes for the same program, weights and options."""
+    prefix, options = interface.prefix, interface.options
+    table = FunctionTable(FunctionNames(prefix, options.dtype, options.math))
+    model = Model(interface, weights, table)
+    functions = {
+        "init": init_function(program, model),
+        "reset": reset_function(program, model),
+        "step": step_function(program, model),
+    }
+    files = {
+        f"include/{prefix}.h": header_text(
+            program,
+            interface,
+            functions,
+            selftest_steps=SELFTEST_STEPS,
+            kernels=bool(table.kernels),
+        ),
+        f"src/{prefix}_about.c": about_text(program, interface),
+        f"src/{prefix}.c": _source(interface, table, list(functions.values())),
+        f"src/{prefix}_selftest.c": selftest_text(program, interface, weights, table.kernels),
+        **test_texts(program, interface, weights),
+    }
+    if interface.takes_parameters:
+        files[f"src/{prefix}_params.c"] = _parameters(interface, weights)
+    if table.kernels:
+        real = "float" if options.dtype == "float32" else "double"
+        kernels = c_sources(table.kernels, real, prefix)
+        files[f"src/{kernels.header_name}"] = kernels.header
+        files[f"src/{kernels.source_name}"] = kernels.source
+    sources = sorted(name for name in files if name.startswith("src/") and name.endswith(".c"))
+    files["CMakeLists.txt"] = render("CMakeLists.txt.j2", interface, "", sources=sources)
+    files["README.md"] = _readme(interface, files)
+    files[f"{prefix}.json"] = metadata_text(layout_metadata(program, interface, weights))
+    return dict(sorted(files.items()))
+
+
+def _source(interface: Interface, table: FunctionTable, functions: list[Function]) -> str:
+    printer = Printer(interface.prefix, interface.options.dtype)
+    checks = policy_functions(interface.inputs, interface.prefix)
+    all_functions = [*table.definitions(), *checks, *functions]
+    return render(
+        "source.c.j2",
+        interface,
+        "Step, init and reset",
+        kernels=bool(table.kernels),
+        functions=[printer.function(function) for function in all_functions],
+    )
+
+
+def _parameters(interface: Interface, weights: Weights) -> str:
+    dtype = interface.options.dtype
+    printer = Printer(interface.prefix, dtype)
+    fields: list[dict[str, str]] = []
+    for field in interface.parameters:
+        numbers = [real_literal(float(value), dtype) for value in weights[field.name].ravel()]
+        value = printer.braced(numbers, "    ") if field.shape else numbers[0]
+        fields.append({"name": comment_text(field.name), "value": value})
+    return render("params.c.j2", interface, "Trained values", fields=fields)
+
+
+def _readme(interface: Interface, files: dict[str, str]) -> str:
+    dtype = interface.options.dtype
+    zero = real_literal(0.0, dtype)
+    return render(
+        "README.md.j2",
+        interface,
+        "",
+        dtype=dtype,
+        exact=dtype == "float32" and interface.options.math == "own",
+        sources=sorted(name for name in files if name.startswith("src/") and name.endswith(".c")),
+        assignments=[_assignment(input.field, zero) for input in interface.inputs],
+        outputs=[_shown(field) for field in interface.outputs],
+        takes_parameters=interface.takes_parameters,
+        waits_for_reset=bool(interface.from_record),
+    )
+
+
+def _assignment(field: Field, zero: str) -> str:
+    unit = f" /* {comment_text(field.unit.text)} */" if field.unit is not None else ""
+    if not field.shape:
+        return f"u.{field.identifier} = {zero};{unit}"
+    return f"for (int i = 0; i < {field.size}; i++) u.{field.identifier}[i] = {zero};{unit}"
+
+
+def _shown(field: Field) -> str:
+    return f"y.{field.identifier}[0]" if field.shape else f"y.{field.identifier}"

@@ -1,0 +1,109 @@
+"""Makes golden vectors: drawn inputs, and what the interpreter answers in the same arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.drawn_inputs import drawn_log, drawn_series
+from backends.c.interface import Interface
+from backends.c.policy_reference import apply_policy, first_held
+from backends.c.state_memory import PlainState
+from backends.c.status import Status
+from compiler.interpreter import Interpreter
+from compiler.program import Program
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenVectors:
+    """Values by name in the spec, in the type of the generated code; series are (steps, *shape)."""
+
+    windows: dict[str, Array]
+    """Raw samples that `reset` takes."""
+    supplied: dict[str, Array]
+    """States that `reset` takes."""
+    inputs: dict[str, Array]
+    """As given to the step, invalid ones among them."""
+    outputs: dict[str, Array]
+    status: NDArray[np.uint32]
+
+
+def golden_vectors(
+    program: Program,
+    interface: Interface,
+    weights: Mapping[str, Array],
+    steps: int,
+    seed: int = 0,
+) -> GoldenVectors:
+    """`steps` steps from a drawn past, each from the states that the one before left.
+
+    The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
+    """
+    dtype = interface.options.dtype
+    random = np.random.Generator(np.random.Philox(seed))
+    drawn, t0 = drawn_log(program, random)
+    log = {name: series.astype(dtype) for name, series in drawn.items()}
+    inputs = {
+        input.field.name: drawn_series(input, steps, random).astype(dtype)
+        for input in interface.inputs
+    }
+    interpreter = Interpreter(replace(program, losses=()), weights, dtype)
+    states = interpreter.start(log, t0)
+    starts = {state.name: states[state.name][0] for _, state in interface.supplied}
+    outputs = {f.name: np.empty((steps, *f.shape), dtype) for f in interface.outputs}
+    status = np.zeros(steps, np.uint32)
+    seen = {
+        input.field.name: first_held(input.port.signal, input.field.shape, dtype)
+        for input in interface.inputs
+    }
+    for k in range(steps):
+        bits = Status(0)
+        for input in interface.inputs:
+            name = input.field.name
+            checked = apply_policy(input.port.signal, inputs[name][k], seen[name], dtype)
+            seen[name], bits = checked[0], bits | checked[1]
+        result = interpreter.step(*_log_of_step(interface, seen), states, losses=False)
+        states = result.next_states
+        for name, values in outputs.items():
+            values[k] = result.outputs[name][0]
+        status[k] = bits | _state_bits(interface, states)
+    windows = {
+        field.name: _samples(log[field.name][t0 + port.first : t0 + port.last + 1], field.shape)
+        for field, port in interface.windows
+    }
+    return GoldenVectors(windows, starts, inputs, outputs, status)
+
+
+def _samples(rows: Array, shape: tuple[int, ...]) -> Array:
+    """Rows of a log with time as their last axis."""
+    return np.moveaxis(rows, 0, -1).reshape(shape)
+
+
+def _log_of_step(interface: Interface, seen: Mapping[str, Array]) -> tuple[dict[str, Array], int]:
+    """A log, and the row in it that sees exactly the samples of one step."""
+    ports = {input.field.name: input.port for input in interface.inputs}
+    row = max([0, *(-port.first for port in ports.values())])
+    rows = row + 1 + max([0, *(port.last for port in ports.values())])
+    log: dict[str, Array] = {}
+    for name, port in ports.items():
+        values = seen[name]
+        samples = values[np.newaxis] if port.type.window is None else np.moveaxis(values, -1, 0)
+        log[name] = np.zeros((rows, *samples.shape[1:]), values.dtype)
+        log[name][row + port.first : row + port.last + 1] = samples
+    return log, row
+
+
+def _state_bits(interface: Interface, states: Mapping[str, Array]) -> Status:
+    for memory in interface.states:
+        if isinstance(memory, PlainState) and memory.state.range is not None:
+            values = states[memory.state.name]
+            low, high = (values.dtype.type(limit) for limit in memory.state.range)
+            if not bool(np.all((values >= low) & (values <= high))):
+                return Status.STATE_OUT_OF_RANGE
+    return Status(0)

@@ -1,0 +1,87 @@
+"""The public header: types with units, ranges and places in the spec, and the prototypes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from backends.c.c_comments import string_literal, string_size
+from backends.c.c_language import Function
+from backends.c.c_layout import comment
+from backends.c.c_literals import real_literal
+from backends.c.c_printer import Printer
+from backends.c.interface import Interface
+from backends.c.rendering import render
+from backends.c.status import MEANING, SelfTest, Status, status_macro
+from backends.c.status_bits import selftest_bits, step_bits
+from backends.c.structs import Struct, StructField, structs
+from backends.interface_metadata import product_version
+from compiler.program import Program
+
+
+def header_text(
+    program: Program,
+    interface: Interface,
+    functions: Mapping[str, Function],
+    *,
+    selftest_steps: int,
+    kernels: bool,
+) -> str:
+    """`include/<prefix>.h`; `functions` are step, init and reset by name."""
+    printer = Printer(interface.prefix, interface.options.dtype)
+    return render(
+        "header.h.j2",
+        interface,
+        "Interface",
+        doc=comment(program.doc) if program.doc else "",
+        guard=f"{interface.prefix.upper()}_H",
+        made_by=_text(f"msnn {product_version()}"),
+        spec_sha256=_text(program.spec_hash),
+        sample_time=program.sample_time and real_literal(program.sample_time, "float64"),
+        c_real="float" if interface.options.dtype == "float32" else "double",
+        status=[_bit(interface, bit) for bit in step_bits(interface)],
+        selftest=[_bit(interface, bit) for bit in selftest_bits(has_kernels=kernels)],
+        structs=[_struct(struct, printer) for struct in structs(interface)],
+        takes_parameters=interface.takes_parameters,
+        prototypes={name: printer.prototype(function) for name, function in functions.items()},
+        selftest_steps=selftest_steps,
+    )
+
+
+def about_text(program: Program, interface: Interface) -> str:
+    """`src/<prefix>_about.c`: where the code comes from, readable in the finished image."""
+    sample_time = program.sample_time
+    return render(
+        "about.c.j2",
+        interface,
+        "Origin",
+        made_by=_text(f"msnn {product_version()}"),
+        spec_sha256=_text(program.spec_hash),
+        sample_time=sample_time and real_literal(sample_time, interface.options.dtype),
+    )
+
+
+def _text(text: str) -> dict[str, object]:
+    literal = string_literal(text)
+    return {"literal": literal, "size": string_size(text)}
+
+
+def _bit(interface: Interface, bit: Status | SelfTest) -> dict[str, str]:
+    macro, value = status_macro(interface.prefix, bit), f"{int(bit)}U"
+    return {"comment": comment(MEANING[bit]), "definition": f"#define {macro} {value}"}
+
+
+def _struct(struct: Struct, printer: Printer) -> dict[str, object]:
+    fields = [
+        {
+            "comment": comment(field.comment, "    ") if field.comment else "",
+            "declaration": _declaration(field, printer),
+        }
+        for field in struct.fields
+    ]
+    return {"name": struct.name, "comment": comment(struct.comment), "fields": fields}
+
+
+def _declaration(field: StructField, printer: Printer) -> str:
+    type = "uint32_t" if field.unsigned else printer.real
+    size = f"[{field.size}]" if field.shape else ""
+    return f"{type} {field.identifier}{size};"

@@ -1,0 +1,85 @@
+"""Builds generated C with a compiler of this machine and calls it from numpy."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+_COMPILERS = ("gcc", "clang", "cc")
+
+
+class CompilerMissingError(Exception):
+    """This machine has no C compiler that is known here."""
+
+    def __init__(self) -> None:
+        super().__init__("no C compiler found: set CC, or install gcc or clang")
+
+
+class CompilerFailedError(Exception):
+    """The compiler rejected the sources; `output` is what it wrote."""
+
+    def __init__(self, command: Sequence[str], output: str) -> None:
+        super().__init__(f"{shlex.join(command)}\n{output}")
+        self.output = output
+
+
+def find_compiler() -> tuple[str, ...]:
+    """The command of a C compiler: the words of `CC`, else gcc, clang or cc.
+
+    Raises CompilerMissingError.
+    """
+    chosen = shlex.split(os.environ.get("CC", ""))
+    if chosen:
+        if shutil.which(chosen[0]) is None:
+            raise CompilerMissingError
+        return tuple(chosen)
+    for name in _COMPILERS:
+        found = shutil.which(name)
+        if found is not None:
+            return (found,)
+    raise CompilerMissingError
+
+
+def build_library(
+    folder: Path,
+    library: Path,
+    compiler: Sequence[str] | None = None,
+    flags: Sequence[str] = ("-O2",),
+) -> Path:
+    """Compiles the sources of a folder that `write_c` wrote into a shared library; its path.
+
+    Raises CompilerMissingError and CompilerFailedError.
+    """
+    sources = sorted(str(path) for path in (folder / "src").glob("*.c"))
+    return _compile(
+        [*(compiler or find_compiler()), "-std=c99", *flags, "-ffp-contract=off", "-fPIC"],
+        ["-shared", f"-I{folder / 'include'}", *sources],
+        library,
+    )
+
+
+def build_test(
+    folder: Path,
+    program: Path,
+    compiler: Sequence[str] | None = None,
+    flags: Sequence[str] = ("-O2",),
+) -> Path:
+    """Compiles sources and test program of a folder into an executable; its path."""
+    sources = sorted(str(path) for part in ("src", "test") for path in (folder / part).glob("*.c"))
+    return _compile(
+        [*(compiler or find_compiler()), "-std=c99", *flags, "-ffp-contract=off"],
+        [f"-I{folder / 'include'}", *sources],
+        program,
+    )
+
+
+def _compile(head: Sequence[str], arguments: Sequence[str], result: Path) -> Path:
+    command = [*head, *arguments, "-o", str(result), "-lm"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise CompilerFailedError(command, done.stderr + done.stdout)
+    return result

@@ -1,0 +1,155 @@
+"""What a step does about inputs outside their range, in C."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from typing import assert_never
+
+import numpy as np
+
+from backends.c.c_language import (
+    Argument,
+    Assign,
+    Binary,
+    Call,
+    CType,
+    Declare,
+    Evaluate,
+    Expression,
+    Function,
+    If,
+    Name,
+    Real,
+    Return,
+    SetBits,
+    Statement,
+    Unary,
+)
+from backends.c.c_literals import Dtype
+from backends.c.interface import InputField
+from backends.c.places import Index, Place
+from backends.c.scope import Scope
+from backends.c.state_memory import member_place
+from backends.c.status import Status, status_macro
+from backends.c.values import copy_value
+from compiler.program import InvalidPolicy, Signal
+
+_FUNCTIONS: dict[InvalidPolicy, str] = {"flag": "flagged", "clamp": "clamped", "hold": "held"}
+
+
+def limits(signal: Signal, dtype: Dtype) -> tuple[float, float]:
+    """What is valid: the range of the spec, or every finite number."""
+    if signal.range is not None:
+        return signal.range
+    largest = float(np.finfo(np.float32).max) if dtype == "float32" else sys.float_info.max
+    return -largest, largest
+
+
+def checked_input(input: InputField, prefix: str, dtype: Dtype, scope: Scope, unroll: int) -> Place:
+    """Writes the checks of one input; returns where the step finds its values."""
+    given, signal = input.field.place("u"), input.port.signal
+    low, high = (Real(limit) for limit in limits(signal, dtype))
+
+    def check(indices: tuple[Index, ...], *previous: Expression) -> Expression:
+        function = f"{prefix}_{_FUNCTIONS[signal.on_invalid]}"
+        status = Unary("&", Name("status"))
+        return Call(function, (given.element(indices), low, high, *previous, status))
+
+    match signal.on_invalid:
+        case "trust":
+            return given
+        case "flag":
+            scope.each(given.shape, unroll, lambda at, inner: inner.add(Evaluate(check(at))))
+            return given
+        case "clamp":
+            return _filled(input, scope, unroll, check)
+        case "hold":
+            assert input.held is not None
+            held = member_place("s", input.held, input.field.shape)
+            valid = _filled(input, scope, unroll, lambda at: check(at, held.element(at)))
+            copy_value(valid, held, scope, unroll)
+            return valid
+        case _:
+            assert_never(signal.on_invalid)
+
+
+def _filled(
+    input: InputField,
+    scope: Scope,
+    unroll: int,
+    value: Callable[[tuple[Index, ...]], Expression],
+) -> Place:
+    """A local with the corrected values of an input."""
+    field = input.field
+    if not field.shape:
+        return Place.single(scope.constant(field.identifier, value(())))
+    place = Place.array(scope.array(field.identifier, field.size), field.shape)
+    scope.each(field.shape, unroll, lambda at, inner: inner.assign(place.element(at), value(at)))
+    return place
+
+
+def policy_functions(inputs: Iterable[InputField], prefix: str) -> tuple[Function, ...]:
+    """Definitions of the checks that these inputs need."""
+    used = {input.port.signal.on_invalid for input in inputs}
+    return tuple(make(prefix) for policy, make in _DEFINITIONS.items() if policy in used)
+
+
+_X, _LOW, _HIGH, _RESULT = Name("x"), Name("low"), Name("high"), Name("result")
+_BELOW, _ABOVE = Binary("<", _X, _LOW), Binary(">", _X, _HIGH)
+# false for NaN, as every comparison with it is
+_VALID = Binary("&&", Binary(">=", _X, _LOW), Binary("<=", _X, _HIGH))
+
+
+def _bit(prefix: str, bit: Status) -> Statement:
+    return SetBits(Unary("*", Name("status")), Name(status_macro(prefix, bit)))
+
+
+def _flagged(prefix: str) -> Function:
+    outside = _bit(prefix, Status.OUT_OF_RANGE)
+    unordered = _bit(prefix, Status.NOT_A_NUMBER)
+    choice = If(Binary("||", _BELOW, _ABOVE), (outside,), (unordered,))
+    doc = "Reports a value outside low .. high and leaves it as it is."
+    return _check(prefix, "flag", (If(Unary("!", _VALID), (choice,)),), doc)
+
+
+def _clamped(prefix: str) -> Function:
+    bit, unordered = _bit(prefix, Status.CLAMPED), _bit(prefix, Status.NOT_A_NUMBER)
+    to_low, to_high = Assign(_RESULT, _LOW), Assign(_RESULT, _HIGH)
+    nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), (to_low, unordered)),))
+    doc = "The value moved into low .. high; NaN becomes low."
+    body = (*_given(), If(Unary("!", _VALID), (bit, nearest)), Return(_RESULT))
+    return _check(prefix, "clamp", body, doc)
+
+
+def _held(prefix: str) -> Function:
+    bit, unordered = _bit(prefix, Status.HELD), _bit(prefix, Status.NOT_A_NUMBER)
+    unordered_only = If(Unary("!", Binary("||", _BELOW, _ABOVE)), (unordered,))
+    replaced = If(Unary("!", _VALID), (bit, Assign(_RESULT, Name("previous")), unordered_only))
+    doc = "The value, or the previous one where it is outside low .. high."
+    return _check(prefix, "hold", (*_given(), replaced, Return(_RESULT)), doc)
+
+
+def _given() -> tuple[Statement, ...]:
+    return (Declare(CType.REAL, _RESULT.text, _X),)
+
+
+def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...], doc: str) -> Function:
+    real = f"{prefix}_real"
+    names = ["x", "low", "high", *(["previous"] if policy == "hold" else [])]
+    return Function(
+        f"{prefix}_{_FUNCTIONS[policy]}",
+        "void" if policy == "flag" else real,
+        (*(Argument(real, name) for name in names), Argument(f"{prefix}_status_t *", "status")),
+        body,
+        doc,
+        static=True,
+        inline=True,
+    )
+
+
+_DEFINITIONS: dict[InvalidPolicy, Callable[[str], Function]] = {
+    "flag": _flagged,
+    "clamp": _clamped,
+    "hold": _held,
+}

@@ -1,0 +1,54 @@
+"""Describes generated C as data: the ports of the step, and every struct as it lies in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
+from backends.c.interface import Interface
+from backends.c.status import MEANING, status_macro
+from backends.c.structs import StructField, structs
+from backends.interface_metadata import interface_metadata
+from backends.step_interface import PortNames, step_interface
+from compiler.program import Program
+
+
+def layout_metadata(
+    program: Program, interface: Interface, weights: Mapping[str, NDArray[Any]]
+) -> dict[str, Any]:
+    """Data for `json.dumps`; the part that only C has is under `c`."""
+    ports = step_interface(program)
+    states = {memory.state.name: memory.identifier for memory in interface.states}
+    windows = {field.name: field.identifier for field, _ in interface.windows}
+    names = PortNames(
+        inputs={input.field.name: input.field.identifier for input in interface.inputs},
+        states=states,
+        parameters={field.name: field.identifier for field in interface.parameters},
+        outputs={field.name: field.identifier for field in interface.outputs},
+        next_states=states,
+        start_windows={port.signal.name: "" for port in ports.start_windows} | windows,
+    )
+    data = interface_metadata(program, ports, names, weights)
+    # a window that only a supplied state would need is no part of this interface
+    data["start_windows"] = [port for port in data["start_windows"] if port["port"]]
+    data["c"] = {
+        "prefix": interface.prefix,
+        "dtype": interface.options.dtype,
+        "takes_parameters": interface.takes_parameters,
+        "status": {status_macro(interface.prefix, bit): int(bit) for bit in MEANING},
+        "structs": {
+            struct.name: [_field(field) for field in struct.fields] for struct in structs(interface)
+        },
+    }
+    return data
+
+
+def _field(field: StructField) -> dict[str, Any]:
+    return {
+        "name": field.name,
+        "field": field.identifier,
+        "type": "uint32" if field.unsigned else "real",
+        "shape": [*field.shape],
+    }

@@ -1,0 +1,32 @@
+"""The choices a user has about generated C: the `export: c:` entry of a spec."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from backends.c.c_literals import Dtype
+from backends.c.functions import MathLibrary
+
+Ring = Literal["auto", "shift", "double"]
+ParameterAccess = Literal["const", "tunable", "inline"]
+
+
+@dataclass(frozen=True, slots=True)
+class COptions:
+    """What `write_c` is asked for; the defaults suit a core with a single-precision FPU."""
+
+    dtype: Dtype = "float32"
+    params: ParameterAccess = "const"
+    """`const` and `tunable` give the step a pointer to its parameters, to the defaults in flash or
+    to a copy in RAM that may change between steps (passes may fold across the first, never across
+    the second). `inline` writes the numbers into the code and has no such pointer."""
+    prefix: str | None = None
+    """Begins every public name; None takes the program's name."""
+    math: MathLibrary = "own"
+    """`own` gives the same bits on every target; `libm` calls the target's library where it can."""
+    ring: Ring = "auto"
+    """How buffers move: `shift` copies by one sample a step, `double` keeps each sample twice and
+    never moves any, `auto` shifts short windows and doubles long ones."""
+    unroll: int = 4
+    """Elements up to which a loop is written out."""

@@ -1,0 +1,37 @@
+"""Fills the C templates; everything that depends on the model arrives as finished text."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+import templates
+from backends.c.c_layout import comment
+from backends.c.interface import Interface
+
+
+def render(template: str, interface: Interface, title: str, **facts: Any) -> str:
+    """The template of that name in `templates/c`, with the names that all of them use."""
+    prefix = interface.prefix
+    banner = comment(f"{title} of the model `{interface.model}`. Made by msnn; do not edit.")
+    common = {
+        "banner": banner,
+        "prefix": prefix,
+        "macro": prefix.upper(),
+        "params": f", &{prefix}_params_default" if interface.takes_parameters else "",
+    }
+    return _environment().get_template(f"c/{template}").render(**common, **facts)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(templates.__path__[0])),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        autoescape=False,  # noqa: S701  (C; texts of a spec arrive as safe comments and literals)
+    )

@@ -1,0 +1,76 @@
+"""The self-test that runs on the target, and the test program for the host."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from backends.c.c_literals import hex_literal, real_literal
+from backends.c.c_printer import Printer
+from backends.c.function_writer import Weights
+from backends.c.golden_text import differs_function, golden_functions, kernels_function
+from backends.c.golden_vectors import golden_vectors
+from backends.c.interface import Interface
+from backends.c.kernel_cases import kernel_cases
+from backends.c.rendering import render
+from compiler.program import Program
+
+SELFTEST_STEPS = 16
+"""Golden steps that travel with the code to the target."""
+
+_TEST_STEPS = 200
+"""Golden steps of the test program."""
+
+_SELFTEST_SEED, _TEST_SEED = 1, 2
+
+
+def selftest_text(
+    program: Program, interface: Interface, weights: Weights, kernels: Collection[str]
+) -> str:
+    """`src/<prefix>_selftest.c`: golden steps, kernels, and what a compiler may do wrong."""
+    dtype, prefix = interface.options.dtype, interface.prefix
+    printer = Printer(prefix, dtype)
+    functions = _golden(program, interface, weights, SELFTEST_STEPS, _SELFTEST_SEED)
+    if kernels:
+        if not interface.outputs:
+            functions.append(printer.function(differs_function(prefix)))
+        check = kernels_function(prefix, kernel_cases(kernels, dtype))
+        functions.append(printer.function(check))
+    # 1 + ε' squared is 1 + 2ε' + ε'²: for this ε' the last term is lost when the product is rounded
+    small = 2.0**-12 if dtype == "float32" else 2.0**-27
+    return render(
+        "selftest.c.j2",
+        interface,
+        "Self-test",
+        functions=functions,
+        kernels=bool(kernels),
+        steps=SELFTEST_STEPS,
+        factor=hex_literal(1.0 + small, dtype),
+        square=hex_literal(1.0 + 2.0 * small, dtype),
+        smallest=hex_literal(float(np.finfo(dtype).tiny), dtype),
+        half=real_literal(0.5, dtype),
+        zero=real_literal(0.0, dtype),
+    )
+
+
+def test_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
+    """`test/<prefix>_sil.c` and the vectors that it replays."""
+    prefix = interface.prefix
+    vectors = render(
+        "vectors.h.j2",
+        interface,
+        "Golden vectors",
+        guard=f"{prefix.upper()}_VECTORS_H",
+        functions=_golden(program, interface, weights, _TEST_STEPS, _TEST_SEED),
+    )
+    main = render("main.c.j2", interface, "Test program", steps=_TEST_STEPS)
+    return {f"test/{prefix}_sil.c": main, f"test/{prefix}_vectors.h": vectors}
+
+
+def _golden(
+    program: Program, interface: Interface, weights: Weights, steps: int, seed: int
+) -> list[str]:
+    printer = Printer(interface.prefix, interface.options.dtype)
+    vectors = golden_vectors(program, interface, weights, steps, seed)
+    return [printer.function(function) for function in golden_functions(interface, vectors)]

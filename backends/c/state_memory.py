@@ -1,0 +1,210 @@
+"""How the state struct keeps each state: as a plain value, a shifted buffer or a doubled ring."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from backends.c.c_language import (
+    Assign,
+    Binary,
+    Conditional,
+    CType,
+    Declare,
+    Expression,
+    Member,
+    Name,
+    Real,
+    Unsigned,
+)
+from backends.c.options import Ring
+from backends.c.places import Index, Place, c_strides, variable
+from backends.c.scope import Scope
+from backends.c.values import copy_value
+from compiler.liveness import needed
+from compiler.ops import Slice, Window
+from compiler.program import History, NodeId, Program, State, Tape
+from compiler.types import WINDOW
+
+_LONGEST_SHIFT = 32
+"""Samples up to which moving them costs little against reading them (measured on Cortex-M4F)."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlainState:
+    """A value of its own, replaced at the end of the step."""
+
+    state: State
+    identifier: str
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int | None:
+        """Reals in the struct; None for a scalar."""
+        return math.prod(self.shape) if self.shape else None
+
+    @property
+    def samples(self) -> Place:
+        """The value, as `ReadState` sees it."""
+        return member_place("s", self.identifier, self.shape)
+
+    def write(self, value: Place, scope: Scope, unroll: int) -> None:
+        copy_value(value, self.samples, scope, unroll)
+
+    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+        self.write(start, scope, unroll)
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftBuffer:
+    """Samples oldest first with room for the newest one behind them; moved down after the step."""
+
+    state: State
+    identifier: str
+    shape: tuple[int, ...]
+    """Axes of the signal, then the samples that are kept."""
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.window.shape)
+
+    @property
+    def window(self) -> Place:
+        """All samples with the newest one."""
+        *rows, kept = self.shape
+        return Place.array(Member("s", self.identifier), (*rows, kept + 1))
+
+    @property
+    def samples(self) -> Place:
+        return self.window.sliced(len(self.shape) - 1, 0, self.shape[-1])
+
+    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+        copy_value(start, self.samples, scope, unroll)
+
+    def begin(self, scope: Scope) -> None:
+        """Nothing to prepare: the samples stand where they always stand."""
+
+    def push(self, newest: Place, scope: Scope, unroll: int) -> None:
+        copy_value(newest, _last(self.window, newest.shape), scope, unroll)
+
+    def fill(self, newest: Place, scope: Scope, unroll: int) -> None:
+        """Makes every sample that was kept equal to the newest."""
+        copy_value(_along_time(newest, self.shape), self.samples, scope, unroll)
+
+    def commit(self, scope: Scope, unroll: int) -> None:
+        axis = len(self.shape) - 1
+        copy_value(self.window.sliced(axis, 1, self.shape[-1] + 1), self.samples, scope, unroll)
+
+
+@dataclass(frozen=True, slots=True)
+class DoubledRing:
+    """Twice the samples: the newest is written at `head` and a length behind it, so that the window
+    always lies in one piece and nothing moves."""
+
+    state: State
+    identifier: str
+    shape: tuple[int, ...]
+    head: str
+    """The ring's position: its field in the struct, and the local that a step reads it into."""
+
+    @property
+    def length(self) -> int:
+        return self.shape[-1] + 1
+
+    @property
+    def size(self) -> int:
+        return math.prod(self._storage.shape)
+
+    @property
+    def _storage(self) -> Place:
+        return Place.array(Member("s", self.identifier), (*self.shape[:-1], 2 * self.length))
+
+    def _from(self, offset: Index, count: int) -> Place:
+        strides = c_strides((*self.shape[:-1], 2 * self.length))
+        return Place(Member("s", self.identifier), (*self.shape[:-1], count), strides, offset)
+
+    @property
+    def window(self) -> Place:
+        return self._from(variable(self.head).plus(Index(1)), self.length)
+
+    @property
+    def samples(self) -> Place:
+        return self._from(variable(self.head).plus(Index(1)), self.shape[-1])
+
+    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+        scope.add(Assign(Member("s", self.head), Unsigned(0)))
+        for offset in (1, 1 + self.length):
+            copy_value(start, self._from(Index(offset), self.shape[-1]), scope, unroll)
+        # the two places of the newest sample are written by the step before anything reads them
+        zero = Place.single(Real(0.0)).reshaped_single(self.shape[:-1])
+        for offset in (0, self.length):
+            copy_value(zero, _last(self._from(Index(offset), 1), zero.shape), scope, unroll)
+
+    def begin(self, scope: Scope) -> None:
+        """Reads the head; one that memory errors put out of range cannot reach outside the ring."""
+        stored = Member("s", self.head)
+        inside = Binary("<", stored, Unsigned(self.length))
+        head = Conditional(inside, stored, Unsigned(0))
+        scope.reserve(self.head)
+        scope.add(Declare(CType.UNSIGNED, self.head, head, constant=True))
+
+    def push(self, newest: Place, scope: Scope, unroll: int) -> None:
+        for offset in (0, self.length):
+            position = variable(self.head).plus(Index(offset))
+            copy_value(newest, _last(self._from(position, 1), newest.shape), scope, unroll)
+
+    def fill(self, newest: Place, scope: Scope, unroll: int) -> None:
+        copy_value(_along_time(newest, self._storage.shape), self._storage, scope, unroll)
+
+    def commit(self, scope: Scope, unroll: int) -> None:
+        following = scope.fresh(f"{self.head}_next")
+        after = Binary("+", Name(self.head), Unsigned(1))
+        scope.add(Declare(CType.UNSIGNED, following, after, constant=True))
+        inside = Binary("<", Name(following), Unsigned(self.length))
+        scope.assign(Member("s", self.head), Conditional(inside, Name(following), Unsigned(0)))
+
+
+Buffer = ShiftBuffer | DoubledRing
+StateMemory = PlainState | Buffer
+
+
+def kept_in_place(program: Program) -> frozenset[str]:
+    """Buffers whose next value is their only window without its oldest sample."""
+    roots = [output.node for output in program.outputs] + [s.next for s in program.states]
+    windows: dict[str, list[NodeId]] = {}
+    for index, live in enumerate(needed(program.step, roots)):
+        op = program.step[index].op
+        if live and isinstance(op, Window):
+            windows.setdefault(op.state, []).append(index)
+    found: set[str] = set()
+    for state in program.states:
+        if isinstance(state.origin, History | Tape):
+            last = program.step[state.next]
+            moved = Slice(WINDOW, 1, state.axes[-1].size + 1)
+            if last.op == moved and [*last.args] == windows.get(state.name):
+                found.add(state.name)
+    return frozenset(found)
+
+
+def doubles(ring: Ring, kept: int) -> bool:
+    """Whether a buffer becomes a doubled ring."""
+    return ring == "double" or (ring == "auto" and kept > _LONGEST_SHIFT)
+
+
+def member_place(
+    base: str, identifier: str, shape: tuple[int, ...], *, pointer: bool = True
+) -> Place:
+    """A field of a struct as a value of the given shape; a scalar field where there is none."""
+    field: Expression = Member(base, identifier, pointer)
+    return Place.array(field, shape) if shape else Place.single(field)
+
+
+def _last(window: Place, shape: tuple[int, ...]) -> Place:
+    axis = len(window.shape) - 1
+    size = window.shape[-1]
+    place = window.sliced(axis, size - 1, size)
+    return Place(place.storage, shape, place.strides[:-1], place.offset)
+
+
+def _along_time(newest: Place, shape: tuple[int, ...]) -> Place:
+    return newest.repeated(shape, (*range(len(newest.shape)), None))

@@ -1,0 +1,46 @@
+"""The bits that `step` and `selftest` return, each of which a safety layer may act on."""
+
+from __future__ import annotations
+
+from enum import IntFlag
+
+
+class Status(IntFlag):
+    """Bits of a step's result; 0 means that nothing was out of order."""
+
+    OUT_OF_RANGE = 1
+    NOT_A_NUMBER = 2
+    CLAMPED = 4
+    HELD = 8
+    STATE_OUT_OF_RANGE = 16
+    UNINITIALISED = 32
+
+
+class SelfTest(IntFlag):
+    """Bits of the self-test's result."""
+
+    STEP_DIFFERS = 256
+    KERNEL_DIFFERS = 512
+    CONTRACTED = 1024
+    NO_SUBNORMALS = 2048
+
+
+MEANING: dict[Status | SelfTest, str] = {
+    Status.OUT_OF_RANGE: "an input was outside its range and was used as it is",
+    Status.NOT_A_NUMBER: "an input was NaN",
+    Status.CLAMPED: "an input was moved to the nearest limit of its range, NaN to the lower one",
+    Status.HELD: "an input was replaced by its last valid value",
+    Status.STATE_OUT_OF_RANGE: "a state left its range",
+    Status.UNINITIALISED: "the step began without values that only reset can give",
+    SelfTest.STEP_DIFFERS: "a golden step gave other numbers",
+    SelfTest.KERNEL_DIFFERS: "a mathematical function gave other numbers",
+    SelfTest.CONTRACTED: "the compiler fuses multiplications with additions",
+    SelfTest.NO_SUBNORMALS: "the processor flushes subnormal numbers to zero",
+}
+
+
+def status_macro(prefix: str, bit: Status | SelfTest) -> str:
+    """The macro of a bit: `VEH_STATUS_CLAMPED`."""
+    assert bit.name is not None
+    kind = "STATUS" if isinstance(bit, Status) else "SELFTEST"
+    return f"{prefix.upper()}_{kind}_{bit.name}"

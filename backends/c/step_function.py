@@ -1,0 +1,141 @@
+"""The step of a controller: check inputs, compute, give outputs, then commit all states at once."""
+
+from __future__ import annotations
+
+from backends.c.c_language import (
+    Argument,
+    Binary,
+    CType,
+    Declare,
+    Discard,
+    Function,
+    If,
+    Member,
+    Name,
+    Real,
+    Return,
+    SetBits,
+    Statement,
+    Unary,
+    Unsigned,
+)
+from backends.c.function_writer import FunctionWriter, Model
+from backends.c.input_policy import checked_input
+from backends.c.lowering import GraphLowering
+from backends.c.places import Index, Place
+from backends.c.scope import Scope
+from backends.c.state_memory import Buffer, PlainState
+from backends.c.status import Status, status_macro
+from compiler.program import Program
+
+BUFFERS_EMPTY = 1
+"""Bit of the `unset` field: buffers wait for their first sample."""
+
+STATES_UNSET = 2
+"""Bit of the `unset` field: states hold values that only `reset` can set."""
+
+
+def step_function(program: Program, model: Model) -> Function:
+    """`<prefix>_step(s, p, u, y)`: one step; returns what was out of order."""
+    writer = _StepWriter(model, program.step)
+    writer.begin()
+    roots = [output.node for output in program.outputs] + [s.next for s in program.states]
+    lowered = GraphLowering(program.step, roots, writer, writer.scope, writer.locals)
+    interface = model.interface
+    if program.outputs:
+        writer.comment("outputs")
+    for output, field in zip(program.outputs, interface.outputs, strict=True):
+        lowered.store(output.node, field.place("y"))
+    writer.commit(lowered)
+    writer.check_states()
+    writer.scope.add(Return(Name("status")))
+    prefix = interface.prefix
+    structs = (
+        Argument(f"const {prefix}_in_t *", "u"),
+        Argument(f"{prefix}_out_t *", "y"),
+    )
+    doc = "One step: outputs of sample t, then the states of sample t+1."
+    return writer.finished("step", f"{prefix}_status_t", structs, doc)
+
+
+class _StepWriter(FunctionWriter):
+    def begin(self) -> None:
+        """Status, heads of rings and checked inputs."""
+        interface, scope = self.interface, self.scope
+        if not interface.inputs:
+            scope.add(Discard("u"))
+        if not interface.outputs:
+            scope.add(Discard("y"))
+        if not interface.has_state:
+            scope.add(Discard("s"))
+        ok = Name(f"{interface.prefix.upper()}_OK")
+        scope.add(Declare(CType.STATUS, "status", ok))
+        for memory in interface.states:
+            if not isinstance(memory, PlainState):
+                memory.begin(scope)
+        if interface.from_record:
+            scope.add(
+                If(Binary("!=", self._unset, Unsigned(0)), (self._bit(Status.UNINITIALISED),))
+            )
+        if interface.inputs:
+            self.comment("inputs")
+        for input in interface.inputs:
+            options = interface.options
+            self.inputs[input.port.signal.name] = checked_input(
+                input, interface.prefix, options.dtype, scope, self.unroll
+            )
+
+    def before_push(self, memory: Buffer, newest: Place) -> None:
+        if memory.state.name in self.interface.filled_by_first:
+            inner = self.scope.inner()
+            memory.fill(newest, inner, self.unroll)
+            self.scope.add(If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
+
+    def commit(self, lowered: GraphLowering) -> None:
+        """Replaces the states; what is made of old states is computed before the first of them."""
+        interface = self.interface
+        plain = [memory for memory in interface.states if isinstance(memory, PlainState)]
+        following: list[tuple[PlainState, Place]] = []
+        if interface.states:
+            self.comment("next states")
+        for memory in plain:
+            state = memory.state
+            place = lowered.place(state.next, f"{state.name}_next")
+            if place != memory.samples:
+                if isinstance(place.storage, Member) and place.storage.base == "s":
+                    place = lowered.copy(state.next, f"{state.name}_next")
+                following.append((memory, place))
+        for memory, place in following:
+            memory.write(place, self.scope, self.unroll)
+        for memory in interface.states:
+            if not isinstance(memory, PlainState):
+                memory.commit(self.scope, self.unroll)
+        if interface.filled_by_first:
+            only_buffers = interface.filled_by_first == interface.from_record
+            left = Unsigned(0) if only_buffers else Binary("&", self._unset, Unsigned(STATES_UNSET))
+            self.scope.assign(self._unset, left)
+
+    def check_states(self) -> None:
+        """Reports declared states outside their range."""
+        for memory in self.interface.states:
+            if isinstance(memory, PlainState) and memory.state.range is not None:
+                low, high = memory.state.range
+                self._check_state(memory, Real(low), Real(high))
+
+    def _check_state(self, memory: PlainState, low: Real, high: Real) -> None:
+        def check(indices: tuple[Index, ...], scope: Scope) -> None:
+            value = memory.samples.element(indices)
+            valid = Binary("&&", Binary(">=", value, low), Binary("<=", value, high))
+            scope.add(If(Unary("!", valid), (self._bit(Status.STATE_OUT_OF_RANGE),)))
+
+        self.scope.each(memory.shape, self.unroll, check)
+
+    @property
+    def _unset(self) -> Member:
+        return Member("s", self.interface.unset)
+
+    def _marked(self, bit: int) -> Binary:
+        return Binary("!=", Binary("&", self._unset, Unsigned(bit)), Unsigned(0))
+
+    def _bit(self, bit: Status) -> Statement:
+        return SetBits(Name("status"), Name(status_macro(self.interface.prefix, bit)))

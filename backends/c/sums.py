@@ -1,0 +1,72 @@
+"""Writes sums along an axis, first term first: the order of every backend that promises bits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from backends.c.c_language import Expression, Name, Real
+from backends.c.local_values import LocalValues
+from backends.c.operations import scalar_operation
+from backends.c.places import Index
+from backends.c.scope import Scope
+from backends.c.values import Computed, Indices, Value, depth_of, element_of
+from compiler.ops import Add, Multiply
+from compiler.program import Node
+from compiler.types import Type
+
+_SHORT = 3
+"""Terms of a sum that is written as one expression."""
+
+_NEUTRAL = Real(-0.0)
+"""What a loop begins with: −0.0 + x is x for every x, while 0.0 + x loses the sign of −0.0."""
+
+
+def sum_along(
+    node: Node, axis: str, factors: Sequence[tuple[Value, Type]], locals: LocalValues
+) -> Computed:
+    """Σ over the axis of the product of one or two factors."""
+    first = factors[0][1]
+    count = first.axes[first.position(axis)].size
+    names = node.type.axis_names
+
+    def term(indices: Indices, along: Index, scope: Scope) -> Expression:
+        where = dict(zip(names, indices, strict=True)) | {axis: along}
+        elements = tuple(
+            element_of(value, [where[name] for name in type.axis_names], scope)
+            for value, type in factors
+        )
+        if len(elements) == 1:
+            return elements[0]
+        return scalar_operation(Multiply(), elements, locals.functions)
+
+    def added(total: Expression, indices: Indices, along: Index, scope: Scope) -> Expression:
+        return scalar_operation(Add(), (total, term(indices, along, scope)), locals.functions)
+
+    def make(indices: Indices, scope: Scope) -> Expression:
+        if count <= _SHORT:
+            total = term(indices, Index(), scope)
+            for along in range(1, count):
+                total = added(total, indices, Index(along), scope)
+            return total
+        return _written_out(indices, scope) if count <= locals.unroll else _loop(indices, scope)
+
+    def _written_out(indices: Indices, scope: Scope) -> Expression:
+        total = _variable(term(indices, Index(), scope), scope)
+        for along in range(1, count):
+            scope.assign(total, added(total, indices, Index(along), scope))
+        return total
+
+    def _loop(indices: Indices, scope: Scope) -> Expression:
+        total = _variable(_NEUTRAL, scope)
+        with scope.loop(count) as (along, inner):
+            inner.assign(total, added(total, indices, along, inner))
+        return total
+
+    def _variable(begin: Expression, scope: Scope) -> Name:
+        locals.notes.write(node, scope)
+        return scope.variable(node.label or locals.notes.part_name(node, "sum"), begin)
+
+    def finish(value: Expression, scope: Scope) -> Expression:
+        return locals.finished(node, value, scope)
+
+    return Computed(node.type.shape, make, 1 + max(depth_of(value) for value, _ in factors), finish)
