@@ -49,6 +49,10 @@ class Unit:
     def __str__(self) -> str:
         return self.text
 
+    def __hash__(self) -> int:
+        # every node's type is hashed when a graph is built, and hashing a Fraction is slow
+        return hash((self.scale, self.offset))
+
     def __mul__(self, other: "Unit") -> "Unit":
         exponents = tuple(a + b for a, b in zip(self.exponents, other.exponents, strict=True))
         factors = _merge(self.factors + other.factors)
