@@ -44,6 +44,8 @@ FARTHEST_SAMPLE = 1 << 24
 
 def broken_axes(axes: tuple[Axis, ...]) -> str | None:
     """Why these are not the axes of a value, None if they are."""
+    if not axes:
+        return None
     names = [axis.name for axis in axes]
     if len(set(names)) != len(names):
         return f"{describe_axes(axes)} has an axis twice"
