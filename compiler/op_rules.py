@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import assert_never
 
 from compiler.ops import (
@@ -118,18 +120,13 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str
             assert_never(node.op)
 
 
+@dataclass(frozen=True, slots=True)
 class Sources:
     """Axes of what a graph may read, by name."""
 
-    def __init__(
-        self,
-        signals: dict[str, tuple[Axis, ...]],
-        parameters: dict[str, tuple[Axis, ...]],
-        states: dict[str, tuple[Axis, ...]],
-    ) -> None:
-        self.signals = signals
-        self.parameters = parameters
-        self.states = states
+    signals: Mapping[str, tuple[Axis, ...]]
+    parameters: Mapping[str, tuple[Axis, ...]]
+    states: Mapping[str, tuple[Axis, ...]]
 
 
 def _wrong_count(node: Node, operands: tuple[Type, ...]) -> str | None:

@@ -98,7 +98,7 @@ def _unique(what: str, names: Iterable[str]) -> None:
     for name in names:
         legal = bool(name) and len(name) <= LONGEST_NAME and name.isprintable()
         _require(legal, f"a {what} has no proper name")
-        _require(name not in seen, f"two {what}s are called `{name}`")
+        _require(name not in seen, f"{what} `{name}` is there twice")
         seen.add(name)
 
 
