@@ -1,4 +1,4 @@
-"""Program files: the same program back, the same bytes again, one clear answer to any other file."""
+"""Program files: the same program back, the same bytes, one clear answer to any other file."""
 
 from __future__ import annotations
 
