@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, assert_never
@@ -9,7 +10,6 @@ from typing import Any, assert_never
 import torch
 from torch import Tensor, fx, nn
 
-from backends.torch_guards import UntakenBranch, guarded_nodes
 from backends.torch_operations import (
     RELATIONS,
     broadcast,
@@ -72,13 +72,16 @@ def lower_graph(
     *,
     given: frozenset[NodeId] = frozenset(),
     identify: Callable[[Leaf], str] | None = None,
+    constants: str = "constant",
 ) -> LoweredGraph:
     """Torch code for the values of `roots`; nodes in `given` become arguments of the code.
 
     A value of shape `(*shape)` is a tensor `(B, *shape)`, or `(*shape)` where the node is static
-    (`static_nodes`). `identify` names the arguments.
+    (`static_nodes`). `identify` names the arguments, which are numbered; constants are buffers of
+    the module called `<constants>_0`, …. Slopes of untaken branches are the business of
+    `guard_untaken`.
     """
-    lowering = _Lowering(graph, dtype, given, identify or _default_name)
+    lowering = _Lowering(graph, dtype, given, identify or _default_name, constants)
     return lowering.run(roots)
 
 
@@ -93,18 +96,19 @@ class _Lowering:
         dtype: torch.dtype,
         given: frozenset[NodeId],
         identify: Callable[[Leaf], str],
+        constants: str,
     ) -> None:
         self._graph = graph
         self._dtype = dtype
         self._given = given
         self._identify = identify
         self._static = static_nodes(graph)
-        self._guarded = guarded_nodes(graph)
         self._code = fx.Graph()
         self._root = nn.Module()
         self._leaves: dict[Leaf, fx.Node] = {}
         self._values: dict[NodeId, fx.Node] = {}
-        self._constants = 0
+        self._constants = constants
+        self._constant_count = 0
 
     def run(self, roots: Sequence[NodeId]) -> LoweredGraph:
         needed = self._needed(roots)
@@ -147,7 +151,7 @@ class _Lowering:
 
     def _argument(self, leaf: Leaf) -> fx.Node:
         if leaf not in self._leaves:
-            name = f"{self._identify(leaf)}_{len(self._leaves)}"
+            name = f"{self._identify(leaf)}_{len(self._leaves)}".lower()  # as fx does
             self._leaves[leaf] = self._code.placeholder(name)
         return self._leaves[leaf]
 
@@ -155,22 +159,15 @@ class _Lowering:
         return self._code.call_function(function, arguments)
 
     def _constant(self, values: tuple[float, ...], shape: tuple[int, ...]) -> fx.Node:
-        name = f"constant_{self._constants}"
-        self._constants += 1
+        name = f"{self._constants}_{self._constant_count}"
+        self._constant_count += 1
         tensor = torch.tensor(values, dtype=self._dtype).reshape(shape)
         self._root.register_buffer(name, tensor, persistent=False)
         return self._code.get_attr(name)
 
-    def _guard(self, value: fx.Node) -> fx.Node:
-        if not hasattr(self._root, "untaken"):
-            self._root.add_module("untaken", UntakenBranch())
-        return self._code.call_module("untaken", (value,))
-
     def _lower(self, index: NodeId) -> fx.Node:
         node = self._graph[index]
         args = [self._values[arg] for arg in node.args]
-        if index in self._guarded:
-            args = [self._guard(arg) for arg in args]
         types = [self._graph[arg].type for arg in node.args]
         static = [self._static[arg] for arg in node.args]
         match node.op:
@@ -189,13 +186,13 @@ class _Lowering:
             case ops.Negate():
                 return self._call(torch.neg, *args)
             case ops.Minimum():
-                return self._extremum(torch.lt, *args)
+                return self._extremum(torch.lt, args[0], node.args[1])
             case ops.Maximum():
-                return self._extremum(torch.gt, *args)
+                return self._extremum(torch.gt, args[0], node.args[1])
             case ops.Clamp():
                 # torch.clamp has half the slope, or none, on the bound
-                raised = self._extremum(torch.gt, args[0], args[1])
-                return self._extremum(torch.lt, raised, args[2])
+                raised = self._extremum(torch.gt, args[0], node.args[1])
+                return self._extremum(torch.lt, raised, node.args[2])
             case ops.Compare(relation):
                 return self._call(RELATIONS[relation], *args)
             case ops.Select():
@@ -227,10 +224,18 @@ class _Lowering:
             case _:
                 assert_never(node.op)
 
-    def _extremum(self, wins: Callable[..., Any], first: fx.Node, second: fx.Node) -> fx.Node:
+    def _extremum(self, wins: Callable[..., Any], first: fx.Node, other: NodeId) -> fx.Node:
         # torch.minimum shares the slope of a tie between both operands; here the first has it all.
         # The second is taken where it wins or is NaN; a NaN in the first is never beaten.
-        second_wins = self._call(
-            torch.logical_or, self._call(wins, second, first), self._call(torch.isnan, second)
-        )
+        second = self._values[other]
+        second_wins = self._call(wins, second, first)
+        if not self._is_number(other):
+            second_wins = self._call(torch.logical_or, second_wins, self._call(torch.isnan, second))
         return self._call(torch.where, second_wins, second, first)
+
+    def _is_number(self, index: NodeId) -> bool:
+        """Whether a value is known not to be NaN."""
+        node = self._graph[index]
+        while isinstance(node.op, ops.Broadcast | ops.Reshape):
+            node = self._graph[node.args[0]]
+        return isinstance(node.op, ops.Constant) and not any(map(math.isnan, node.op.values))

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from backends.guard_untaken import guard_untaken
 from backends.identifiers import c_identifier
 from backends.torch_lowering import Given, Leaf, LoweredGraph, lower_graph, static_nodes
 from backends.torch_parameters import physical_value, raw_value
@@ -55,7 +56,7 @@ class TorchModel(nn.Module):
 
     def __init__(self, program: Program, dtype: torch.dtype) -> None:
         super().__init__()
-        self.program = program
+        self.program = guard_untaken(program)
         self.dtype = dtype
         self._names = self._add_parameters()
         self._step = _Evaluator(self.program.step, _step_roots(self.program), dtype)

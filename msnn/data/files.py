@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from spec_schema.data_section import Data, Source
 from spec_schema.diagnostics import Findings
 from spec_schema.errors import data_files as errors
+from spec_schema.located import Located
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,19 @@ def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
                     seen.add(path)
                     found.append(DataFile(path, _shown(path, folder), name, source))
     return found
+
+
+def data_of_files(data: Data, files: Sequence[Path]) -> Data:
+    """The section for other files: laid out as its first source, all in the set `data`, not split.
+
+    Rows are not picked by `from`, `to`: these belong to the files of the spec.
+    """
+    first = next(iter(data.source.values()))
+    place = first.place.value
+    names = tuple(Located(str(path.absolute()), place) for path in files)
+    source = first.model_copy(update={"files": names, "first": None, "last": None})
+    update = {"source": {"data": source}, "split": None, "first": None, "last": None}
+    return data.model_copy(update=update)
 
 
 def _matches(folder: Path, pattern: str) -> list[Path]:

@@ -1,0 +1,39 @@
+"""Writes a program as a standalone torch module with its weights into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from numpy.typing import ArrayLike
+from safetensors.numpy import save
+
+from backends.atomic_write import write_bytes, write_text
+from backends.readme import one_line, readme_text
+from backends.torch_source import torch_source
+from compiler.interpreter import physical_weights
+from compiler.program import Program
+
+
+def write_torch(
+    program: Program,
+    weights: Mapping[str, ArrayLike] | None,
+    folder: Path,
+    prefix: str,
+    dtype: Literal["float32", "float64"] = "float64",
+) -> tuple[Path, ...]:
+    """Writes `<prefix>.py`, `<prefix>.safetensors` and a README, `<prefix>_torch.md`.
+
+    The program is in step form; `dtype` is what the module computes in unless its `load` is told
+    otherwise. Weights are physical float64 arrays, the initial values where none are given. Returns
+    the paths. OSError where the folder cannot be written, ValueError for a weight of a wrong shape.
+    """
+    arrays = physical_weights(program, weights or {})
+    metadata = {"program": program.name, "spec_sha256": program.spec_hash}
+    readme = readme_text("torch", model=one_line(program.name), prefix=prefix)
+    return (
+        write_text(folder / f"{prefix}.py", torch_source(program, prefix, dtype)),
+        write_bytes(folder / f"{prefix}.safetensors", save(arrays, metadata)),
+        write_text(folder / f"{prefix}_torch.md", readme),
+    )

@@ -1,0 +1,126 @@
+"""The standalone torch file agrees with the interpreter, without msnn, whatever the spec says."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from backends.torch_files import write_torch
+from compiler.interpreter import Interpreter
+from compiler.ops import ReadSignal
+from compiler.passes.to_step_form import to_step_form
+from compiler.program import Program
+from tests.backends.test_torch_module import agree
+from tests.programs import SAMPLES
+
+
+def imported(path: Path) -> Any:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def window(values: np.ndarray, t: np.ndarray, first: int, last: int) -> torch.Tensor:
+    rows = t[:, None] + np.arange(first, last + 1)
+    return torch.from_numpy(np.moveaxis(values[rows], 1, -1).copy())
+
+
+def run(module: Any, program: Program, log: dict[str, np.ndarray], steps: int) -> None:
+    judge = Interpreter(program)
+    model = module.load()
+    t = np.array([8, 15])
+    states = judge.start(log, t)
+    windows = {
+        name: window(log[name], t, *extent) for name, extent in start_extents(program).items()
+    }
+    for name, value in model.initial_state(windows, batch=2).items():
+        agree(value, states[name])
+    for k in range(steps):
+        inputs: dict[str, torch.Tensor] = {}
+        for _, node in program.step:
+            if isinstance(node.op, ReadSignal):
+                found = window(log[node.op.signal], t + k, node.op.first, node.op.last)
+                wide = node.type.window is not None
+                inputs[node.op.signal] = found if wide else found[..., 0]
+        state = {name: torch.from_numpy(np.array(value)) for name, value in states.items()}
+        outputs, next_state = model(inputs, state)
+        expected = judge.step(log, t + k, states)
+        for name, value in outputs.items():
+            agree(value, expected.outputs[name])
+        for name, value in next_state.items():
+            agree(value, expected.next_states[name])
+        states = expected.next_states
+
+
+def start_extents(program: Program) -> dict[str, tuple[int, int]]:
+    from backends.step_interface import step_interface
+
+    return {p.signal.name: (p.first, p.last) for p in step_interface(program).start_windows}
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_agrees_with_the_interpreter(name: str, tmp_path: Path) -> None:
+    sample = SAMPLES[name]()
+    program = to_step_form(sample.program)
+    write_torch(program, None, tmp_path, "plant")
+    run(imported(tmp_path / "plant.py"), program, sample.log(60, 4), 20)
+
+
+def test_the_file_is_the_same_each_time(tmp_path: Path) -> None:
+    program = to_step_form(SAMPLES["joint_arm"]().program)
+    first = [path.read_bytes() for path in write_torch(program, None, tmp_path / "a", "arm")]
+    second = [path.read_bytes() for path in write_torch(program, None, tmp_path / "b", "arm")]
+    assert first == second
+
+
+def test_names_and_descriptions_of_the_spec_stay_text(tmp_path: Path) -> None:
+    sample = SAMPLES["spring_damper_rk4"]()
+    hostile = '"""\nimport os; os.abort()\n\\" \u2028{{ 1/0 }} {% raise %} \x00'
+    program = sample.program
+    program = replace(
+        program,
+        name=hostile,
+        doc=hostile,
+        signals=tuple(replace(signal, doc=hostile) for signal in program.signals),
+        parameters=tuple(replace(p, doc=hostile) for p in program.parameters),
+        outputs=tuple(replace(output, name=hostile + output.name) for output in program.outputs),
+    )
+    program = to_step_form(program)
+    write_torch(program, None, tmp_path, "plant")
+    run(imported(tmp_path / "plant.py"), program, sample.log(40, 4), 3)
+
+
+def test_bounds_hold_and_weights_are_physical(tmp_path: Path) -> None:
+    program = to_step_form(SAMPLES["spring_damper_rk4"]().program)
+    weights = {"mass": 3.5, "damping": 0.25, "stiffness": 40.0, "v_start": -0.5}
+    write_torch(program, weights, tmp_path, "plant")
+    model = imported(tmp_path / "plant.py").load()
+    for name, value in weights.items():
+        # log and exp of the bound's map round a few times
+        assert getattr(model, name).item() == pytest.approx(value, rel=1e-14)
+    optimizer = torch.optim.SGD(model.parameters(), lr=1e3)
+    (model.mass + model.damping).backward()
+    optimizer.step()
+    assert 0.1 <= model.mass.item() <= 10.0
+    assert model.damping.item() >= 0.0
+
+
+def test_needs_torch_and_safetensors_only(tmp_path: Path) -> None:
+    write_torch(to_step_form(SAMPLES["fuzzy_local_models"]().program), None, tmp_path, "plant")
+    script = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import plant; plant.load()\n"
+        "ours = {'msnn', 'backends', 'compiler', 'spec_schema'} & set(sys.modules)\n"
+        "assert not ours, ours\n"
+    )
+    subprocess.run([sys.executable, "-I", "-c", script], check=True, cwd=tmp_path)
