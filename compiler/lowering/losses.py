@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from compiler.builder import GraphBuilder
+from compiler.liveness import needed
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
+from compiler.ops import ReadSignal, ReadState, Window
 from compiler.program import Loss, Measure, NodeId, Output
 from compiler.types import Type
 from spec_schema.errors import names
@@ -72,7 +75,30 @@ def _measured(model: Model, function: str, call: Call) -> tuple[Measure, NodeId,
     with aligning(model, function, call, call.arguments[0], call.arguments[1]):
         builder.subtract(prediction, target)  # compares the units of the two
         prediction, target, _ = builder.aligned(prediction, target)
-    return _COMPARING[function], prediction, target
+    return _COMPARING[function], *_scored(builder, prediction, target)
+
+
+def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[NodeId, NodeId]:
+    """The two values with one from the log alone as target: only there NaN means `not recorded`.
+
+    Every measure is the same for a swapped pair. Two simulated values are compared by their
+    difference, the target is 0.
+    """
+    if not _is_simulated(builder, target):
+        return prediction, target
+    if not _is_simulated(builder, prediction):
+        return target, prediction
+    difference = builder.subtract(prediction, target)
+    type = builder.type(difference)
+    return difference, builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
+
+
+def _is_simulated(builder: GraphBuilder, value: NodeId) -> bool:
+    graph = builder.graph()
+    return any(
+        live and isinstance(node.op, ReadSignal | ReadState | Window)
+        for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
+    )
 
 
 def _penalty(model: Model, function: str, argument: Expression) -> NodeId:
