@@ -53,13 +53,11 @@ class Findings:
     """Collects the diagnostics of one stage, so that a user sees all of them at once."""
 
     def __init__(self) -> None:
-        self._diagnostics: list[Diagnostic] = []
+        self._diagnostics: dict[Diagnostic, None] = {}
 
     def report(self, *diagnostics: Diagnostic) -> None:
         """Adds diagnostics; one that is there already (an alias read twice) is not repeated."""
-        for diagnostic in diagnostics:
-            if diagnostic not in self._diagnostics:
-                self._diagnostics.append(diagnostic)
+        self._diagnostics.update(dict.fromkeys(diagnostics))
 
     @property
     def in_order(self) -> tuple[Diagnostic, ...]:

@@ -10,6 +10,8 @@ from spec_schema.source import SourceText, Span
 _COLORS: Mapping[Severity, str] = {"error": "1;31", "warning": "1;33", "note": "1;32"}
 _FRAME = "1;34"
 _TAB = "    "
+_CUT = "…"
+_LONGEST_LINE = 160
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class _Page:
 
     def excerpts(self, main: Span, marks: list[_Mark]) -> Iterator[str]:
         """Each marked source line with its underlines; `...` stands for lines left out."""
-        file, shown = main.file, 0
+        file, shown, part = main.file, 0, slice(0, 0)
         for mark in marks:
             span = mark.span
             if span.file != file:
@@ -72,26 +74,41 @@ class _Page:
                 continue
             line = text.line(span.line)
             if span.line != shown:
+                part = _shown_part(line, main if main.line == span.line else span)
                 if shown == 0:
                     yield self.paint(f"{self.margin}|", _FRAME)
                 elif span.line > shown + 1:
                     yield "..."
                 number = str(span.line).rjust(len(self.margin) - 1)
-                written = line.replace("\t", _TAB).rstrip()
-                yield f"{self.paint(f'{number} |', _FRAME)} {written}".rstrip()
+                yield f"{self.paint(f'{number} |', _FRAME)} {_written(line, part)}".rstrip()
                 shown = span.line
-            yield self.underline(mark, line)
+            if span.column - 1 <= part.stop:
+                yield self.underline(mark, line, part)
 
-    def underline(self, mark: _Mark, line: str) -> str:
+    def underline(self, mark: _Mark, line: str, part: slice) -> str:
         """As wide as the place; a place of several lines is underlined to the end of its first."""
         span = mark.span
-        last = span.end_column if span.end_line == span.line else len(line) + 1
-        before = _columns(line[: span.column - 1])
-        drawn = mark.drawn * max(1, _columns(line[span.column - 1 : last - 1]))
+        first = max(span.column - 1, part.start)
+        last = span.end_column - 1 if span.end_line == span.line else len(line)
+        before = _columns(line[part.start : first]) + (len(_CUT) if part.start else 0)
+        drawn = mark.drawn * max(1, _columns(line[first : min(last, part.stop)]))
         said = f"{drawn} {mark.label}".rstrip()
-        return (
-            f"{self.paint(f'{self.margin}|', _FRAME)} {' ' * before}{self.paint(said, mark.color)}"
-        )
+        bar = self.paint(f"{self.margin}|", _FRAME)
+        return f"{bar} {' ' * before}{self.paint(said, mark.color)}"
+
+
+def _shown_part(line: str, span: Span) -> slice:
+    """All of a line, or of a very long one what stands around the place."""
+    if len(line) <= _LONGEST_LINE:
+        return slice(0, len(line))
+    start = max(0, span.column - 1 - _LONGEST_LINE // 4)
+    return slice(start, min(len(line), start + _LONGEST_LINE))
+
+
+def _written(line: str, part: slice) -> str:
+    before = _CUT if part.start else ""
+    after = _CUT if part.stop < len(line) else ""
+    return before + line[part].replace("\t", _TAB).rstrip() + after
 
 
 def _columns(text: str) -> int:

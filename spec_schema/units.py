@@ -13,6 +13,7 @@ _NO_EXPONENTS: Exponents = tuple(Fraction(0) for _ in BASE_SYMBOLS)
 # Products of float scales reach the same unit by different roads (km/h, m/s); one part in 1e12 is
 # far above their rounding and far below any two units that differ.
 _SCALE_TOLERANCE = 1e-12
+_LARGEST_SCALE = 1e300
 
 
 class UnitError(ValueError):
@@ -56,7 +57,7 @@ class Unit:
     def __mul__(self, other: "Unit") -> "Unit":
         exponents = tuple(a + b for a, b in zip(self.exponents, other.exponents, strict=True))
         factors = _merge(self.factors + other.factors)
-        return Unit(exponents, self.scale * other.scale, 0.0, factors)
+        return Unit(exponents, _within_floats(self.scale * other.scale), 0.0, factors)
 
     def __truediv__(self, other: "Unit") -> "Unit":
         return self * other.power(Fraction(-1))
@@ -65,7 +66,7 @@ class Unit:
         """The unit raised to a rational power; a temperature loses its offset (degC^2 is K^2)."""
         exponents = tuple(Fraction(e * exponent) for e in self.exponents)
         factors = _merge(tuple((symbol, power * exponent) for symbol, power in self.factors))
-        return Unit(exponents, self.scale ** float(exponent), 0.0, factors)
+        return Unit(exponents, _power(self.scale, float(exponent)), 0.0, factors)
 
     def root(self, degree: int) -> "Unit":
         """The unit whose `degree`-th power is this one."""
@@ -134,6 +135,18 @@ def _merge(factors: tuple[tuple[str, Fraction], ...]) -> tuple[tuple[str, Fracti
     for symbol, power in factors:
         powers[symbol] = powers.get(symbol, Fraction(0)) + power
     return tuple((symbol, power) for symbol, power in powers.items() if power)
+
+
+def _power(scale: float, exponent: float) -> float:
+    try:
+        return _within_floats(scale**exponent)
+    except OverflowError:
+        return _LARGEST_SCALE
+
+
+def _within_floats(scale: float) -> float:
+    """Keeps absurd units (eV^-30) positive and finite, so that algebra with them cannot fail."""
+    return min(max(scale, 1 / _LARGEST_SCALE), _LARGEST_SCALE)
 
 
 def _power_text(symbol: str, power: Fraction) -> str:

@@ -177,6 +177,13 @@ _UNITS = st.lists(
 )
 
 
+def test_absurd_powers_stay_within_floats() -> None:
+    for text in ("eV^24", "1/eV^24", "eV^-24/eV^24/eV^24", "au^24*au^24"):
+        unit = parse_unit(text).power(24)
+        assert 0 < unit.scale < math.inf
+        assert 0 < (ONE / unit).scale < math.inf
+
+
 @settings(max_examples=200, deadline=None)
 @given(_UNITS)
 def test_text_reads_back_and_algebra_agrees(factors: list[tuple[str, int]]) -> None:
@@ -187,7 +194,9 @@ def test_text_reads_back_and_algebra_agrees(factors: list[tuple[str, int]]) -> N
         product = product * unit.power(power)
     again = parse_unit(product.text)
     assert again.exponents == product.exponents
-    assert again.scale == pytest.approx(product.scale, rel=_CLOSE)
+    if 1e-290 < product.scale < 1e290:
+        # Beyond that the order of factors decides where the scale meets its bound.
+        assert again.scale == pytest.approx(product.scale, rel=_CLOSE)
     assert (product / product).same_as(ONE)
     assert product.power(Fraction(2)).root(2).exponents == product.exponents
 
