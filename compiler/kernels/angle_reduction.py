@@ -24,7 +24,7 @@ def _reduce_small(x: Real) -> tuple[Value, ...]:
     """x − count·π/2 after W. J. Cody and W. Waite, with π/2 in three words."""
     first, second, third = HALF_PI_PARTS[x.format]
     count = round_to_integer(x * TWO_OVER_PI[x.format][0]).named("count")
-    near = (x - count * first).named("near")
+    near = (x - count * first).named("closer")
     part = (count * second).named("part")
     difference = (near - part).named("difference")
     rest = ((near - difference) - part) - count * third

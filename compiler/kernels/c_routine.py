@@ -26,6 +26,7 @@ from compiler.kernels.statements import (
     Lookup,
     Operand,
     Operation,
+    Operator,
     Routine,
     Select,
     Table,
@@ -196,7 +197,7 @@ class RoutineText:
             case Unary(function, operand):
                 return self._unary(function, self._text(operand))
             case Binary(operator, left, right):
-                return f"({self._text(left)} {operator.value} {self._text(right)})"
+                return self._binary(operator, left, right)
             case Select(condition, then, otherwise):
                 texts = [self._text(part) for part in (condition, then, otherwise)]
                 return f"({texts[0]} ? {texts[1]} : {texts[2]})"
@@ -207,6 +208,19 @@ class RoutineText:
                 return f"{table.name}[{bare(self._text(index))}]"
             case _:
                 assert_never(operation)
+
+    def _binary(self, operator: Operator, left: Operand, right: Operand) -> str:
+        first = self._text(left)
+        match operator, left, right:
+            case Operator.ADD, _, Constant(Kind.REAL, value) if value < 0.0:
+                return f"({first} - {literal(-value, self.format)})"
+            case Operator.SUBTRACT, _, Constant(Kind.REAL, value) if value < 0.0:
+                return f"({first} + {literal(-value, self.format)})"
+            case Operator.SHIFT_LEFT, Constant(Kind.UNSIGNED, _), _:
+                # a literal alone would have 16 bits where int has
+                return f"((uint32_t){first} << {self._text(right)})"
+            case _:
+                return f"({first} {operator.value} {self._text(right)})"
 
     def _unary(self, function: Function, operand: str) -> str:
         match function:

@@ -66,7 +66,7 @@ def _tanh(x: Real) -> tuple[Value, ...]:
             power = small_power_of_two(count, largest_count).named("power")
             return 1.0 - 2.0 / ((power + 1.0) + power * s)
 
-        return branch(size <= limit, inside, lambda: select(size > limit, 1.0, x), "far")
+        return branch(size <= limit, inside, lambda: select(size > limit, 1.0, x), "outer")
 
     def near() -> Real:
         # P is between −⅓ and −0.2: with −¼ taken out, which is exact to multiply with, its rounding
@@ -102,7 +102,7 @@ def _sinh(x: Real) -> tuple[Value, ...]:
             return half + (rest - 0.25 / half)
 
         limit = _hyperbolic_limit(x.format)
-        return branch(size <= limit, inside, lambda: overflowed(size), "far")
+        return branch(size <= limit, inside, lambda: overflowed(size), "outer")
 
     def near() -> Real:
         return odd_near_zero(x, HYPERBOLIC_SINE[x.format])

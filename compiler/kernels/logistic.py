@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from compiler.kernels.coefficients import LN_2
 from compiler.kernels.double_word import exact_sum, ordered_sum, reciprocal
 from compiler.kernels.exponential import EXP, reduce_exponential, small_power_of_two
@@ -17,9 +19,9 @@ def _limit(format: Format) -> float:
     return (format.digits + 3.0) * 0.6931471805599453
 
 
-def _outside(x: Real, above: Real | float) -> Real:
-    """What is left for |x| beyond the limit: e^x below it, `above` over it, NaN for NaN."""
-    return branch(x < 0.0, lambda: call(EXP, x), lambda: select(x > 0.0, above, x), "outside")
+def _outside(x: Real, above: Callable[[], Real]) -> Real:
+    """What is left for |x| beyond the limit: e^x below, elsewhere above(), which gets the NaN."""
+    return branch(x < 0.0, lambda: call(EXP, x), above, "outside")
 
 
 def _sigmoid(x: Real) -> tuple[Value, ...]:
@@ -35,7 +37,10 @@ def _sigmoid(x: Real) -> tuple[Value, ...]:
         small = reciprocal(high, low + (lost + power * rest)).named("small")
         return select(x < 0.0, small, 1.0 - small)
 
-    return (branch(size <= _limit(x.format), inside, lambda: _outside(x, 1.0), "result"),)
+    def one() -> Real:
+        return select(x > 0.0, 1.0, x)
+
+    return (branch(size <= _limit(x.format), inside, lambda: _outside(x, one), "result"),)
 
 
 def _softplus(x: Real) -> tuple[Value, ...]:
@@ -60,7 +65,7 @@ def _softplus(x: Real) -> tuple[Value, ...]:
         total = base + (f + tail)
         return select(large, total + ln_2, total)
 
-    return (branch(size <= _limit(x.format), inside, lambda: _outside(x, x), "result"),)
+    return (branch(size <= _limit(x.format), inside, lambda: _outside(x, lambda: x), "result"),)
 
 
 SIGMOID = Subroutine("sigmoid", ("x",), ("result",), "1 / (1 + e^−x).", _sigmoid)

@@ -70,7 +70,7 @@ def _tan(x: Real) -> tuple[Value, ...]:
 
         def direct() -> Real:
             tangent, rest = _tangent(high, low)
-            return branch(odd, lambda: -reciprocal(tangent, rest), lambda: tangent + rest, "near")
+            return branch(odd, lambda: -reciprocal(tangent, rest), lambda: tangent + rest, "direct")
 
         def from_diagonal() -> Real:
             # tan(π/4 − w) = 1 − 2t/(1 + t), its inverse 1 + 2t/(1 − t), t = tan w
