@@ -139,7 +139,9 @@ def main() -> None:
         "from __future__ import annotations\n\n",
         "from compiler.kernels.formats import DOUBLE, FLOAT, Format\n\n\n",
         "def _read(texts: str) -> tuple[float, ...]:\n",
-        "    return tuple(float.fromhex(text) for text in texts.split())\n",
+        "    return tuple(float.fromhex(text) for text in texts.split())\n\n\n",
+        "def _read_words(texts: str) -> tuple[int, ...]:\n",
+        "    return tuple(int(text, 16) for text in texts.split())\n",
     ]
     sets: dict[str, list[list[mpf]]] = {}
     for name, (target, weight, low, high, *degrees) in FITS.items():
@@ -157,11 +159,9 @@ def main() -> None:
             body = short_lines([float(value).hex() for value in values], " " * 8)
             lines.append(f"    {format}: _read(\n{body}    ),\n")
         lines.append("}\n")
-    lines.append(
-        "\nTWO_OVER_PI_WORDS: tuple[int, ...] = tuple(\n    int(text, 16)\n    for text in (\n"
-    )
+    lines.append("\nTWO_OVER_PI_WORDS: tuple[int, ...] = _read_words(\n")
     fraction = [f"{word:08X}" for word in two_over_pi_words(37)]
-    lines.append(short_lines(fraction, " " * 8) + "    ).split()\n)\n")
+    lines.append(short_lines(fraction, " " * 4) + ")\n")
     lines.append('"""The binary fraction of 2/π, 32 bits an entry."""\n')
     TARGET.write_text("".join(lines), encoding="utf-8")
 
