@@ -23,3 +23,19 @@ def assert_agrees(
         place = tuple(int(i[0]) for i in np.nonzero(wrong))
         message = f"{what} at {place}: {found[place]!r}, not {wanted[place]!r}"
         raise AssertionError(message)
+
+
+def assert_same_bits(
+    actual: NDArray[np.floating], expected: NDArray[np.floating], what: str
+) -> None:
+    """Both are float32 and have the same bits; a NaN may have any sign and payload."""
+    assert actual.dtype == expected.dtype == np.float32, what
+    missing = np.isnan(expected)
+    np.testing.assert_array_equal(np.isnan(actual), missing, what)
+    found = np.where(missing, np.float32(0), actual).view(np.uint32)
+    wanted = np.where(missing, np.float32(0), expected).view(np.uint32)
+    differing = np.nonzero(found != wanted)
+    if differing[0].size:
+        place = tuple(int(i[0]) for i in differing)
+        message = f"{what} at {place}: {actual[place]!r}, not {expected[place]!r}"
+        raise AssertionError(message)

@@ -125,14 +125,12 @@ class RecordBuilder:
             outputs=tuple(self._outputs),
         )
         record = Record(name, program, self._log, {}, {})
-        times = record.times
-        return Record(
-            name,
-            program,
-            self._log,
-            {key: values[times] for key, values in self._expected.items()},
-            {key: values[times] for key, values in self._expected_next.items()},
-        )
+        for wanted, given in (
+            (record.expected, self._expected),
+            (record.expected_next, self._expected_next),
+        ):
+            wanted.update({key: values[record.times] for key, values in given.items()})
+        return record
 
 
 def ops_of(graph: Graph) -> set[type]:

@@ -79,7 +79,7 @@ def run_casadi(program: Program, log: Log, times: NDArray[np.int64]) -> Result:
             for s in interface.states
         }
         results.append(Result(outputs, next_states))
-    return _together(results)
+    return together(results)
 
 
 def run_onnx(dtype: DTypeLike) -> Runner:
@@ -100,7 +100,7 @@ def run_onnx(dtype: DTypeLike) -> Runner:
                     {name: values[port] for name, port in names.next_states.items()},
                 )
             )
-        return _together(results)
+        return together(results)
 
     return run
 
@@ -140,7 +140,8 @@ def _infer(
     return {n: np.asarray(v) for n, v in zip(names, session.run(names, feeds), strict=True)}
 
 
-def _together(results: list[Result]) -> Result:
+def together(results: list[Result]) -> Result:
+    """The results of single rows as one of all rows."""
     first = results[0]
     return Result(
         {name: np.stack([r.outputs[name] for r in results]) for name in first.outputs},

@@ -10,16 +10,13 @@ import torch
 
 from compiler.ops import Op, Relation
 from compiler.scalar_functions import SCALAR_FUNCTIONS
-from tests.every_op.agreement import assert_agrees
+from tests.every_op.agreement import assert_agrees, assert_same_bits
 from tests.every_op.record import Record
 from tests.every_op.records import FUNCTION_RECORDS, OP_RECORDS, RECORDS
-from tests.every_op.runners import (
-    Runner,
-    run_casadi,
-    run_interpreter,
-    run_onnx,
-    run_torch,
-)
+from tests.every_op.run_c import DOUBLE as C_DOUBLE
+from tests.every_op.run_c import SINGLE as C_SINGLE
+from tests.every_op.run_c import run_c
+from tests.every_op.runners import Runner, run_casadi, run_interpreter, run_onnx, run_torch
 
 DOUBLE = 1e-12
 """The project's promise for one step in float64: a few thousand roundings of 1.1e-16."""
@@ -35,6 +32,8 @@ BACKENDS: dict[str, tuple[Runner, float]] = {
     "casadi": (run_casadi, DOUBLE),
     "onnx64": (run_onnx(np.float64), DOUBLE),
     "onnx32": (run_onnx(np.float32), SINGLE),
+    "c64": (run_c(C_DOUBLE), DOUBLE),
+    "c32": (run_c(C_SINGLE), SINGLE),
 }
 
 
@@ -48,6 +47,17 @@ def test_backend_agrees_with_numpy(record: Record, backend: str):
         assert_agrees(result.outputs[name], expected, tolerance, f"{record.name} {name}")
     for name, expected in record.expected_next.items():
         assert_agrees(result.next_states[name], expected, tolerance, f"{record.name} next {name}")
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.name)
+def test_c_has_the_bits_of_the_float32_interpreter(record: Record):
+    expected = run_interpreter(np.float32)(record.program, record.log, record.times)
+    result = run_c(C_SINGLE)(record.program, record.log, record.times)
+    for name in record.expected:
+        assert_same_bits(result.outputs[name], expected.outputs[name], f"{record.name} {name}")
+    for name in record.expected_next:
+        found = result.next_states[name]
+        assert_same_bits(found, expected.next_states[name], f"{record.name} next {name}")
 
 
 def test_every_operation_has_a_record():
