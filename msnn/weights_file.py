@@ -45,7 +45,7 @@ def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Progra
         "spec_sha256": program.spec_hash,
         "units": json.dumps(units, ensure_ascii=False, sort_keys=True),
     }
-    arrays = {name: np.ascontiguousarray(weights[name], np.float64) for name in sorted(weights)}
+    arrays = {name: np.array(weights[name], np.float64, order="C") for name in sorted(weights)}
     return write_bytes(path, save(arrays, metadata))
 
 

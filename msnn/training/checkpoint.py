@@ -42,8 +42,9 @@ class Checkpoint:
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Writes the file whole or not at all."""
-    arrays = {f"best/{name}": np.ascontiguousarray(v) for name, v in checkpoint.best.items()}
-    arrays |= {f"engine{name}": np.ascontiguousarray(v) for name, v in _engine_arrays(checkpoint)}
+    arrays = {f"best/{n}": np.array(v, order="C") for n, v in checkpoint.best.items()}
+    engine = checkpoint.engine.arrays
+    arrays |= {f"engine{n}": np.array(v, order="C") for n, v in engine.items()}
     record = {
         "format": _FORMAT,
         "spec_hash": checkpoint.spec_hash,
@@ -84,7 +85,3 @@ def read_checkpoint(path: Path) -> Checkpoint:
     except (OSError, SafetensorError, KeyError, ValueError, TypeError) as error:
         reason = f"{path.name} is not a checkpoint of this version"
         raise SpecError((errors.other_checkpoint(str(path.parent), reason),)) from error
-
-
-def _engine_arrays(checkpoint: Checkpoint) -> list[tuple[str, FloatArray]]:
-    return list(checkpoint.engine.arrays.items())

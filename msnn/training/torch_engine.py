@@ -144,6 +144,9 @@ def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.
                 max_iter=iterations,
                 history_size=history,
                 line_search_fn="strong_wolfe",
+                # small models are fitted to more digits than the defaults of torch ask for
+                tolerance_grad=1e-12,
+                tolerance_change=1e-14,
             )
 
 

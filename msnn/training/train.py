@@ -11,8 +11,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-import numpy as np
-
 from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
@@ -84,7 +82,6 @@ def train(
     options, progress = options or TrainingOptions(), progress or Silent()
     findings = Findings()
     plans = plan_stages(program, stages, findings)
-    _check_initial_values(program, findings)
     datas = [stage_data(plan, data, findings) for plan in plans]
     findings.raise_errors()
     for warning in (*data.warnings, *findings.in_order):
@@ -219,15 +216,6 @@ def _folder(
         reason = "the spec has changed since"
         raise SpecError((errors.other_checkpoint(str(folder.path), reason),))
     return folder, checkpoint
-
-
-def _check_initial_values(program: Program, findings: Findings) -> None:
-    for parameter in program.parameters:
-        values = np.asarray(parameter.initial)
-        low = -np.inf if parameter.minimum is None else parameter.minimum
-        high = np.inf if parameter.maximum is None else parameter.maximum
-        if parameter.learn and not ((values > low) & (values < high)).all():
-            findings.report(errors.initial_value_on_bound(parameter.name, parameter.span))
 
 
 def _description(program: Program, plans: Sequence[StagePlan], data: Dataset) -> dict[str, Any]:

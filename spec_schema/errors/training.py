@@ -100,18 +100,6 @@ def no_parameter(pattern: str, span: Span, names: Sequence[str]) -> Diagnostic:
     )
 
 
-def initial_value_on_bound(name: str, span: Span | None) -> Diagnostic:
-    """E0909: a bounded parameter that starts on or beyond a bound, where it has no slope."""
-    return Diagnostic(
-        "E0909",
-        "error",
-        f"the initial value of `{name}` is not inside its bounds",
-        span,
-        "on or beyond a bound",
-        help="start inside, or widen the bound",
-    )
-
-
 def unreadable_weights(file: str, reason: str) -> Diagnostic:
     """E0910: a weights file that cannot be read."""
     return Diagnostic("E0910", "error", f"cannot read the weights {file}: {reason}", None)

@@ -1,0 +1,54 @@
+"""A loss that is not finite stops the run, names the first bad value and keeps the best weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msnn.training.train import TrainingDivergedError, TrainingOptions, train
+from msnn.weights_file import read_weights
+from tests.training.cases import compiled, dataset
+
+TEXT = """msnn: 1
+name: plant
+sample_time: 1 s
+inputs: {x: 1}
+parameters:
+  a: {init: 0.9}
+equations:
+  grown: exp(a * x)
+outputs:
+  y: {expr: grown - 1, predicts: "x[t+1]"}
+train:
+"""
+
+
+def test_the_first_bad_value_and_its_line_are_named(tmp_path: Path) -> None:
+    program, spec = compiled(TEXT + "  - {name: far, rollout: 30, epochs: 2}\n")
+    data = dataset({"x": np.full(100, 2.0)}, train=[100])
+    with pytest.raises(TrainingDivergedError) as caught:
+        train(program, data, spec.train, TrainingOptions(runs=tmp_path))
+    diagnostic = caught.value.diagnostic
+    assert diagnostic.code == "E0913"
+    assert "stage `far` diverged in epoch 1: `grown` is not finite at step" in diagnostic.message
+    assert "train0.csv" in diagnostic.message
+    assert diagnostic.span is not None
+    assert diagnostic.span.line == 8
+    kept = read_weights(tmp_path / "plant" / "latest" / "weights.safetensors", program)
+    assert kept.weights["a"] == caught.value.result.weights["a"]
+
+
+def test_the_best_weights_before_are_kept() -> None:
+    program, spec = compiled(
+        TEXT + "  - {epochs: 3, optimizer: {sgd: {lr: 0.001}}}\n"
+        "  - {epochs: 5, optimizer: {sgd: {lr: 1e30}}}\n"
+    )
+    data = dataset({"x": np.full(50, 0.1)}, train=[50])
+    with pytest.raises(TrainingDivergedError) as caught:
+        train(program, data, spec.train, TrainingOptions(runs=None))
+    result = caught.value.result
+    assert len(result.stages) == 1
+    assert np.isfinite(result.weights["a"])
+    assert result.weights["a"] == result.stages[0].best["a"]

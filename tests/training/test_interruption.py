@@ -1,0 +1,91 @@
+"""Ctrl-C leaves a checkpoint; a resumed run ends with the bits of an undisturbed one."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msnn.training.progress import EpochEnd, Silent
+from msnn.training.train import (
+    TrainingInterruptedError,
+    TrainingOptions,
+    TrainingResult,
+    train,
+)
+from spec_schema.diagnostics import SpecError
+from tests.training.cases import dataset, gain, gain_series
+
+STAGES = {
+    "adam": "  - {epochs: 6, batch: 16}\n  - {epochs: 5, batch: 8, rollout: 4}\n",
+    "lbfgs": "  - {epochs: 6, batch: 30, optimizer: {lbfgs: {iterations: 2}}}\n",
+}
+
+
+class Interrupting(Silent):
+    """Sends Ctrl-C to this process when an epoch of a stage ends."""
+
+    def __init__(self, stage: str, epoch: int) -> None:
+        self._at = (stage, epoch)
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        if (event.stage, event.epoch) == self._at:
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+def run(stages: str, options: TrainingOptions, progress: Silent | None = None) -> TrainingResult:
+    program, spec = gain(stages)
+    data = dataset(gain_series(150), train=[70], val=[40])
+    return train(program, data, spec.train, options, progress)
+
+
+@pytest.mark.parametrize(
+    ("kind", "stage", "epoch"),
+    [("adam", "stage_1", 3), ("adam", "stage_2", 2), ("lbfgs", "stage_1", 2)],
+)
+def test_resuming_continues_bit_for_bit(kind: str, stage: str, epoch: int, tmp_path: Path) -> None:
+    undisturbed = run(STAGES[kind], TrainingOptions(runs=None))
+    with pytest.raises(TrainingInterruptedError) as caught:
+        run(STAGES[kind], TrainingOptions(runs=tmp_path), Interrupting(stage, epoch))
+    folder = caught.value.result.folder
+    assert folder is not None
+    assert (folder / "checkpoint.safetensors").is_file()
+    assert (folder / "weights.safetensors").is_file()
+    resumed = run(STAGES[kind], TrainingOptions(runs=tmp_path, resume=True))
+    assert resumed.folder == folder
+    for name, value in undisturbed.weights.items():
+        np.testing.assert_array_equal(resumed.weights[name], value)
+    assert not (folder / "checkpoint.safetensors").exists()
+    # one line an epoch, none twice
+    epochs = (folder / "metrics.jsonl").read_text().count("\n")
+    assert epochs == {"adam": 11, "lbfgs": 6}[kind]
+
+
+def test_the_second_interrupt_is_not_waited_for() -> None:
+    class Twice(Silent):
+        def epoch_ended(self, event: EpochEnd) -> None:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(STAGES["adam"], TrainingOptions(runs=None), Twice())
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_nothing_to_resume_is_said(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="no interrupted run"):
+        run(STAGES["adam"], TrainingOptions(runs=tmp_path, resume=True))
+
+
+@pytest.mark.parametrize("content", [b"", b"\x08\0\0\0\0\0\0\0{}      ", b"junk" * 100])
+def test_a_damaged_checkpoint_is_refused(content: bytes, tmp_path: Path) -> None:
+    with pytest.raises(TrainingInterruptedError) as caught:
+        run(STAGES["adam"], TrainingOptions(runs=tmp_path), Interrupting("stage_1", 1))
+    folder = caught.value.result.folder
+    assert folder is not None
+    (folder / "checkpoint.safetensors").write_bytes(content)
+    with pytest.raises(SpecError, match="cannot resume"):
+        run(STAGES["adam"], TrainingOptions(runs=tmp_path, resume=True))

@@ -1,0 +1,262 @@
+"""Rule R12: stages in order, each from the best weights of the one before, and what they move."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msnn.data.starts import Runs
+from msnn.rollout import LossSum
+from msnn.training.engine import EngineState
+from msnn.training.progress import EpochEnd, StageEnd, StageStart
+from msnn.training.stage_plan import plan_stages
+from msnn.training.stage_run import StageRun, shuffled
+from msnn.training.train import TrainingOptions, TrainingResult, train
+from msnn.weights_file import read_weights
+from spec_schema.diagnostics import Diagnostic, Findings, SpecError
+from tests.training.cases import compiled, dataset, gain, gain_series
+
+IN_MEMORY = TrainingOptions(runs=None)
+FAST = "optimizer: {adam: {lr: 0.05}}, dtype: float64"
+
+
+@dataclass
+class Recorder:
+    """Keeps every event of a run."""
+
+    stages: list[StageStart] = field(default_factory=list[StageStart])
+    epochs: list[EpochEnd] = field(default_factory=list[EpochEnd])
+    ends: list[StageEnd] = field(default_factory=list[StageEnd])
+    warnings: list[Diagnostic] = field(default_factory=list[Diagnostic])
+
+    def stage_started(self, event: StageStart) -> None:
+        self.stages.append(event)
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        self.epochs.append(event)
+
+    def stage_ended(self, event: StageEnd) -> None:
+        self.ends.append(event)
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        self.warnings.append(diagnostic)
+
+
+def run(stages: str, recorder: Recorder | None = None, **sets: list[int]) -> TrainingResult:
+    program, spec = gain(stages)
+    data = dataset(gain_series(200), **(sets or {"train": [60], "val": [40]}))
+    return train(program, data, spec.train, IN_MEMORY, recorder or Recorder())
+
+
+def test_r12_training_finds_the_parameters() -> None:
+    result = run(f"  - {{epochs: 200, batch: 16, {FAST}}}\n")
+    # Adam at this rate wanders by a few 1e-4 around the minimum
+    assert result.weights["a"] == pytest.approx(0.8, abs=2e-3)
+    assert result.weights["b"] == pytest.approx(0.3, abs=2e-3)
+
+
+def test_r12_a_stage_begins_with_the_best_of_the_one_before() -> None:
+    recorder = Recorder()
+    run(
+        f"  - {{epochs: 20, batch: 16, {FAST}}}\n"
+        # far too fast to improve anything: its best is what it began with
+        "  - {epochs: 3, dtype: float64, optimizer: {sgd: {lr: 30}}, clip: 1}\n",
+        recorder,
+    )
+    assert recorder.ends[1].best == pytest.approx(recorder.ends[0].best, rel=1e-12)
+    assert recorder.ends[1].best_epoch == 0
+
+
+def test_r12_frozen_parameters_keep_every_bit_and_only_in_their_stage() -> None:
+    program, spec = gain(
+        f"  - {{epochs: 3, freeze: b, {FAST}}}\n  - {{epochs: 3, freeze: a, {FAST}}}\n"
+    )
+    data = dataset(gain_series(100), train=[60], val=[40])
+    result = train(program, data, spec.train, IN_MEMORY)
+    first, second = result.stages
+    assert first.best["b"] == 0.0
+    assert first.best["a"] != 0.5
+    assert second.best["a"] == first.best["a"]
+    assert second.best["b"] != 0.0
+
+
+def test_r12_a_factor_of_zero_holds_a_parameter() -> None:
+    result = run(f"  - {{epochs: 2, lr: {{b: 0}}, {FAST}}}\n")
+    assert result.weights["b"] == 0.0
+
+
+def test_r12_loss_weights_of_a_stage_replace_those_they_name() -> None:
+    program, spec = gain(
+        "  - {losses: {small: 0.5}}\n",
+        'losses: {fit: "mse(x_next, x[t+1])", small: {expr: "l2(a)", weight: 2}}\n',
+    )
+    (plan,) = plan_stages(program, spec.train, Findings())
+    assert plan.loss_weights == {"fit": 1.0, "small": 0.5}
+
+
+def test_r12_defaults_of_a_stage() -> None:
+    program, spec = gain("  - {}\n")
+    (plan,) = plan_stages(program, spec.train, Findings())
+    assert (plan.epochs, plan.batch, plan.rollout.horizon, plan.rollout.stride) == (100, 128, 1, 1)
+    assert plan.record()["optimizer"] == {
+        "adam": {"lr": 1e-3, "beta1": 0.9, "beta2": 0.999, "eps": 1e-8}
+    }
+
+
+def test_r12_best_is_decided_on_val_and_else_on_train() -> None:
+    recorder = Recorder()
+    run(f"  - {{epochs: 1, {FAST}}}\n", recorder)
+    run(f"  - {{epochs: 1, {FAST}}}\n", recorder, train=[60])
+    assert [stage.monitored_on for stage in recorder.stages] == ["val", "train"]
+
+
+def test_r12_the_monitor_uses_the_rollout_of_the_stage_at_stride_horizon() -> None:
+    program, spec = gain(f"  - {{epochs: 1, rollout: {{horizon: 8, stride: 1}}, {FAST}}}\n")
+    from msnn.training.stage_data import stage_data
+
+    data = dataset(gain_series(100), train=[30], val=[21])
+    (plan,) = plan_stages(program, spec.train, Findings())
+    found = stage_data(plan, data, Findings())
+    assert found is not None
+    assert len(found.train) == 22  # 29 samples, 8 evaluations each
+    assert found.watched.t0.tolist() == [30, 38, 46]
+    assert found.watched.steps.tolist() == [8, 8, 4]
+
+
+def test_r12_early_stop_waits_for_its_patience() -> None:
+    recorder = Recorder()
+    run(
+        "  - {epochs: 50, dtype: float64, optimizer: {sgd: {lr: 30}}, clip: 1,"
+        " early_stop: {patience: 4}}\n",
+        recorder,
+    )
+    assert recorder.ends[0].epochs == 4
+    assert recorder.ends[0].reason == "no better for 4 epochs"
+
+
+def test_r12_the_same_seed_gives_the_same_weights_and_another_does_not() -> None:
+    results = [
+        run(f"  - {{epochs: 3, batch: 7, seed: {seed}, {FAST}}}\n").weights["a"]
+        for seed in (1, 1, 2)
+    ]
+    assert results[0] == results[1]
+    assert results[0] != results[2]
+
+
+def test_r12_starts_are_shuffled_anew_each_epoch() -> None:
+    orders = [shuffled(20, 0, 0, epoch).tolist() for epoch in range(3)]
+    assert all(sorted(order) == list(range(20)) for order in orders)
+    assert orders[0] != orders[1] != orders[2]
+
+
+class Counting:
+    """An engine that counts what it is given."""
+
+    def __init__(self) -> None:
+        self.batches: list[list[int]] = []
+
+    def weights(self) -> dict[str, np.ndarray]:
+        return {}
+
+    def train_batch(self, runs: Runs) -> dict[str, LossSum]:
+        self.batches.append(runs.t0.tolist())
+        return {"x_next": LossSum(float(len(runs)), len(runs))}
+
+    def evaluate(self, runs: Runs) -> dict[str, LossSum]:
+        return {"x_next": LossSum(0.0, len(runs))}
+
+    def state(self) -> EngineState:
+        return EngineState({}, None)
+
+    def restore(self, state: EngineState) -> None:
+        del state
+
+
+def test_r12_an_epoch_visits_every_start_once_and_the_last_batch_is_smaller() -> None:
+    program, spec = gain("  - {epochs: 1, batch: 8}\n")
+    (plan,) = plan_stages(program, spec.train, Findings())
+    engine = Counting()
+    runs = Runs(np.arange(21), np.ones(21, dtype=np.int64), 0, 22)
+    epochs: list[EpochEnd] = []
+    StageRun(plan, engine, runs, runs, "", lambda: False, epochs.append).run()
+    assert [len(batch) for batch in engine.batches] == [8, 8, 5]
+    assert sorted(sum(engine.batches, [])) == list(range(21))  # noqa: RUF017  (short lists)
+    assert epochs[0].total == 1.0  # the mean over starts, not over batches
+
+
+def test_lbfgs_takes_all_starts_at_once_and_fits_a_linear_model() -> None:
+    result = run("  - {epochs: 3, dtype: float64, optimizer: {lbfgs: {}}}\n")
+    assert result.weights["a"] == pytest.approx(0.8, abs=1e-6)
+    assert result.weights["b"] == pytest.approx(0.3, abs=1e-6)
+
+
+@pytest.mark.parametrize("horizon", ["5", "3 s", "episode", "record"])
+def test_every_horizon_trains(horizon: str) -> None:
+    recorder = Recorder()
+    run(f"  - {{epochs: 15, rollout: {horizon}, {FAST}}}\n", recorder)
+    assert recorder.ends[0].best < 0.5 * recorder.epochs[0].total
+
+
+@pytest.mark.parametrize(
+    ("stage", "code"),
+    [
+        ("{rollout: 2.5 s}", "E0601"),
+        ("{rollout: {horizon: 2, close: [u]}}", "E0902"),
+        ("{rollout: {horizon: 4, skip: 4}}", "E0903"),
+        ("{freeze: '*'}", "E0904"),
+        ("{lr: {a: 0.1}, optimizer: {lbfgs: {}}}", "E0905"),
+        ("{losses: {x_nxt: 1}}", "E0906"),
+        ("{losses: {x_next: 0}}", "E0907"),
+        ("{freeze: [aa]}", "E0908"),
+        ("{early_stop: {monitor: nothing}}", "E0906"),
+        ("{rollout: 100}", "E0821"),
+    ],
+)
+def test_faults_of_a_stage_have_a_code(stage: str, code: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        run(f"  - {stage}\n")
+    assert [d.code for d in caught.value.diagnostics if d.severity == "error"] == [code]
+
+
+def test_without_training_data_the_set_is_named() -> None:
+    with pytest.raises(SpecError, match="no data in the set `train`"):
+        run("  - {}\n", None, test=[50])
+
+
+def test_r7_fixed_starts_inside_a_record_are_a_warning() -> None:
+    text = (
+        "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\nparameters: {a: 0.5}\n"
+        'states: {x: {next: "a*x + u", init: 0}}\n'
+        'outputs: {y: {expr: next(x), predicts: "x[t+1]"}}\n'
+        "train: [{epochs: 1}, {epochs: 1, rollout: record}]\n"
+    )
+    program, spec = compiled(text)
+    series = {"u": np.ones(20)} | {s.name: np.ones(20) for s in program.signals if s.name != "u"}
+    recorder = Recorder()
+    train(program, dataset(series, train=[20]), spec.train, IN_MEMORY, recorder)
+    assert [(w.code, "stage_1" in w.message) for w in recorder.warnings] == [("W0901", True)]
+
+
+def test_a_run_is_kept_with_its_metrics_weights_and_spec(tmp_path: Path) -> None:
+    program, spec = gain(f"  - {{name: only, epochs: 3, {FAST}}}\n")
+    data = dataset(gain_series(100), train=[60], val=[40])
+    options = TrainingOptions(runs=tmp_path, spec_text="the text")
+    result = train(program, data, spec.train, options)
+    assert result.folder is not None
+    lines = (result.folder / "metrics.jsonl").read_text().splitlines()
+    records = [json.loads(line) for line in lines]
+    assert [record["epoch"] for record in records] == [1, 2, 3]
+    assert (result.folder / "spec.msnn.yaml").read_text() == "the text"
+    description = json.loads((result.folder / "run.json").read_text())
+    assert description["stages"][0]["name"] == "only"
+    assert description["data"]["rows"] == {"train": 60, "val": 40}
+    latest = read_weights(tmp_path / "gain" / "latest" / "weights.safetensors", program)
+    assert latest.weights["a"] == result.weights["a"]
+    assert not (result.folder / "checkpoint.safetensors").exists()
+    again = train(program, data, spec.train, options)
+    assert again.folder != result.folder
+    assert (tmp_path / "gain" / "latest").resolve() == again.folder
