@@ -1,1 +1,46 @@
-"""The tool people touch: specs to trained, validated and exported models."""
+"""The tool people touch: specs to trained, validated and exported models.
+
+import msnn
+
+model = msnn.load("plant.msnn.yaml")
+result = msnn.train(model)
+msnn.export(model, "c", "firmware/plant", result.weights)
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from msnn.package_names import check_package_names
+
+check_package_names()
+
+if TYPE_CHECKING:
+    from msnn.api import compile, export, load, simulate, train, validate
+    from msnn.model_file import Model
+    from spec_schema.diagnostics import SpecError
+
+__all__ = [
+    "Model",
+    "SpecError",
+    "compile",
+    "export",
+    "load",
+    "simulate",
+    "train",
+    "validate",
+]
+
+_HOMES = {"Model": "msnn.model_file", "SpecError": "spec_schema.diagnostics"}
+
+
+def __getattr__(name: str) -> Any:
+    """Imports a public name when it is first used, so that `import msnn` costs nothing."""
+    if name not in __all__:
+        raise AttributeError(f"module `msnn` has no attribute `{name}`")
+    return getattr(import_module(_HOMES.get(name, "msnn.api")), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -51,17 +51,22 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
 
 
 def simulate(
-    program: Program, data: Dataset, weights: Mapping[str, FloatArray] | None = None
+    program: Program,
+    data: Dataset,
+    weights: Mapping[str, FloatArray] | None = None,
+    horizon: int | None = None,
 ) -> list[Simulation]:
     """Free runs over all stretches of the data, each from its first possible row.
 
     `program` is in window form; what it closes is fed back, what it leaves open is read from the
-    data. Runs in float64.
+    data. `horizon` ends every run after so many steps. Runs in float64.
     """
     judge = Interpreter(program, weights)
     # targets of `predicts` need not be there: a simulation may run past the last of them
     unscored = replace(program, outputs=tuple(replace(o, predicts=None) for o in program.outputs))
     runs = rollouts(data.stretches(), reach(unscored), "record", 1)
+    if horizon is not None:
+        runs = replace(runs, steps=np.minimum(runs.steps, horizon))
     outputs = {
         out.name: np.empty(
             (len(runs), int(runs.steps.max(initial=0)), *program.step[out.node].type.shape)

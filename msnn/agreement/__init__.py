@@ -1,0 +1,1 @@
+"""Runs exported files against the numpy judge: do they compute what the model means?"""

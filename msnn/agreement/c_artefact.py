@@ -1,0 +1,65 @@
+"""Builds the C that an export wrote with a compiler of this machine, and runs it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from backends.c import COptions
+from backends.c.c_step import CStep
+from backends.c.host_build import CompilerMissingError, build_library
+from backends.c.interface import Interface, c_interface
+from msnn.agreement.judge import Arrays, Judgement
+from msnn.exporting import ExportPlan
+from msnn.failures import MissingExtraError
+
+
+@contextmanager
+def built_c(folder: Path, plan: ExportPlan) -> Generator[CModel]:
+    """The model in `folder`, ready to run. Raises MissingExtraError without a C compiler."""
+    with tempfile.TemporaryDirectory() as place:
+        try:
+            library = build_library(folder, Path(place) / "model.so")
+        except CompilerMissingError:
+            raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
+        options = COptions(dtype=plan.dtype, prefix=plan.prefix)
+        yield CModel(CStep(folder, library), c_interface(plan.program, options))
+
+
+@dataclass(frozen=True, slots=True)
+class CModel:
+    """One instance of the built model."""
+
+    step: CStep
+    interface: Interface
+
+    def reset(self, judged: Judgement) -> None:
+        """Sets the states from the samples around the judge's first step."""
+        windows = {
+            field.name: judged.windows[field.name].reshape(field.shape)
+            for field, _ in self.interface.windows
+        }
+        supplied = {
+            field.name: judged.states[state.name][0] for field, state in self.interface.supplied
+        }
+        self.step.reset(windows | supplied)
+
+    def steps(self, judged: Judgement) -> tuple[Arrays, Arrays]:
+        """Outputs and next states of every step, each from the judge's states."""
+        outputs: list[Arrays] = []
+        following: list[Arrays] = []
+        for k in range(len(next(iter(judged.outputs.values())))):
+            self.step.set_states({name: values[k] for name, values in judged.states.items()})
+            found, _ = self.step.step({name: v[k] for name, v in judged.inputs.items()})
+            outputs.append(found)
+            following.append(self.step.states())
+        return _joined(outputs), _joined(following)
+
+
+def _joined(steps: list[Arrays]) -> Arrays:
+    return {name: np.stack([step[name] for step in steps]) for name in steps[0]}

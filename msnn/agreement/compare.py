@@ -1,0 +1,114 @@
+"""Compares every written export with the judge: one step from its states, a free run, and bits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import assert_never
+
+import numpy as np
+
+from msnn.agreement.artefacts import Artefact, CasadiArtefact, OnnxArtefact, TorchArtefact
+from msnn.agreement.c_artefact import built_c
+from msnn.agreement.deviation import differing_bits, worst_deviation
+from msnn.agreement.judge import Arrays, Judgement, judge
+from msnn.agreement.record import Record
+from msnn.data.dataset import FloatArray
+from msnn.exporting import ExportPlan
+
+# one step in the arithmetic of the target, from the judge's state in float64
+STEP_LIMIT = {"float64": 1e-12, "float32": 1e-5}
+FREE_STEPS = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How far one target is from the judge, relative to each signal's largest magnitude."""
+
+    target: str
+    dtype: str
+    steps: int
+    one_step: float
+    """The worst of all steps, each from the judge's state."""
+    free_run: float
+    """The worst of a free run of at most 1,000 steps; grows where the model is unstable."""
+    bits: int | None
+    """Values whose bits differ from the judge's in the same arithmetic; for C in float32."""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the target keeps what it promises."""
+        return not self.bits and self.one_step <= STEP_LIMIT[self.dtype]
+
+
+def compare(
+    plan: ExportPlan, weights: Mapping[str, FloatArray], folder: Path, record: Record
+) -> Agreement:
+    """Runs what `write_export` wrote into `folder` along the record.
+
+    Raises MissingExtraError where onnxruntime or a C compiler is needed and not there.
+    """
+    match plan.target:
+        case "torch":
+            return _explicit(plan, weights, record, TorchArtefact(folder, plan.prefix))
+        case "casadi":
+            return _explicit(plan, weights, record, CasadiArtefact(folder, plan.prefix))
+        case "onnx":
+            from backends.onnx_model import onnx_names
+
+            names = onnx_names(plan.program)
+            tables = {
+                "inputs": names.inputs,
+                "states": names.states,
+                "outputs": names.outputs,
+                "next_states": names.next_states,
+                "start_windows": names.start_windows,
+            }
+            artefact = OnnxArtefact(folder, plan.prefix, tables)
+            return _explicit(plan, weights, record, artefact)
+        case "c":
+            return _c(plan, weights, record, folder)
+        case _:
+            assert_never(plan.target)
+
+
+def _explicit(
+    plan: ExportPlan, weights: Mapping[str, FloatArray], record: Record, artefact: Artefact
+) -> Agreement:
+    wanted = judge(plan.program, weights, record, np.float64)
+    outputs, following = artefact.step(wanted.inputs, wanted.states, record.steps)
+    one_step = max(
+        worst_deviation(outputs, wanted.outputs), worst_deviation(following, wanted.next_states)
+    )
+    free = worst_deviation(_free_run(artefact, wanted, record), wanted.outputs)
+    return Agreement(plan.target, plan.dtype, record.steps, one_step, free, None)
+
+
+def _free_run(artefact: Artefact, wanted: Judgement, record: Record) -> Arrays:
+    states = artefact.start(wanted.windows)
+    steps: list[Arrays] = []
+    for k in range(min(record.steps, FREE_STEPS)):
+        inputs = {name: values[k : k + 1] for name, values in wanted.inputs.items()}
+        outputs, states = artefact.step(inputs, states, 1)
+        steps.append(outputs)
+    return {name: np.concatenate([step[name] for step in steps]) for name in steps[0]}
+
+
+def _c(
+    plan: ExportPlan, weights: Mapping[str, FloatArray], record: Record, folder: Path
+) -> Agreement:
+    """Each step from the judge's states, and a free run; in float32 against its bits."""
+    wanted = judge(plan.program, weights, record, np.float64)
+    same = wanted if plan.dtype == "float64" else judge(plan.program, weights, record, np.float32)
+    with built_c(folder, plan) as model:
+        model.reset(same)
+        free, _ = model.step.run(same.inputs, record.steps)
+        outputs, following = model.steps(wanted)
+    one_step = max(
+        worst_deviation(outputs, wanted.outputs), worst_deviation(following, wanted.next_states)
+    )
+    beginning = {name: values[:FREE_STEPS] for name, values in free.items()}
+    deviation = worst_deviation(beginning, wanted.outputs)
+    bits = differing_bits(free, same.outputs) if plan.dtype == "float32" else None
+    return Agreement(plan.target, plan.dtype, record.steps, one_step, deviation, bits)

@@ -1,0 +1,46 @@
+"""How far two sets of arrays are apart: relative to the judge's magnitude, and in bits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+def worst_deviation(found: Arrays, wanted: Arrays) -> float:
+    """max |a − b| / max(|b|, s) over all arrays, s = the largest magnitude of each one in `wanted`.
+
+    Arrays are (steps, *shape); those found may have fewer steps. NaN and infinities must stand at
+    equal places, else the deviation is infinite.
+    """
+    return max((_deviation(found[name], wanted[name]) for name in wanted), default=0.0)
+
+
+def differing_bits(found: Arrays, wanted: Arrays) -> int:
+    """How many values differ in any bit; one NaN is as good as another."""
+    total = 0
+    for name, values in wanted.items():
+        a, b = np.ascontiguousarray(found[name]), np.ascontiguousarray(values)
+        unsigned = {4: np.uint32, 8: np.uint64}[b.dtype.itemsize]
+        same = a.view(unsigned) == b.view(unsigned)
+        total += int(np.sum(~(same | (np.isnan(a) & np.isnan(b)))))
+    return total
+
+
+def _deviation(found: NDArray[Any], wanted: NDArray[Any]) -> float:
+    b = wanted.astype(np.float64)
+    finite = np.isfinite(b)
+    scale = float(np.abs(b[finite]).max(initial=0.0))
+    a, b, finite = found.astype(np.float64), b[: len(found)], finite[: len(found)]
+    others_differ = ~finite & ~((a == b) | (np.isnan(a) & np.isnan(b)))
+    if others_differ.any() or not np.isfinite(a[finite]).all():
+        return math.inf
+    error = float(np.abs(a[finite] - b[finite]).max(initial=0.0))
+    if not error:
+        return 0.0
+    return error / scale if scale else math.inf

@@ -1,0 +1,84 @@
+"""Checks all exports of a model and prints how well they agree with the judge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from msnn.agreement.compare import Agreement, compare
+from msnn.agreement.record import agreement_record
+from msnn.data.dataset import FloatArray
+from msnn.exporting import ExportPlan
+from msnn.failures import MissingExtraError
+from msnn.model_file import Model
+from msnn.tables import table_text
+
+
+@dataclass(frozen=True, slots=True)
+class AgreementReport:
+    """What each target's comparison gave, and what kept others from being compared."""
+
+    origin: str
+    """The record along which they were compared."""
+    rows: tuple[Agreement, ...]
+    missing: tuple[MissingExtraError, ...]
+
+    @property
+    def agrees(self) -> bool:
+        return all(row.agrees for row in self.rows)
+
+
+def check_exports(
+    model: Model,
+    plans: Sequence[ExportPlan],
+    weights: Mapping[str, FloatArray],
+    folders: Mapping[str, Path],
+    data_folder: Path,
+) -> AgreementReport:
+    """Runs what was written for every plan, `folders` by target, along a record of the model.
+
+    Relative data paths start in `data_folder`. A target that needs something which is not
+    installed is left out and named.
+    """
+    rows: list[Agreement] = []
+    missing: list[MissingExtraError] = []
+    origins: dict[str, None] = {}
+    for plan in plans:
+        record = agreement_record(model, plan.program, data_folder)
+        origins[record.origin] = None
+        try:
+            rows.append(compare(plan, weights, folders[plan.target], record))
+        except MissingExtraError as error:
+            missing.append(error)
+    return AgreementReport(", ".join(origins), tuple(rows), tuple(missing))
+
+
+def agreement_table(report: AgreementReport) -> str:
+    """One row a target; deviations are relative to the largest magnitude of each signal."""
+    rows = [
+        (
+            row.target,
+            row.dtype,
+            str(row.steps),
+            f"{row.one_step:.1e}",
+            f"{row.free_run:.1e}",
+            "" if row.bits is None else str(row.bits),
+            "agrees" if row.agrees else "DIFFERS",
+        )
+        for row in report.rows
+    ]
+    header = ("target", "type", "steps", "one step", "free run", "differing bits", "")
+    table = table_text(header, rows, numbers=[2, 3, 4, 5])
+    return f"Worst deviation from the interpreter in float64, along {report.origin}:\n{table}"
+
+
+def agreement_values(report: AgreementReport) -> dict[str, Any]:
+    """The same as JSON values."""
+    return {
+        "along": report.origin,
+        "agrees": report.agrees,
+        "targets": [{**asdict(row), "agrees": row.agrees} for row in report.rows],
+        "not_checked": [str(error) for error in report.missing],
+    }

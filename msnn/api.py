@@ -1,0 +1,170 @@
+"""The verbs as Python functions: what `import msnn` offers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
+
+from compiler.compile import compile_spec
+from compiler.program import Program
+from msnn.data.dataset import Dataset, FloatArray, one_record
+from msnn.model_file import Model, load_model
+from spec_schema.diagnostics import Findings, SpecError
+from spec_schema.errors.commands import no_data_section
+from spec_schema.spec import Spec
+
+if TYPE_CHECKING:
+    from msnn.exporting import TargetName
+    from msnn.simulation import Simulation
+    from msnn.training.progress import Progress
+    from msnn.training.train import TrainingResult
+    from msnn.validation import ValidationReport
+
+Weights = Mapping[str, FloatArray]
+"""Physical arrays by parameter name, in the units of the spec."""
+
+
+def load(path: str | Path, settings: Sequence[str] = ()) -> Model:
+    """The model in a spec or program file; `settings` such as `train.0.epochs=5` replace values.
+
+        model = msnn.load("plant.msnn.yaml")
+        print(model.program.outputs)
+
+    Raises SpecError with everything that is wrong with the file.
+    """
+    return load_model(path, settings)
+
+
+def compile(spec: str | Path | Spec) -> Program:
+    """The program of a spec, in window form.
+
+        program = msnn.compile("plant.msnn.yaml")
+
+    Raises SpecError with everything that is wrong with it.
+    """
+    return compile_spec(spec).program if isinstance(spec, Spec) else load_model(spec).program
+
+
+def train(
+    model: Model,
+    *,
+    data_root: str | Path | None = None,
+    runs: str | Path | None = "runs",
+    resume: bool = False,
+    weights: Weights | None = None,
+    progress: Progress | None = None,
+) -> TrainingResult:
+    """Trains the stages of a spec on its data and returns the best weights of the last.
+
+        result = msnn.train(msnn.load("plant.msnn.yaml"))
+        print(result.weights["k"], result.folder)
+
+    `runs` None keeps no files. `weights` are where the first stage begins, by default the initial
+    values. Raises SpecError, TrainingDivergedError and TrainingInterruptedError.
+    """
+    from msnn.training import train as engine
+
+    options = engine.TrainingOptions(
+        runs=None if runs is None else Path(runs), resume=resume, spec_text=model.text
+    )
+    data = read_data(model, data_root, "training")
+    try:
+        return engine.train(model.program, data, model.spec.train, options, progress, weights)
+    except SpecError as error:
+        raise _with_sources(error, model) from None
+
+
+def validate(
+    model: Model, weights: Weights | None = None, *, data_root: str | Path | None = None
+) -> ValidationReport:
+    """Measures the `validate` section of a spec with the interpreter; None: initial weights.
+
+        report = msnn.validate(model, result.weights)
+        assert report.passed
+
+    Raises SpecError.
+    """
+    from msnn import validation
+
+    data = read_data(model, data_root, "validation")
+    try:
+        return validation.validate(model.program, data, model.spec.checks, weights)
+    except SpecError as error:
+        raise _with_sources(error, model) from None
+
+
+def simulate(
+    model: Model,
+    data: Mapping[str, ArrayLike] | list[Path] | str | Path | None = None,
+    weights: Weights | None = None,
+    *,
+    horizon: int | None = None,
+    data_root: str | Path | None = None,
+) -> list[Simulation]:
+    """Runs the model freely over records; every input that an output predicts is fed back.
+
+        (run,) = msnn.simulate(model, {"F": force, "x": position}, result.weights)
+        print(run.outputs["x_next"])
+
+    `data` are arrays (rows, *shape) by signal, or files with the columns that the spec names;
+    None takes the data of the spec. `horizon` ends each run after so many steps. Raises SpecError.
+    """
+    from msnn.simulation import simulate as run
+    from msnn.simulation import simulation_program
+    from msnn.simulation_data import file_data, record_data
+
+    program = simulation_program(model.program)
+    match data:
+        case None:
+            dataset = read_data(model, data_root, "simulation", program)
+        case str() | Path():
+            dataset = file_data(model, program, [Path(data)])
+        case list():
+            dataset = file_data(model, program, [Path(file) for file in data])
+        case _:
+            dataset = one_record(record_data(program, data))
+    return run(program, dataset, weights, horizon)
+
+
+def export(
+    model: Model,
+    target: TargetName,
+    folder: str | Path = "build/export",
+    weights: Weights | None = None,
+) -> tuple[Path, ...]:
+    """Writes one target ("torch", "onnx", "casadi", "c") and returns the paths of its files.
+
+        msnn.export(model, "c", "firmware/plant", result.weights)
+
+    What the spec's `export` section says of the target holds. Weights None: the initial values.
+    Raises SpecError, OSError.
+    """
+    from msnn.exporting import plan_exports, target_names, write_export
+
+    findings = Findings()
+    plans = plan_exports(model, target_names([target], model.spec.export), findings)
+    if findings.failed:
+        raise SpecError(findings.in_order, model.sources)
+    return tuple(path for plan in plans for path in write_export(plan, weights or {}, Path(folder)))
+
+
+def read_data(
+    model: Model, data_root: str | Path | None, purpose: str, program: Program | None = None
+) -> Dataset:
+    """The measured data of the spec, for the signals of `program` (default: all of the model)."""
+    from msnn.data.load import load_data
+
+    if model.spec.data is None:
+        raise SpecError([no_data_section(purpose)])
+    folder = model.folder if data_root is None else Path(data_root)
+    try:
+        return load_data(program or model.program, model.spec.data, folder)
+    except SpecError as error:
+        raise _with_sources(error, model) from None
+
+
+def _with_sources(error: SpecError, model: Model) -> SpecError:
+    return SpecError(error.diagnostics, (*error.sources, *model.sources))

@@ -1,0 +1,29 @@
+"""Turns what a command raised into what the user reads and the exit code."""
+
+from __future__ import annotations
+
+from msnn.cli.console import note, report
+from msnn.cli.exit_codes import ExitCode
+from msnn.failures import MissingExtraError
+from spec_schema.diagnostics import SpecError
+from spec_schema.errors.commands import refused_by_system
+
+
+def answer(error: Exception) -> ExitCode:
+    """Says what is wrong on stderr; BUG, and nothing said, for an error that nobody foresaw."""
+    match error:
+        case SpecError():
+            report(error.diagnostics, error.sources)
+            return ExitCode.DIAGNOSTICS
+        case MissingExtraError():
+            report([error.diagnostic], ())
+            return ExitCode.MISSING_EXTRA
+        case OSError():
+            path = "" if error.filename is None else str(error.filename)
+            report([refused_by_system(path, (error.strerror or str(error)).lower())], ())
+            return ExitCode.DIAGNOSTICS
+        case MemoryError():
+            note("out of memory: a smaller `batch` or fewer rows at once may fit")
+            return ExitCode.DIAGNOSTICS
+        case _:
+            return ExitCode.BUG

@@ -1,0 +1,63 @@
+"""Arguments that several verbs share."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+SpecFile: TypeAlias = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SPEC",
+        help="A spec (.yaml, .json), or the NAME.program.json that `msnn compile` wrote.",
+    ),
+]
+
+WeightsFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--weights", metavar="FILE", help="Weights; default: those of the last training."),
+]
+
+Initial: TypeAlias = Annotated[
+    bool,
+    typer.Option("--initial", help="Take the initial values of the spec instead of weights."),
+]
+
+RunsFolder: TypeAlias = Annotated[
+    Path,
+    typer.Option("--runs", metavar="FOLDER", help="Where trainings are kept."),
+]
+
+DataRoot: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--data-root", metavar="FOLDER", help="Data paths start here, not at the spec."),
+]
+
+Settings: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Replace a value: train.0.epochs=5."),
+]
+
+
+class EngineName(StrEnum):
+    """What computes a training stage."""
+
+    AUTO = "auto"
+    TORCH = "torch"
+
+
+class ResultFormat(StrEnum):
+    """How a result is printed."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
+OutputFormat: TypeAlias = Annotated[
+    ResultFormat, typer.Option("--format", help="Print the result as text or as JSON.")
+]
+
+RUNS = Path("runs")

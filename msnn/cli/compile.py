@@ -1,0 +1,28 @@
+"""`msnn compile`: writes the compiled program, which every other verb takes instead of a spec."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import SpecFile
+
+
+def compile_(
+    spec: SpecFile,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FOLDER", help="The folder to write into.")
+    ] = Path("build"),
+    strict_units: Annotated[
+        bool, typer.Option("--strict-units", help="Units that do not fit are errors.")
+    ] = False,
+) -> None:
+    """Compile a spec to build/NAME.program.json, which every other verb accepts."""
+    from msnn.cli.console import report, result
+    from msnn.model_file import load_model, write_program_file
+
+    model = load_model(spec, strict_units=strict_units)
+    report(model.warnings, model.sources)
+    result(str(write_program_file(model, out)))

@@ -1,0 +1,64 @@
+"""What a command says and where: results to stdout, all else to stderr, colour where wanted."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal, TextIO, cast
+
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.render import render
+from spec_schema.source import SourceText
+
+JSON_VERSION = 1
+"""Version of what `--format json` prints, raised when a reader of the former one would misread."""
+
+DiagnosticFormat = Literal["full", "concise", "json", "github"]
+
+
+def result(text: str) -> None:
+    """What the command was asked for."""
+    print(text, flush=True)
+
+
+def json_result(command: str, content: dict[str, Any]) -> None:
+    """The result as JSON with its version; NaN and infinity are null, as JSON has neither."""
+    record = {"version": JSON_VERSION, "command": command, **content}
+    result(json.dumps(plain(record), ensure_ascii=False, indent=2, allow_nan=False))
+
+
+def note(text: str) -> None:
+    """Progress, log and hints."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def report(
+    diagnostics: Sequence[Diagnostic],
+    sources: Iterable[SourceText],
+    format: DiagnosticFormat = "full",
+) -> None:
+    """Diagnostics on stderr."""
+    if diagnostics:
+        note(render(diagnostics, format, sources, color=wants_color(sys.stderr)))
+
+
+def wants_color(stream: TextIO) -> bool:
+    """Whether a stream shows colours: no-color.org, FORCE_COLOR, then whether it is a terminal."""
+    if os.environ.get("NO_COLOR"):
+        return False
+    forced = os.environ.get("FORCE_COLOR")
+    if forced is not None and forced != "":
+        return forced != "0"
+    return stream.isatty() and not os.environ.get("CI") and os.environ.get("TERM") != "dumb"
+
+
+def plain(value: Any) -> Any:
+    """A JSON value without what JSON cannot say: NaN and infinity become null."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in cast("dict[str, Any]", value).items()}
+    if isinstance(value, list):
+        return [plain(item) for item in cast("list[Any]", value)]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

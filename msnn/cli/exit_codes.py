@@ -1,0 +1,23 @@
+"""What the exit code of a command says."""
+
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """Stable: scripts and pipelines rely on them."""
+
+    OK = 0
+    DIAGNOSTICS = 1
+    """The spec or the data is wrong, or a file cannot be written."""
+    USAGE = 2
+    """The command line is wrong."""
+    LIMIT_BROKEN = 3
+    """A limit of `validate` does not hold."""
+    DIVERGED = 4
+    """Training met a value that is not finite."""
+    MISSING_EXTRA = 5
+    """An optional package or a compiler is not installed."""
+    BUG = 70
+    """A mistake in msnn itself."""
+    INTERRUPTED = 130
+    """The user ended the command."""

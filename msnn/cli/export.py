@@ -1,0 +1,83 @@
+"""`msnn export`: writes a model as C, ONNX, CasADi and torch, and compares what it wrote."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from msnn.cli.arguments import (
+    RUNS,
+    DataRoot,
+    Initial,
+    OutputFormat,
+    ResultFormat,
+    RunsFolder,
+    SpecFile,
+    WeightsFile,
+)
+from msnn.cli.exit_codes import ExitCode
+
+
+def export(
+    spec: SpecFile,
+    to: Annotated[
+        str,
+        typer.Option(
+            metavar="TARGET,…",
+            help="c, onnx, casadi, torch or all; default: those of the spec's `export:`, else all.",
+        ),
+    ] = "",
+    weights: WeightsFile = None,
+    initial: Initial = False,
+    runs: RunsFolder = RUNS,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FOLDER", help="Each target has a folder in it.")
+    ] = Path("build/export"),
+    check: Annotated[
+        bool, typer.Option("--check", help="Run every target and compare it with the interpreter.")
+    ] = False,
+    data_root: DataRoot = None,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Export the model: C99, ONNX, CasADi, torch; each into a folder of its own."""
+    from msnn.cli.console import json_result, note, report, result
+    from msnn.exporting import plan_exports, target_names, write_export
+    from msnn.model_file import load_model
+    from msnn.model_weights import choose_weights
+    from msnn.tables import count
+    from spec_schema.diagnostics import Findings, SpecError
+
+    model = load_model(spec)
+    report(model.warnings, model.sources)
+    names = [name.strip() for name in to.split(",") if name.strip()]
+    findings = Findings()
+    plans = plan_exports(model, target_names(names, model.spec.export), findings)
+    if findings.failed:
+        raise SpecError(findings.in_order, model.sources)
+    chosen = choose_weights(model.program, weights, runs, initial=initial)
+    report(chosen.warnings, model.sources)
+    note(f"weights: {chosen.origin}")
+    folders = {plan.target: out / plan.target for plan in plans}
+    written = {p.target: write_export(p, chosen.weights, folders[p.target]) for p in plans}
+    if format is ResultFormat.TEXT:
+        for target, paths in written.items():
+            result(f"{target}: {count(len(paths), 'file')} in {folders[target]}")
+    record: dict[str, Any] = {"files": {t: [str(p) for p in ps] for t, ps in written.items()}}
+    found = None
+    if check:
+        from msnn.agreement.report import agreement_table, agreement_values, check_exports
+
+        found = check_exports(model, plans, chosen.weights, folders, data_root or model.folder)
+        record["agreement"] = agreement_values(found)
+        if format is ResultFormat.TEXT:
+            result(f"\n{agreement_table(found)}")
+    if format is ResultFormat.JSON:
+        json_result("export", record)
+    if found is not None and found.missing:
+        report([error.diagnostic for error in found.missing], ())
+        raise typer.Exit(ExitCode.MISSING_EXTRA)
+    if found is not None and not found.agrees:
+        note("a target differs from the interpreter by more than it promises")
+        raise typer.Exit(ExitCode.LIMIT_BROKEN)

@@ -1,0 +1,21 @@
+"""`msnn init`: makes a project that works, to be changed into one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def init(
+    folder: Annotated[
+        Path, typer.Argument(metavar="NAME", help="The folder to make; its name is the model's.")
+    ],
+) -> None:
+    """Make a folder with a spec, a little simulated data and a README that shows the next steps."""
+    from msnn.cli.console import result
+    from msnn.new_project import new_project
+
+    made = new_project(folder)
+    result(f"{made}: {made.name}.msnn.yaml, data, README.md")

@@ -1,0 +1,76 @@
+"""`msnn train`: runs the stages of a spec on its data and keeps the weights."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import (
+    RUNS,
+    DataRoot,
+    EngineName,
+    OutputFormat,
+    ResultFormat,
+    Settings,
+    SpecFile,
+)
+from msnn.cli.exit_codes import ExitCode
+
+
+def train(
+    spec: SpecFile,
+    data_root: DataRoot = None,
+    settings: Settings = None,
+    engine: Annotated[
+        EngineName | None, typer.Option(help="What computes; replaces `engine:` of every stage.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the training that was interrupted.")
+    ] = False,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FOLDER", help="Trainings are kept in OUT/NAME/TIME.")
+    ] = RUNS,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Train the parameters on the data, stage after stage."""
+    from msnn.cli.console import json_result, note, report, result
+    from msnn.model_file import load_model, with_engine
+
+    model = load_model(spec, settings or ())
+    report(model.warnings, model.sources)
+    if engine is not None:
+        model = with_engine(model, engine.value)
+
+    # torch takes seconds to load: only a spec without mistakes waits for it
+    from msnn import api
+    from msnn.training.progress import Lines
+    from msnn.training.train import TrainingDivergedError, TrainingInterruptedError
+    from msnn.training_summary import (
+        Recorded,
+        parameters_table,
+        stages_table,
+        training_record,
+    )
+
+    progress = Recorded(Lines(sys.stderr, terminal=sys.stderr.isatty()))
+    try:
+        found = api.train(model, data_root=data_root, runs=out, resume=resume, progress=progress)
+    except TrainingDivergedError as error:
+        report([error.diagnostic], model.sources)
+        raise typer.Exit(ExitCode.DIVERGED) from None
+    except TrainingInterruptedError as error:
+        note(f"interrupted; its state is kept in {error.result.folder}")
+        note(f"`msnn train {spec} --resume` goes on")
+        raise typer.Exit(ExitCode.INTERRUPTED) from None
+    if format is ResultFormat.JSON:
+        record = training_record(model.program, found.weights, progress)
+        json_result("train", {**record, "folder": str(found.folder)})
+        return
+    result(stages_table(progress))
+    result("")
+    result(parameters_table(model.program, found.weights))
+    result("")
+    result(f"kept in {found.folder}")

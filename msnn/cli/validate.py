@@ -1,0 +1,61 @@
+"""`msnn validate`: measures a trained model, and fails when a limit of the spec is broken."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import (
+    RUNS,
+    DataRoot,
+    Initial,
+    OutputFormat,
+    ResultFormat,
+    RunsFolder,
+    Settings,
+    SpecFile,
+    WeightsFile,
+)
+from msnn.cli.exit_codes import ExitCode
+
+
+def validate(
+    spec: SpecFile,
+    weights: WeightsFile = None,
+    initial: Initial = False,
+    runs: RunsFolder = RUNS,
+    data_root: DataRoot = None,
+    settings: Settings = None,
+    junit: Annotated[
+        Path | None,
+        typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, a test a limit."),
+    ] = None,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Measure the model on data that it was not trained on; exit 3 when a limit is broken."""
+    from msnn import api
+    from msnn.cli.console import json_result, note, report, result
+    from msnn.model_file import load_model
+    from msnn.model_weights import choose_weights
+    from msnn.validation_report import junit_text, metrics_record, metrics_table
+
+    model = load_model(spec, settings or ())
+    report(model.warnings, model.sources)
+    chosen = choose_weights(model.program, weights, runs, initial=initial)
+    report(chosen.warnings, model.sources)
+    note(f"weights: {chosen.origin}")
+    found = api.validate(model, chosen.weights, data_root=data_root)
+    report(found.warnings, model.sources)
+    if junit is not None:
+        from backends.atomic_write import write_text
+
+        write_text(junit, junit_text(model.name, found))
+    if format is ResultFormat.JSON:
+        json_result("validate", metrics_record(found))
+    else:
+        result(metrics_table(found))
+    if not found.passed:
+        note("a limit is broken")
+        raise typer.Exit(ExitCode.LIMIT_BROKEN)

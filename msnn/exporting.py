@@ -1,0 +1,140 @@
+"""Exports a model: closes loops, prunes to the wanted outputs, lets a backend write its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias, assert_never
+
+from backends.identifiers import c_identifier
+from compiler.passes.close_loop import LoopError, close_loop
+from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.to_step_form import to_step_form
+from compiler.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.model_file import Model
+from spec_schema.diagnostics import Findings, SpecError
+from spec_schema.errors import commands, workflow
+from spec_schema.errors.states import not_closable
+from spec_schema.exports import CasadiExport, CExport, Export, OnnxExport, TorchExport
+
+TargetName: TypeAlias = Literal["torch", "onnx", "casadi", "c"]
+Dtype: TypeAlias = Literal["float32", "float64"]
+TARGETS: tuple[TargetName, ...] = ("torch", "onnx", "casadi", "c")
+
+
+@dataclass(frozen=True, slots=True)
+class ExportPlan:
+    """One target: the program in step form, the beginning of its names, and its number type."""
+
+    target: TargetName
+    program: Program
+    prefix: str
+    dtype: Dtype
+
+
+def target_names(names: Sequence[str], export: Export | None) -> tuple[TargetName, ...]:
+    """The targets that a command line names; by default those of the spec, else all of them.
+
+    Raises SpecError for a name that is no target.
+    """
+    faults = [commands.unknown_target(n, TARGETS) for n in names if n not in (*TARGETS, "all")]
+    if faults:
+        raise SpecError(faults)
+    if "all" in names:
+        return TARGETS
+    wanted: dict[TargetName, bool] = {target: target in names for target in TARGETS}
+    if not names:
+        wanted = {target: _entry(export, target) is not None for target in TARGETS}
+    return tuple(target for target in TARGETS if wanted[target]) or TARGETS
+
+
+def plan_exports(
+    model: Model, targets: Sequence[TargetName], findings: Findings
+) -> list[ExportPlan]:
+    """How each target will be written; what is wrong with its entry goes to `findings`."""
+    plans = (_plan(model, target, findings) for target in targets)
+    return [plan for plan in plans if plan is not None]
+
+
+def write_export(
+    plan: ExportPlan, weights: Mapping[str, FloatArray], folder: Path
+) -> tuple[Path, ...]:
+    """Writes the files of one target into the folder and returns their paths."""
+    match plan.target:
+        case "torch":
+            from backends.torch_files import write_torch
+
+            return write_torch(plan.program, weights, folder, plan.prefix, plan.dtype)
+        case "onnx":
+            from backends.onnx_files import write_onnx
+
+            return write_onnx(plan.program, weights, folder, plan.prefix, plan.dtype)
+        case "casadi":
+            from backends.casadi_files import write_casadi
+
+            return write_casadi(plan.program, weights, folder, plan.prefix)
+        case "c":
+            from backends.c import COptions, write_c
+
+            options = COptions(dtype=plan.dtype, prefix=plan.prefix)
+            return write_c(plan.program, weights, folder, options)
+        case _:
+            assert_never(plan.target)
+
+
+_TargetEntry: TypeAlias = TorchExport | OnnxExport | CasadiExport | CExport
+
+
+def _entry(export: Export | None, target: TargetName) -> _TargetEntry | None:
+    if export is None:
+        return None
+    match target:
+        case "torch":
+            return export.torch
+        case "onnx":
+            return export.onnx
+        case "casadi":
+            return export.casadi
+        case "c":
+            return export.c
+        case _:
+            assert_never(target)
+
+
+def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | None:
+    entry = _entry(model.spec.export, target)
+    dtype: Dtype = "float32" if target == "c" else "float64"
+    prefix = c_identifier(model.name, set())
+    program: Program | None = model.program
+    if entry is not None:
+        dtype = entry.dtype or dtype
+        if isinstance(entry, CasadiExport | CExport) and entry.prefix is not None:
+            prefix = c_identifier(entry.prefix.value, set())
+        if isinstance(entry, CasadiExport) and dtype != "float64":
+            findings.report(workflow.casadi_is_double(entry.place.key))
+        program = _closed(program, entry, findings)
+    if program is None:
+        return None
+    outputs = _outputs(program, entry, findings)
+    return ExportPlan(target, to_step_form(prune_outputs(program, outputs)), prefix, dtype)
+
+
+def _closed(program: Program, entry: _TargetEntry, findings: Findings) -> Program | None:
+    try:
+        return close_loop(program, [name.value for name in entry.close])
+    except LoopError as error:
+        place = next((name.span for name in entry.close if name.value == error.signal), None)
+        through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
+        findings.report(not_closable(error.signal, place, f"{error.kind.value}{through}"))
+        return None
+
+
+def _outputs(program: Program, entry: _TargetEntry | None, findings: Findings) -> list[str]:
+    known = [output.name for output in program.outputs]
+    if entry is None or entry.outputs is None:
+        return known
+    unknown = [name for name in entry.outputs if name.value not in known]
+    findings.report(*(workflow.unknown_output(n.value, n.span, known) for n in unknown))
+    return [name.value for name in entry.outputs if name.value in known]

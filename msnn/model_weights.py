@@ -1,0 +1,41 @@
+"""Which weights a command takes: a given file, those of the last training, or the initial ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from compiler.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.weights_file import initial_weights, read_weights
+from spec_schema.diagnostics import Diagnostic, SpecError
+from spec_schema.errors.commands import not_trained
+
+LATEST_WEIGHTS = Path("latest", "weights.safetensors")
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenWeights:
+    """Physical arrays by parameter, where they come from, and what is to be said about them."""
+
+    weights: Mapping[str, FloatArray]
+    origin: str
+    warnings: tuple[Diagnostic, ...] = ()
+
+
+def choose_weights(
+    program: Program, file: Path | None, runs: Path, *, initial: bool = False
+) -> ChosenWeights:
+    """The weights in `file`, else with `initial` the spec's own, else those of the last training.
+
+    Raises SpecError when a file does not fit the model, or nothing was trained yet.
+    """
+    if file is None and (initial or not any(p.learn for p in program.parameters)):
+        return ChosenWeights(initial_weights(program), "the initial values of the spec")
+    if file is None:
+        file = runs / program.name / LATEST_WEIGHTS
+        if not file.is_file():
+            raise SpecError([not_trained(str(file), program.name)])
+    loaded = read_weights(file, program)
+    return ChosenWeights(loaded.weights, str(file), loaded.warnings)

@@ -1,0 +1,65 @@
+"""Simulates the records that a new project starts with: a mass on a spring, measured with noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+MASS, DAMPING, STIFFNESS = 2.0, 0.8, 15.0
+"""kg, N·s/m, N/m."""
+SAMPLE_TIME = 0.05
+_ROWS = 200
+_LARGEST_FORCE = 5.0
+_POSITION_NOISE, _VELOCITY_NOISE = 1e-3, 5e-3
+_TRAIN, _TEST = 8, 2
+_FINE = 20
+"""Steps of the integrator in one sample: far more accurate than the noise is small."""
+
+
+def sample_records() -> dict[str, str]:
+    """CSV texts by file name, always the same ones: time, force, noisy position and velocity."""
+    random = np.random.Generator(np.random.Philox(2024))
+    names = [f"train/run_{i + 1:02}.csv" for i in range(_TRAIN)]
+    names += [f"test/run_{i + 1:02}.csv" for i in range(_TEST)]
+    return {name: _record(random) for name in names}
+
+
+def _record(random: np.random.Generator) -> str:
+    force = _steps(random)
+    position, velocity = _motion(force, random.uniform(-0.2, 0.2), random.uniform(-0.5, 0.5))
+    position += random.normal(0.0, _POSITION_NOISE, _ROWS)
+    velocity += random.normal(0.0, _VELOCITY_NOISE, _ROWS)
+    rows = zip(np.arange(_ROWS) * SAMPLE_TIME, force, position, velocity, strict=True)
+    lines = (f"{t:.2f},{F:.4f},{x:.5f},{v:.5f}" for t, F, x, v in rows)
+    return "\n".join(["time,F,x,v", *lines, ""])
+
+
+def _steps(random: np.random.Generator) -> NDArray[np.float64]:
+    """A force that jumps to a new value every 0.3 s to 1.5 s."""
+    force = np.empty(_ROWS)
+    row = 0
+    while row < _ROWS:
+        length = int(random.integers(6, 31))
+        force[row : row + length] = round(random.uniform(-_LARGEST_FORCE, _LARGEST_FORCE), 4)
+        row += length
+    return force
+
+
+def _motion(
+    force: NDArray[np.float64], x: float, v: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Position and velocity at every row under a force that is held between rows.
+
+    Velocity Verlet (Swope et al. 1982) with small steps; the damping enters implicitly.
+    """
+    positions, velocities = np.empty(_ROWS), np.empty(_ROWS)
+    h = SAMPLE_TIME / _FINE
+    for row in range(_ROWS):
+        positions[row], velocities[row] = x, v
+        for _ in range(_FINE):
+            pull = force[row] - STIFFNESS * x
+            half = v + 0.5 * h * (pull - DAMPING * v) / MASS
+            x += h * half
+            pull = force[row] - STIFFNESS * x
+            v = (half + 0.5 * h * pull / MASS) / (1.0 + 0.5 * h * DAMPING / MASS)
+    return positions, velocities

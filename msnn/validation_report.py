@@ -1,0 +1,103 @@
+"""Prints the metrics of a validation: as a table, as JSON values, as JUnit XML for a pipeline."""
+
+from __future__ import annotations
+
+from typing import Any
+from xml.sax.saxutils import escape, quoteattr
+
+from msnn.tables import table_text
+from msnn.validation import MetricRow, ValidationReport
+from spec_schema.units import Unit
+
+
+def metrics_table(report: ValidationReport) -> str:
+    """One row a metric: value and limits in its unit, how it was simulated, which rows count."""
+    rows = [
+        (
+            row.of,
+            row.metric,
+            f"{row.value:.6g}",
+            _unit(row.unit),
+            limits(row),
+            _verdict(row),
+            _rollout(row),
+            row.data,
+            row.rows,
+        )
+        for row in report.rows
+    ]
+    header = ("of", "metric", "value", "unit", "limit", "", "rollout", "data", "scored")
+    return table_text(header, rows, numbers=[2])
+
+
+def metrics_record(report: ValidationReport) -> dict[str, Any]:
+    """The same as JSON values."""
+    return {
+        "passed": report.passed,
+        "metrics": [
+            {
+                "of": row.of,
+                "metric": row.metric,
+                "value": row.value,
+                "unit": row.unit and row.unit.text,
+                "elements": row.elements.tolist(),
+                "min": row.minimum,
+                "max": row.maximum,
+                "passed": row.passed,
+                "horizon": row.horizon,
+                "closed": list(row.closed),
+                "data": row.data,
+                "rows": row.rows,
+                "scored": row.scored,
+            }
+            for row in report.rows
+        ],
+    }
+
+
+def junit_text(name: str, report: ValidationReport) -> str:
+    """JUnit XML in which every metric with a limit is a test case."""
+    limited = [row for row in report.rows if row.passed is not None]
+    broken = sum(1 for row in limited if not row.passed)
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<testsuite name={quoteattr(name)} tests="{len(limited)}" failures="{broken}">',
+    ]
+    for row in limited:
+        title = quoteattr(f"{row.of} {row.metric} {limits(row)} ({_rollout(row)}, {row.data})")
+        found = f"{row.value:.9g} {_unit(row.unit)}".strip()
+        lines.append(f"  <testcase classname={quoteattr(name)} name={title}>")
+        if row.passed:
+            lines.append(f"    <system-out>{escape(f'{found}, {row.rows}')}</system-out>")
+        else:
+            lines.append(f"    <failure message={quoteattr(f'{found} is not {limits(row)}')}/>")
+        lines.append("  </testcase>")
+    return "\n".join([*lines, "</testsuite>", ""])
+
+
+def limits(row: MetricRow) -> str:
+    """The limits of a metric as a reader writes them: `≤ 0.002`, `0.9 … 1`."""
+    match row.minimum, row.maximum:
+        case None, None:
+            return ""
+        case None, float(high):
+            return f"≤ {high:g}"
+        case float(low), None:
+            return f"≥ {low:g}"
+        case low, high:
+            return f"{low:g} … {high:g}"
+
+
+def _verdict(row: MetricRow) -> str:
+    return {None: "", True: "kept", False: "BROKEN"}[row.passed]
+
+
+def _rollout(row: MetricRow) -> str:
+    closed = f", closing {', '.join(row.closed)}" if row.closed else ""
+    if row.horizon == "1":
+        return f"one step{closed}"
+    return f"{row.horizon} steps{closed}" if row.horizon.isdecimal() else f"{row.horizon}{closed}"
+
+
+def _unit(unit: Unit | None) -> str:
+    return "" if unit is None else unit.text

@@ -1,0 +1,81 @@
+"""Checks what the compiler leaves: that data, train, validate and export fit the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from msnn.data.splits import SETS
+from msnn.exporting import plan_exports, target_names
+from msnn.model_file import Model, load_model
+from msnn.training.stage_plan import plan_stages
+from msnn.validation_plan import plan_checks
+from spec_schema.columns import Column
+from spec_schema.data_section import Data
+from spec_schema.diagnostics import Diagnostic, Findings, SpecError
+from spec_schema.errors import workflow as errors
+
+_LOG_SUFFIX = ".meas"
+
+
+def checked_model(path: str | Path, *, strict_units: bool = False) -> Model:
+    """The model in a file, with all that `msnn check` finds; raises SpecError if any is an error.
+
+    Its `warnings` are those of reading, compiling and of the workflow.
+    """
+    model = load_model(path, strict_units=strict_units)
+    diagnostics = (*model.warnings, *check_workflow(model))
+    if any(diagnostic.severity == "error" for diagnostic in diagnostics):
+        raise SpecError(diagnostics, model.sources)
+    return replace(model, warnings=diagnostics)
+
+
+def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
+    """Everything that is wrong with the sections that train, validate and export the model.
+
+    No data is read and nothing is written: stages, metrics and exports are planned as they would
+    run, so that a name that one of them lacks is found here.
+    """
+    findings = Findings()
+    spec = model.spec
+    if spec.train:
+        plan_stages(model.program, spec.train, findings)
+    plan_checks(model.program, spec.checks, findings)
+    if spec.data is not None:
+        _columns(model, spec.data, findings)
+        _sets(model, spec.data, findings)
+    else:
+        for name, entries in (("train", spec.train), ("validate", spec.checks)):
+            if entries:
+                findings.report(errors.needless_data(name, entries[0].place.key))
+    if spec.export is not None:
+        plan_exports(model, target_names((), spec.export), findings)
+    return findings.in_order
+
+
+def set_names(data: Data) -> tuple[str, ...]:
+    """The sets that a data section makes."""
+    split = SETS if data.split is not None else ()
+    return tuple(dict.fromkeys((*data.source, *split)))
+
+
+def _columns(model: Model, data: Data, findings: Findings) -> None:
+    spec = model.spec
+    # an input that nothing reads is no signal of the program any more, and yet no mistake here
+    known = tuple(dict.fromkeys((*spec.inputs, *spec.targets, *spec.states)))
+    sections: list[Mapping[str, Column]] = [data.columns]
+    sections += [source.columns for source in data.source.values()]
+    for columns in sections:
+        for name, column in columns.items():
+            if name.removesuffix(_LOG_SUFFIX) not in known:
+                findings.report(errors.unknown_signal(name, column.place.key, known))
+
+
+def _sets(model: Model, data: Data, findings: Findings) -> None:
+    known = set_names(data)
+    for check in model.spec.checks:
+        if check.data is not None and check.data.value not in known:
+            findings.report(errors.unknown_set(check.data.value, check.data.span, known))
+    if model.spec.train and "train" not in known:
+        findings.report(errors.unknown_set("train", model.spec.train[0].place.key, known))
