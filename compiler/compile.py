@@ -11,6 +11,8 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.losses import default_loss, lower_loss
 from compiler.lowering.model import Model
 from compiler.lowering.scope import Kind
+from compiler.liveness import needed
+from compiler.ops import ReadLog
 from compiler.passes import run_passes
 from compiler.program import (
     Declared,
@@ -28,6 +30,7 @@ from compiler.unit_rules import same_unit
 from compiler.verifier import verify
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import names, shapes, states, units
+from spec_schema.errors import time as times
 from spec_schema.signals import Output as OutputEntry
 from spec_schema.signals import Signal as SignalEntry
 from spec_schema.signals import State as StateEntry
@@ -54,6 +57,7 @@ def compile_spec(spec: Spec, *, strict_units: bool = False, spec_hash: str = "")
     model = Model(spec, findings)
     outputs = _outputs(model)
     state_table = _states(model)
+    _report_log_reads(model, outputs, state_table)
     losses = _losses(model, outputs)
     _unused_equations(model)
     if not findings.failed:  # what is left unused by a mistake is no news
@@ -178,6 +182,20 @@ def _states(model: Model) -> list[State]:
     return found
 
 
+def _report_log_reads(model: Model, outputs: list[Output], table: list[State]) -> None:
+    """A deployed step has no log: outputs and states must do without (losses need not)."""
+    graph = model.builder(_STEP).graph()
+    results = [(output.name, output.node, output.span) for output in outputs]
+    results += [(state.name, state.next, state.span) for state in table]
+    for name, node, span in results:
+        for index, is_needed in enumerate(needed(graph, (node,))):
+            op = graph[index].op
+            if is_needed and isinstance(op, ReadLog):
+                place = graph[index].span or span
+                assert place is not None
+                model.findings.report(times.target_in_step(op.signal, name, place))
+
+
 def _unused_equations(model: Model) -> None:
     """Lowers the equations that nothing needs, so that their mistakes are found too."""
     for name, entry in model.spec.equations.items():
@@ -210,11 +228,11 @@ def _losses(model: Model, outputs: list[Output]) -> list[Loss]:
 
 
 def _signals(model: Model) -> tuple[Signal, ...]:
-    sections = (
-        (Role.INPUT, model.spec.inputs),
-        (Role.TARGET, model.spec.targets),
-        (Role.TARGET, model.measured),
-    )
+    declared = [
+        *((Role.INPUT, name, entry) for name, entry in model.spec.inputs.items()),
+        *((Role.TARGET, name, entry) for name, entry in model.spec.targets.items()),
+        *((Role.TARGET, name, entry) for name, entry in model.measured.items()),
+    ]
     return tuple(
         Signal(
             name=name,
@@ -222,9 +240,9 @@ def _signals(model: Model) -> tuple[Signal, ...]:
             axes=model.arrays.axes_of(entry),
             unit=entry.unit.value if entry.unit else None,
             range=entry.range.value if entry.range else None,
+            on_invalid=entry.on_invalid if isinstance(entry, SignalEntry) else "flag",
             doc=entry.doc or "",
             span=entry.place.key,
         )
-        for role, section in sections
-        for name, entry in section.items()
+        for role, name, entry in declared
     )

@@ -194,7 +194,7 @@ class _Rule:
             case Negate():
                 return b.negate(g)
             case Multiply():
-                return b.multiply(g, args[1 - position])
+                return b.multiply(g, self._zero_where_unused(args[1 - position]))
             case Divide():
                 share = b.divide(g, self._guarded(args[1]))
                 if position == 0:

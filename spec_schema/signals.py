@@ -1,26 +1,30 @@
 """The signals a spec declares: inputs, targets, states, equations, outputs, losses."""
 
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import ValidationInfo, model_validator
 
 from spec_schema.entry import Entry, findings_of
 from spec_schema.errors import states as state_errors
 from spec_schema.expression_fields import ExpressionField, PredictionField
-from spec_schema.plain_fields import NonNegativeNumber, References, Text
+from spec_schema.plain_fields import NonNegativeNumber, References, Text, choice
 from spec_schema.quantity_fields import RangeField, UnitField
+
+InvalidPolicy: TypeAlias = Literal["clamp", "hold", "flag", "trust"]
 
 
 class Signal(Entry):
-    """An input or a target; `unit` and `dims` are None and () where undeclared."""
+    """An input or a target; `unit` and `dims` are None and () where undeclared.
+
+    `on_invalid` says what a generated controller does with a sample that is NaN or out of range.
+    """
 
     noun: ClassVar[str] = "a signal"
     shorthand: ClassVar[str | None] = "unit"
-    later: ClassVar[frozenset[str]] = frozenset({"on_invalid"})
-
     unit: UnitField | None = None
     dims: References = ()
     range: RangeField | None = None
+    on_invalid: Annotated[InvalidPolicy, choice("clamp", "hold", "flag", "trust")] = "flag"
     doc: Text | None = None
 
 

@@ -58,24 +58,6 @@ def no_such_prediction(name: str, span: Span) -> Diagnostic:
     )
 
 
-def two_feedbacks(signal: str, first: str, second: str, span: Span) -> Diagnostic:
-    """E0706: two outputs that would feed one closed signal."""
-    return Diagnostic(
-        "E0706",
-        "error",
-        f"`{first}` and `{second}` both predict `{signal}`",
-        span,
-        "one feedback path is needed to close the loop",
-    )
-
-
-def not_closable(signal: str, span: Span | None, reason: str) -> Diagnostic:
-    """E0707: a loop that cannot be closed."""
-    return Diagnostic(
-        "E0707", "error", f"`{signal}` cannot be closed: {reason}", span, "closed here"
-    )
-
-
 def flow_of_discrete(name: str, span: Span) -> Diagnostic:
     """E0708: the integrator's result for a state without derivative."""
     return Diagnostic(
