@@ -110,8 +110,11 @@ def _from_program_file(file: Path, settings: Sequence[str]) -> Model:
     except UnicodeDecodeError as error:
         raise SpecError([unreadable_file(shown, "it is not UTF-8 text")]) from error
     data = data_from_json(text, shown)
-    spec_path, spec_text = _embedded_spec(data, shown)
+    embedded = _embedded_spec(data)
     program = program_from_data(data, shown)
+    if embedded is None:
+        raise SpecError([foreign_spec(shown)])
+    spec_path, spec_text = embedded
     path = Path(os.path.normpath(file.parent / spec_path))
     read = read_spec(path, spec_text, settings)
     if program.spec_hash != _hash(read.source.text) or program.name != read.spec.name.value:
@@ -120,14 +123,14 @@ def _from_program_file(file: Path, settings: Sequence[str]) -> Model:
     return Model(program, read.spec, path, read.source.text, sources, read.warnings)
 
 
-def _embedded_spec(data: Any, shown: str) -> tuple[str, str]:
-    """Takes path and text of the spec out of the data of a program file."""
+def _embedded_spec(data: Any) -> tuple[str, str] | None:
+    """Takes path and text of the spec out of the data of a program file; None if not there."""
     match data:
         case {"spec": {"path": str(path), "text": str(text)}} if "\0" not in path:
             del data["spec"]
             return path, text
         case _:
-            raise SpecError([foreign_spec(shown)])
+            return None
 
 
 def _hash(text: str) -> str:

@@ -30,13 +30,17 @@ def render(
         case "concise":
             return "\n".join(describe(diagnostic) for diagnostic in diagnostics)
         case "json":
-            found = [_record(diagnostic) for diagnostic in diagnostics]
-            record = {"version": JSON_VERSION, "diagnostics": found}
+            record = {"version": JSON_VERSION, "diagnostics": records(diagnostics)}
             return json.dumps(record, ensure_ascii=False, indent=2)
         case "github":
             return "\n".join(_annotation(diagnostic) for diagnostic in diagnostics)
         case _:
             assert_never(format)
+
+
+def records(diagnostics: Iterable[Diagnostic]) -> list[dict[str, Any]]:
+    """The diagnostics as JSON values, for a program that prints them among other things."""
+    return [_record(diagnostic) for diagnostic in diagnostics]
 
 
 def _record(diagnostic: Diagnostic) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from backends.c import COptions
 from backends.c.c_step import CStep
-from backends.c.host_build import CompilerMissingError, build_library
+from backends.c.host_build import CompilerFailedError, CompilerMissingError, build_library
 from backends.c.interface import Interface, c_interface
 from msnn.agreement.judge import Arrays, Judgement
 from msnn.exporting import ExportPlan
@@ -27,6 +27,8 @@ def built_c(folder: Path, plan: ExportPlan) -> Generator[CModel]:
             library = build_library(folder, Path(place) / "model.so")
         except CompilerMissingError:
             raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
+        except CompilerFailedError as error:
+            raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
         options = COptions(dtype=plan.dtype, prefix=plan.prefix)
         yield CModel(CStep(folder, library), c_interface(plan.program, options))
 

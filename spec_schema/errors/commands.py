@@ -43,9 +43,9 @@ def no_such_item(step: str, count: int, span: Span) -> Diagnostic:
     )
 
 
-def unwritable(path: str, reason: str) -> Diagnostic:
-    """E1033: a file or folder that cannot be written."""
-    return Diagnostic("E1033", "error", f"cannot write {path}: {reason}", None)
+def refused_by_system(path: str, reason: str) -> Diagnostic:
+    """E1033: a file or folder that the system does not let us write or read."""
+    return Diagnostic("E1033", "error", f"cannot use {path or 'a file'}: {reason}", None)
 
 
 def folder_exists(path: str) -> Diagnostic:
@@ -113,7 +113,7 @@ def foreign_spec(name: str) -> Diagnostic:
     return Diagnostic(
         "E1040",
         "error",
-        f"{name} holds a program and the text of another spec",
+        f"{name} does not hold the spec that its program was compiled from",
         None,
         help="write it again with `msnn compile`",
     )
