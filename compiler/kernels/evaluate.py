@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.kernels.evaluation import run_routine
 from compiler.kernels.formats import FORMATS, RealName
+from compiler.kernels.run_routine import run_routine
 from compiler.kernels.statements import Routine
 from compiler.kernels.subroutine import trace
 from compiler.kernels.table import KERNELS
