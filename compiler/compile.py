@@ -6,12 +6,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from compiler.builder import GraphBuilder
+from compiler.liveness import needed
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.losses import default_loss, lower_loss
 from compiler.lowering.model import Model
 from compiler.lowering.scope import Kind
-from compiler.liveness import needed
 from compiler.ops import ReadLog
 from compiler.passes import run_passes
 from compiler.program import (

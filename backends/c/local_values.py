@@ -19,9 +19,13 @@ _LONGEST_EXPRESSION = 5
 class LocalValues:
     """Writes the locals of one function."""
 
-    def __init__(self, functions: FunctionTable, notes: SpecNotes, unroll: int) -> None:
+    def __init__(
+        self, functions: FunctionTable, notes: SpecNotes, unroll: int, parallel_sums: int = 1
+    ) -> None:
         self.functions = functions
         self.notes = notes
+        self.parallel_sums = parallel_sums
+        """Partial sums of a long sum that grow side by side; more than 1 changes its order."""
         self.unroll = unroll
         """Elements up to which loops are written out."""
         self.tables: list[Table] = []

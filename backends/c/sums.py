@@ -57,10 +57,28 @@ def sum_along(
         return total
 
     def _loop(indices: Indices, scope: Scope) -> Expression:
+        width = locals.parallel_sums
+        if width > 1 and count >= 2 * width:
+            return _side_by_side(width, indices, scope)
         total = _variable(_NEUTRAL, scope)
         with scope.loop(count) as (along, inner):
             inner.assign(total, added(total, indices, along, inner))
         return total
+
+    def _side_by_side(width: int, indices: Indices, scope: Scope) -> Expression:
+        """Sums of every width-th term, added at the end: a processor works on all at once."""
+        totals = [_variable(_NEUTRAL, scope) for _ in range(width)]
+        with scope.loop(count // width) as (along, inner):
+            for lane, total in enumerate(totals):
+                place = along.times(width).plus(Index(lane))
+                inner.assign(total, added(total, indices, place, inner))
+        for lane in range(count % width):
+            place = Index(count - count % width + lane)
+            scope.assign(totals[lane], added(totals[lane], indices, place, scope))
+        result: Expression = totals[0]
+        for total in totals[1:]:
+            result = scalar_operation(Add(), (result, total), locals.functions)
+        return result
 
     def _variable(begin: Expression, scope: Scope) -> Name:
         locals.notes.write(node, scope)

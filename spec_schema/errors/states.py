@@ -59,11 +59,18 @@ def no_such_prediction(name: str, span: Span) -> Diagnostic:
 
 
 def flow_of_discrete(name: str, span: Span) -> Diagnostic:
-    """E0708: the integrator's result for a state without derivative."""
+    """E0707: the integrator's result for a state without derivative."""
     return Diagnostic(
-        "E0708",
+        "E0707",
         "error",
         f"`flow({name})` needs `der:` in the state `{name}`",
         span,
         "no derivative",
+    )
+
+
+def not_closable(signal: str, span: Span | None, reason: str) -> Diagnostic:
+    """E0706: a loop that cannot be closed."""
+    return Diagnostic(
+        "E0706", "error", f"`{signal}` cannot be closed: {reason}", span, "closed here"
     )

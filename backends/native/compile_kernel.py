@@ -1,0 +1,98 @@
+"""Builds a kernel once: source, flags, compiler and processor decide the file it is kept in."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+from backends.atomic_write import replacing
+
+FLAGS = (
+    "-std=gnu11",
+    "-O3",
+    "-funroll-loops",
+    "-march=native",
+    "-ffp-contract=fast",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-Wno-psabi",
+    "-shared",
+    "-fPIC",
+)
+"""Never -ffast-math: gcc then links code that turns denormals off in the whole process, NaN cannot
+be told from numbers, and the math kernels lose the roundings they are made of. The emitter itself
+writes long sums as several short ones."""
+
+
+class NoCompilerError(Exception):
+    """No C compiler is on the path."""
+
+
+class KernelBuildError(Exception):
+    """The compiler refused a kernel: a bug of the emitter, with the compiler's own words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Compiler:
+    """A C compiler: the command, and what its version says."""
+
+    command: tuple[str, ...]
+    version: str
+
+
+def find_compiler() -> Compiler:
+    """The compiler of CC, else gcc, clang or cc. Raises NoCompilerError."""
+    for name in filter(None, (os.environ.get("CC"), "gcc", "clang", "cc")):
+        path = shutil.which(name)
+        if path is not None:
+            told = subprocess.run([path, "--version"], capture_output=True, text=True, check=False)
+            return Compiler((path,), told.stdout.partition("\n")[0])
+    raise NoCompilerError("no C compiler: install gcc or clang, or set CC")
+
+
+def cache_folder() -> Path:
+    """Where kernels are kept: MSNN_CACHE, else the user's cache folder."""
+    given = os.environ.get("MSNN_CACHE")
+    if given:
+        return Path(given)
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "msnn" / "kernels"
+
+
+def compiled_kernel(source: str) -> ctypes.CDLL:
+    """The loaded kernel of a source, compiled if it was not yet.
+
+    Raises NoCompilerError and KernelBuildError. Several processes may ask for one kernel at once:
+    each builds its own file and the rename is atomic.
+    """
+    compiler = find_compiler()
+    described = "\n".join((source, *FLAGS, *compiler.command, compiler.version, _processor()))
+    key = hashlib.sha256(described.encode()).hexdigest()[:32]
+    path = cache_folder() / f"{key}.so"
+    if not path.exists():
+        _compile(compiler, source, path)
+    return ctypes.CDLL(str(path))
+
+
+def _compile(compiler: Compiler, source: str, path: Path) -> None:
+    with replacing(path) as temporary:
+        command = [*compiler.command, *FLAGS, "-o", str(temporary), "-x", "c", "-", "-lm"]
+        done = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise KernelBuildError(done.stderr[-2000:])
+
+
+def _processor() -> str:
+    """What -march=native depends on: the model and features of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    wanted = ("model name", "flags", "Features", "CPU part")
+    return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))

@@ -1,0 +1,254 @@
+"""A training kernel in memory: losses and gradients of rollouts, whole epochs of batches."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.c_literals import Dtype
+from backends.native.compile_kernel import compiled_kernel
+from backends.native.kernel_source import KernelSource, kernel_source
+from compiler.program import Program
+from compiler.training_step import training_step
+
+FloatArray = NDArray[np.float64]
+Reals = NDArray[Any]
+"""Arrays of the kernel's own type."""
+
+LANES = {"float32": 16, "float64": 8}
+_ALIGNMENT = 64
+
+
+class _Problem(ctypes.Structure):
+    _fields_ = (
+        ("series", ctypes.c_void_p),
+        ("rows", ctypes.c_int64),
+        ("scored", ctypes.c_void_p),
+        ("skip", ctypes.c_int64),
+    )
+
+
+class _Variables(ctypes.Structure):
+    _fields_ = tuple(
+        (name, ctypes.c_void_p)
+        for name in ("kind", "low", "high", "scale", "rate", "raw", "physical", "first", "second")
+    )
+
+
+class _Optimizer(ctypes.Structure):
+    _fields_ = (
+        ("method", ctypes.c_int32),
+        ("missing", ctypes.c_int32),
+        ("beta1", ctypes.c_double),
+        ("beta2", ctypes.c_double),
+        ("epsilon", ctypes.c_double),
+        ("decay", ctypes.c_double),
+        ("clip", ctypes.c_double),
+        ("steps", ctypes.c_int64),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Losses:
+    """Σ and count of every loss, and ∂(weighted total)/∂ physical parameters, flat."""
+
+    sums: FloatArray
+    counts: FloatArray
+    gradient: FloatArray
+
+
+class Kernel:
+    """One program, its loops closed, compiled for this machine. Raises NoCompilerError."""
+
+    def __init__(self, program: Program, dtype: Dtype) -> None:
+        self.source: KernelSource = kernel_source(training_step(program), dtype)
+        self.program = program
+        self.dtype = np.dtype(dtype)
+        self.lanes = LANES[dtype]
+        truth = np.int32 if dtype == "float32" else np.int64
+        self.group_type = np.dtype(
+            [
+                ("steps", np.int64),
+                ("start", np.int64, (self.lanes,)),
+                ("used", truth, (self.lanes,)),
+            ],
+            align=True,
+        )
+        self._library = compiled_kernel(self.source.text)
+        self._library.msnn_work_lanes.restype = ctypes.c_int64
+        self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
+        self._library.msnn_train.restype = ctypes.c_int64
+
+    def groups(self, starts: NDArray[np.int64], steps: NDArray[np.int64]) -> NDArray[Any]:
+        """Lane groups of rollouts that begin at rows `starts`; each group has one length."""
+        found: list[NDArray[Any]] = []
+        for length in np.unique(steps)[::-1]:
+            members = starts[steps == length]
+            count = -(-len(members) // self.lanes)
+            padded = np.full(count * self.lanes, members[-1])
+            padded[: len(members)] = members
+            groups = np.zeros(count, self.group_type)
+            groups["steps"] = length
+            groups["start"] = padded.reshape(count, self.lanes)
+            used = np.arange(count * self.lanes) < len(members)
+            groups["used"] = -used.reshape(count, self.lanes).astype(int)
+            found.append(groups)
+        return np.concatenate(found)
+
+    def data(
+        self,
+        series: Mapping[str, FloatArray],
+        skip: int = 0,
+        scored: Mapping[str, NDArray[np.bool_]] | None = None,
+    ) -> Data:
+        """The logs as the kernel reads them."""
+        return Data(self, series, skip, scored)
+
+    def work(self, horizon: int) -> Reals:
+        """Memory for one group over a horizon, aligned for vectors."""
+        size = self._library.msnn_work_lanes(horizon) * self.lanes
+        return _aligned(size, self.dtype)
+
+    def losses(
+        self,
+        data: Data,
+        groups: NDArray[Any],
+        physical: FloatArray,
+        weights: Sequence[float],
+        *,
+        gradient: bool = True,
+    ) -> Losses:
+        """Losses of the groups, and the gradient of their weighted total if it is wanted."""
+        count = len(self.source.losses)
+        sums, counts = np.zeros(count), np.zeros(count)
+        slope = np.zeros(len(physical), self.dtype)
+        work = self.work(int(groups["steps"].max()))
+        theta = np.asarray(physical, self.dtype)
+        scale = np.asarray(weights, float)
+        self._library.msnn_losses(
+            ctypes.byref(data.problem),
+            _pointer(groups),
+            ctypes.c_int64(len(groups)),
+            _pointer(theta),
+            _pointer(scale),
+            ctypes.c_int(data.missing),
+            _pointer(work),
+            _pointer(slope) if gradient else None,
+            _pointer(sums),
+            _pointer(counts),
+        )
+        return Losses(sums, counts, slope.astype(float))
+
+    def train(
+        self,
+        data: Data,
+        groups: NDArray[Any],
+        bounds: NDArray[np.int64],
+        variables: Variables,
+        weights: Sequence[float],
+    ) -> tuple[int, FloatArray, FloatArray]:
+        """Batches `groups[bounds[i]:bounds[i+1]]` in order, an optimiser step after each.
+
+        Returns how many batches were finite (all, unless one stopped it), sums and counts.
+        """
+        count = len(self.source.losses)
+        sums, counts = np.zeros(count), np.zeros(count)
+        work = self.work(int(groups["steps"].max()))
+        scale = np.asarray(weights, float)
+        variables.optimizer.missing = int(data.missing)
+        done = self._library.msnn_train(
+            ctypes.byref(data.problem),
+            _pointer(groups),
+            _pointer(bounds),
+            ctypes.c_int64(len(bounds) - 1),
+            ctypes.byref(variables.addresses),
+            ctypes.byref(variables.optimizer),
+            _pointer(scale),
+            _pointer(work),
+            _pointer(sums),
+            _pointer(counts),
+        )
+        return int(done), sums, counts
+
+    def physical_values(self, variables: Variables) -> None:
+        """Fills in the physical values of the raw variables that move."""
+        self._library.msnn_physical(ctypes.byref(variables.addresses))
+
+
+class Data:
+    """Series, and which of their rows count, kept alive for the kernel's pointers."""
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        series: Mapping[str, FloatArray],
+        skip: int,
+        scored: Mapping[str, NDArray[np.bool_]] | None,
+    ) -> None:
+        names = kernel.source.signals
+        self._series = [np.ascontiguousarray(series[name], kernel.dtype) for name in names]
+        self._scored: list[NDArray[np.uint8]] = []
+        self.missing = scored is not None or any(bool(np.isnan(s).any()) for s in self._series)
+        table = None
+        if scored is not None:
+            self._scored = [
+                np.ascontiguousarray(scored[name], np.uint8) for name in kernel.source.losses
+            ]
+            table = _table(self._scored)
+        self._tables = (_table(self._series), table)
+        rows = len(self._series[0]) if self._series else 0
+        self.problem = _Problem(
+            ctypes.cast(self._tables[0], ctypes.c_void_p),
+            rows,
+            None if table is None else ctypes.cast(table, ctypes.c_void_p),
+            skip,
+        )
+
+
+class Variables:
+    """Raw variables, their physical values and the optimiser's memory, all flat."""
+
+    def __init__(
+        self,
+        dtype: np.dtype[Any],
+        kind: NDArray[np.int32],
+        low: FloatArray,
+        high: FloatArray,
+        scale: FloatArray,
+        rate: FloatArray,
+        raw: FloatArray,
+        physical: FloatArray,
+        optimizer: _Optimizer,
+    ) -> None:
+        self.arrays: dict[str, NDArray[Any]] = {
+            "kind": np.ascontiguousarray(kind, np.int32),
+            "low": np.ascontiguousarray(low, float),
+            "high": np.ascontiguousarray(high, float),
+            "scale": np.ascontiguousarray(scale, float),
+            "rate": np.array(rate, dtype),
+            "raw": np.array(raw, dtype),
+            "physical": np.array(physical, dtype),
+            "first": np.zeros(len(raw), dtype),
+            "second": np.zeros(len(raw), dtype),
+        }
+        self.addresses = _Variables(*(a.ctypes.data for a in self.arrays.values()))
+        self.optimizer = optimizer
+
+
+def _table(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:
+    return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
+
+
+def _pointer(array: NDArray[Any]) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def _aligned(size: int, dtype: np.dtype[Any]) -> Reals:
+    raw = np.zeros(size * dtype.itemsize + _ALIGNMENT, np.uint8)
+    offset = -raw.ctypes.data % _ALIGNMENT
+    return raw[offset : offset + size * dtype.itemsize].view(dtype)

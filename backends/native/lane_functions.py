@@ -1,0 +1,134 @@
+"""Writes the functions that one lane group runs: start, step, reverse step and reverse start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import assert_never
+
+from backends.c.c_language import Argument, Binary, Function, Name, Statement
+from backends.c.functions import FunctionTable
+from backends.c.local_values import LocalValues
+from backends.c.lowering import GraphLowering
+from backends.c.places import Index, Place
+from backends.c.scope import LocalNames, Scope
+from backends.c.spec_notes import SpecNotes
+from backends.c.values import copy_value
+from backends.native.lane_memory import Memory, read_of
+from compiler.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.program import Graph, NodeId, State
+from compiler.training_step import ADJOINT, SCALE, STORED
+from compiler.types import Type
+
+UNROLL = 4
+"""Elements up to which loops are written out; the compiler unrolls the longer ones itself."""
+
+PARALLEL_SUMS = 4
+"""As many as hide the latency of a multiply-add (4 cycles on current processors)."""
+
+GRADIENT = "gradient"
+PARAMETERS = "theta"
+
+
+class LaneWriter:
+    """One function; also where its graph finds its leaves."""
+
+    def __init__(self, memory: Memory, graph: Graph, functions: FunctionTable) -> None:
+        self.memory = memory
+        self.graph = graph
+        self.scope = Scope(LocalNames("msnn"))
+        for tape in (*memory.signals.values(), *memory.buffers.values()):
+            self.scope.reserve(tape.name)
+            self.scope.reserve(f"d_{tape.name}")
+        for name, _ in memory.plain.values():
+            for prefix in ("", "d_", "next_"):
+                self.scope.reserve(f"{prefix}{name}")
+        for name in (PARAMETERS, GRADIENT, "scale", "total", "count"):
+            self.scope.reserve(name)
+        self.locals = LocalValues(functions, SpecNotes(graph), UNROLL, PARALLEL_SUMS)
+
+    # ---- surroundings of the lowering
+
+    def read(self, op: ReadParameter | ReadSignal | ReadLog | ReadState, type: Type) -> Place:
+        match op:
+            case ReadParameter(name):
+                return self._parameter(name, type)
+            case ReadSignal(name) | ReadLog(name):
+                return read_of(self.memory.signals[name], op, type.axes)
+            case ReadState(name):
+                return self._state(name, type)
+            case _:
+                assert_never(op)
+
+    def push(self, op: Window, newest: Place, scope: Scope) -> Place | None:
+        """The newest sample is stored behind the others, unless it stands there already."""
+        tape = self.memory.buffers[op.state]
+        count = tape.last + 1
+        row = tape.place(newest.shape, tape.last, None)
+        if row != newest:
+            copy_value(newest, row, scope, UNROLL)
+        return tape.place((*newest.shape, count), 0, count)
+
+    def _parameter(self, name: str, type: Type) -> Place:
+        if name.startswith(SCALE):
+            names = [term.loss.name for term in self.memory.step.losses]
+            index = Index(names.index(name.removeprefix(SCALE)))
+            return Place(Name("scale"), (), (), index)
+        offset = Index(self.memory.parameters[name])
+        return array(PARAMETERS, type.shape, offset)
+
+    def _state(self, name: str, type: Type) -> Place:
+        buffers, plain = self.memory.buffers, self.memory.plain
+        if name.startswith(STORED):
+            tape = buffers[name.removeprefix(STORED)]
+            return tape.place(type.shape, tape.last, None)
+        if name.startswith(ADJOINT):
+            name = name.removeprefix(ADJOINT)
+            if name in plain:
+                return array(f"d_next_{plain[name][0]}", type.shape)
+            if type.window is not None:  # at t0 all samples of a buffer have adjoints
+                return adjoint_of(buffers[name].place(type.shape, 0, type.window))
+            return adjoint_of(buffers[name].place(type.shape, buffers[name].last, None))
+        if name in plain:
+            return array(plain[name][0], type.shape)
+        return buffers[name].place(type.shape, 0, type.axes[-1].size)
+
+    def state_place(self, state: State) -> Place:
+        """Where a state stands."""
+        return self._state(state.name, Type(state.axes))
+
+    @staticmethod
+    def shape(state: State) -> tuple[int, ...]:
+        return tuple(axis.size for axis in state.axes)
+
+    # ---- writing
+
+    def lowered(self, *roots: NodeId) -> GraphLowering:
+        return GraphLowering(self.graph, roots, self, self.scope, self.locals)
+
+    def add_to(self, lowered: GraphLowering, node: NodeId, target: Place) -> None:
+        """target += value, element by element."""
+        value = lowered.value(node)
+
+        def one(indices: tuple[Index, ...], inner: Scope) -> None:
+            element = target.element(indices)
+            term = (
+                value.element(indices) if isinstance(value, Place) else value.make(indices, inner)
+            )
+            inner.assign(element, Binary("+", element, term))
+
+        self.scope.each(target.shape, UNROLL, one)
+
+    def function(self, name: str, arguments: Sequence[Argument], doc: str) -> Function:
+        body: tuple[Statement, ...] = (*self.locals.tables, *self.scope.statements)
+        return Function(name, "void", tuple(arguments), body, doc, static=True, inline=True)
+
+
+def array(name: str, shape: tuple[int, ...], offset: Index | None = None) -> Place:
+    place = Place.array(Name(name), shape)
+    return place if offset is None else Place(place.storage, shape, place.strides, offset)
+
+
+def adjoint_of(place: Place) -> Place:
+    """The adjoint of what stands in a tape: the same place in the tape of adjoints."""
+    assert isinstance(place.storage, Name)
+    return Place(Name(f"d_{place.storage.text}"), place.shape, place.strides, place.offset)

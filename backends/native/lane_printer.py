@@ -1,0 +1,49 @@
+"""Prints the C tree with a whole group of samples in each real: one vector, one lane a sample."""
+
+from __future__ import annotations
+
+from backends.c.c_language import Conditional, CType, Expression, Real, Table, Truth
+from backends.c.c_literals import real_literal
+from backends.c.c_printer import Printer
+
+
+class LanePrinter(Printer):
+    """The printer of controllers with vectors for reals and masks for truth values.
+
+    Vector extensions of gcc and clang have no literals and, in C, no `?:`; the kernel's prelude
+    has `splat` and `choose` for them.
+    """
+
+    def type(self, type: CType) -> str:
+        match type:
+            case CType.REAL:
+                return "lanes"
+            case CType.BOOL:
+                return "mask"
+            case CType.UNSIGNED | CType.STATUS:
+                return "uint32_t"
+
+    def expression(self, expression: Expression) -> str:
+        match expression:
+            case Real(value):
+                return f"splat({real_literal(value, self.dtype)})"
+            case Truth(value):
+                return "every_lane" if value else "no_lane"
+            case Conditional(condition, then, otherwise):
+                parts = (self.expression(part) for part in (condition, then, otherwise))
+                return f"choose({', '.join(parts)})"
+            case _:
+                return super().expression(expression)
+
+    def operand(self, expression: Expression) -> str:
+        match expression:
+            case Real() | Conditional():
+                return self.expression(expression)
+            case _:
+                return super().operand(expression)
+
+    def table(self, table: Table) -> str:
+        """A constant array, every number in all lanes."""
+        numbers = [f"all({real_literal(value, self.dtype)})" for value in table.values]
+        head = f"static const lanes {table.name}[{len(numbers)}]"
+        return f"{head} = {self.braced(numbers)};"
