@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Literal
 
 from numpy.typing import ArrayLike
-from safetensors.numpy import save
 
 from backends.atomic_write import write_bytes, write_text
 from backends.readme import one_line, readme_text
+from backends.safetensors_bytes import safetensors_bytes
 from backends.torch_source import torch_source
 from compiler.interpreter import physical_weights
 from compiler.program import Program
@@ -34,6 +34,6 @@ def write_torch(
     readme = readme_text("torch", model=one_line(program.name), prefix=prefix)
     return (
         write_text(folder / f"{prefix}.py", torch_source(program, prefix, dtype)),
-        write_bytes(folder / f"{prefix}.safetensors", save(arrays, metadata)),
+        write_bytes(folder / f"{prefix}.safetensors", safetensors_bytes(arrays, metadata)),
         write_text(folder / f"{prefix}_torch.md", readme),
     )

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load, save
+from safetensors.numpy import load
 
 from backends.atomic_write import write_bytes
+from backends.safetensors_bytes import safetensors_bytes
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
 from spec_schema.diagnostics import Diagnostic, SpecError
@@ -45,8 +46,8 @@ def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Progra
         "spec_sha256": program.spec_hash,
         "units": json.dumps(units, ensure_ascii=False, sort_keys=True),
     }
-    arrays = {name: np.array(weights[name], np.float64, order="C") for name in sorted(weights)}
-    return write_bytes(path, save(arrays, metadata))
+    arrays = {name: np.asarray(value, np.float64) for name, value in weights.items()}
+    return write_bytes(path, safetensors_bytes(arrays, metadata))
 
 
 def read_weights(path: Path, program: Program) -> LoadedWeights:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
 
 from backends.atomic_write import write_bytes
+from backends.safetensors_bytes import safetensors_bytes
 from msnn.data.dataset import FloatArray
 from msnn.rollout import LossSum
 from msnn.training.engine import EngineState, LossSums
@@ -42,9 +42,8 @@ class Checkpoint:
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Writes the file whole or not at all."""
-    arrays = {f"best/{n}": np.array(v, order="C") for n, v in checkpoint.best.items()}
-    engine = checkpoint.engine.arrays
-    arrays |= {f"engine{n}": np.array(v, order="C") for n, v in engine.items()}
+    arrays = {f"best/{name}": np.asarray(v) for name, v in checkpoint.best.items()}
+    arrays |= {f"engine{name}": np.asarray(v) for name, v in checkpoint.engine.arrays.items()}
     record = {
         "format": _FORMAT,
         "spec_hash": checkpoint.spec_hash,
@@ -56,7 +55,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
         "best_epoch": checkpoint.best_epoch,
         "engine": checkpoint.engine.structure,
     }
-    write_bytes(path, save(arrays, {"msnn": json.dumps(record)}))
+    write_bytes(path, safetensors_bytes(arrays, {"msnn": json.dumps(record)}))
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
