@@ -132,7 +132,7 @@ class Printer:
         lines: list[str] = []
         current = begin = f"{indent}{_INDENT}"
         for number in numbers:
-            if len(current) + len(number) + 2 > WIDTH:
+            if len(current) + len(number) + len(_INDENT) + 1 > WIDTH:  # it may stand in a function
                 lines.append(current.rstrip())
                 current = begin
             current += f"{number}, "

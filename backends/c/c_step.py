@@ -31,6 +31,7 @@ class CStep:
         self._structs = {
             name: _Struct(fields, self.dtype) for name, fields in layout["structs"].items()
         }
+        self._states: list[dict[str, Any]] = layout["states"]
         self._library = ctypes.CDLL(str(library))
         self._state = self._structs["state"].new(1)
         self._parameters = self._default_parameters() if layout["takes_parameters"] else None
@@ -72,9 +73,10 @@ class CStep:
         current = {name: values[0] for name, values in struct.values(self._parameters).items()}
         self._parameters = struct.filled(current | dict(parameters), 1)
 
-    def memory(self) -> dict[str, Array]:
-        """Fields of the state struct by the names of the states, as they lie in memory."""
-        return {k: v[0] for k, v in self._structs["state"].values(self._state).items()}
+    def states(self) -> dict[str, Array]:
+        """The values of all states, buffers oldest sample first."""
+        memory = self._state[0]
+        return {state["name"]: _value_of(state, memory) for state in self._states}
 
     def selftest(self) -> int:
         """Bits of the self-test; 0 if all is well."""
@@ -107,7 +109,7 @@ class _Struct:
         kinds = {"real": real, "uint32": np.dtype(np.uint32)}
         members = [(f["field"], kinds[f["type"]], tuple(f["shape"])) for f in fields]
         self.dtype = np.dtype(members, align=True)
-        self._fields = {f["name"]: f for f in fields if f["name"]}
+        self._fields = {f["name"]: f for f in fields if f["name"] is not None}
 
     def new(self, count: int) -> Array:
         return np.zeros(count, self.dtype)
@@ -130,6 +132,17 @@ class _Struct:
     def values(self, structs: Array) -> dict[str, Array]:
         """The fields that the spec names, (count, *shape)."""
         return {name: structs[field["field"]].copy() for name, field in self._fields.items()}
+
+
+def _value_of(state: dict[str, Any], memory: Any) -> Array:
+    """The value of a state from the struct; a buffer has room for one sample more than it keeps."""
+    stored, shape = memory[state["field"]], tuple(state["shape"])
+    if state["kind"] == "plain":
+        return stored.reshape(shape).copy()
+    *rows, kept = shape
+    samples = stored.reshape(*rows, -1)
+    begin = int(memory[state["head"]]) + 1 if state["kind"] == "ring" else 0
+    return samples[..., begin : begin + kept].copy()
 
 
 def _layout(folder: Path) -> dict[str, Any]:

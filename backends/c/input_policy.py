@@ -39,11 +39,18 @@ _FUNCTIONS: dict[InvalidPolicy, str] = {"flag": "flagged", "clamp": "clamped", "
 
 
 def limits(signal: Signal, dtype: Dtype) -> tuple[float, float]:
-    """What is valid: the range of the spec, or every finite number."""
-    if signal.range is not None:
-        return signal.range
+    """What is valid: the finite numbers within the range of the spec."""
     largest = float(np.finfo(np.float32).max) if dtype == "float32" else sys.float_info.max
-    return -largest, largest
+    if signal.range is None:
+        return -largest, largest
+    low, high = signal.range
+    return max(low, -largest), min(high, largest)
+
+
+def stand_in(signal: Signal, dtype: Dtype) -> float:
+    """What replaces NaN, or a last valid value before there is one: the valid one nearest to 0."""
+    low, high = limits(signal, dtype)
+    return min(max(0.0, low), high)
 
 
 def checked_input(input: InputField, prefix: str, dtype: Dtype, scope: Scope, unroll: int) -> Place:
@@ -51,10 +58,10 @@ def checked_input(input: InputField, prefix: str, dtype: Dtype, scope: Scope, un
     given, signal = input.field.place("u"), input.port.signal
     low, high = (Real(limit) for limit in limits(signal, dtype))
 
-    def check(indices: tuple[Index, ...], *previous: Expression) -> Expression:
+    def check(indices: tuple[Index, ...], *instead: Expression) -> Expression:
         function = f"{prefix}_{_FUNCTIONS[signal.on_invalid]}"
         status = Unary("&", Name("status"))
-        return Call(function, (given.element(indices), low, high, *previous, status))
+        return Call(function, (given.element(indices), low, high, *instead, status))
 
     match signal.on_invalid:
         case "trust":
@@ -63,7 +70,8 @@ def checked_input(input: InputField, prefix: str, dtype: Dtype, scope: Scope, un
             scope.each(given.shape, unroll, lambda at, inner: inner.add(Evaluate(check(at))))
             return given
         case "clamp":
-            return _filled(input, scope, unroll, check)
+            instead = Real(stand_in(signal, dtype))
+            return _filled(input, scope, unroll, lambda at: check(at, instead))
         case "hold":
             assert input.held is not None
             held = member_place("s", input.held, input.field.shape)
@@ -96,6 +104,7 @@ def policy_functions(inputs: Iterable[InputField], prefix: str) -> tuple[Functio
 
 
 _X, _LOW, _HIGH, _RESULT = Name("x"), Name("low"), Name("high"), Name("result")
+_INSTEAD = Name("instead")
 _BELOW, _ABOVE = Binary("<", _X, _LOW), Binary(">", _X, _HIGH)
 # false for NaN, as every comparison with it is
 _VALID = Binary("&&", Binary(">=", _X, _LOW), Binary("<=", _X, _HIGH))
@@ -116,8 +125,9 @@ def _flagged(prefix: str) -> Function:
 def _clamped(prefix: str) -> Function:
     bit, unordered = _bit(prefix, Status.CLAMPED), _bit(prefix, Status.NOT_A_NUMBER)
     to_low, to_high = Assign(_RESULT, _LOW), Assign(_RESULT, _HIGH)
-    nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), (to_low, unordered)),))
-    doc = "The value moved into low .. high; NaN becomes low."
+    replaced = (Assign(_RESULT, _INSTEAD), unordered)
+    nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), replaced),))
+    doc = "The value moved into low .. high; another one instead of NaN."
     body = (*_given(), If(Unary("!", _VALID), (bit, nearest)), Return(_RESULT))
     return _check(prefix, "clamp", body, doc)
 
@@ -125,8 +135,8 @@ def _clamped(prefix: str) -> Function:
 def _held(prefix: str) -> Function:
     bit, unordered = _bit(prefix, Status.HELD), _bit(prefix, Status.NOT_A_NUMBER)
     unordered_only = If(Unary("!", Binary("||", _BELOW, _ABOVE)), (unordered,))
-    replaced = If(Unary("!", _VALID), (bit, Assign(_RESULT, Name("previous")), unordered_only))
-    doc = "The value, or the previous one where it is outside low .. high."
+    replaced = If(Unary("!", _VALID), (bit, Assign(_RESULT, _INSTEAD), unordered_only))
+    doc = "The value, or another one instead where it is outside low .. high."
     return _check(prefix, "hold", (*_given(), replaced, Return(_RESULT)), doc)
 
 
@@ -136,7 +146,7 @@ def _given() -> tuple[Statement, ...]:
 
 def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...], doc: str) -> Function:
     real = f"{prefix}_real"
-    names = ["x", "low", "high", *(["previous"] if policy == "hold" else [])]
+    names = ["x", "low", "high", *([] if policy == "flag" else [_INSTEAD.text])]
     return Function(
         f"{prefix}_{_FUNCTIONS[policy]}",
         "void" if policy == "flag" else real,

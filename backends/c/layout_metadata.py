@@ -8,6 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from backends.c.interface import Interface
+from backends.c.state_memory import DoubledRing, PlainState, ShiftBuffer, StateMemory
 from backends.c.status import MEANING, status_macro
 from backends.c.structs import StructField, structs
 from backends.interface_metadata import interface_metadata
@@ -41,8 +42,25 @@ def layout_metadata(
         "structs": {
             struct.name: [_field(field) for field in struct.fields] for struct in structs(interface)
         },
+        "states": [_state(memory) for memory in interface.states],
     }
     return data
+
+
+def _state(memory: StateMemory) -> dict[str, Any]:
+    """How to find the value of a state in the struct: whole, or as the samples of a buffer."""
+    value: dict[str, Any] = {
+        "name": memory.state.name,
+        "field": memory.identifier,
+        "shape": [*memory.shape],
+    }
+    match memory:
+        case PlainState():
+            return {**value, "kind": "plain"}
+        case ShiftBuffer():
+            return {**value, "kind": "shift"}
+        case DoubledRing():
+            return {**value, "kind": "ring", "head": memory.head}
 
 
 def _field(field: StructField) -> dict[str, Any]:

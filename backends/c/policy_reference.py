@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.c_literals import Dtype
-from backends.c.input_policy import limits
+from backends.c.input_policy import limits, stand_in
 from backends.c.status import Status
 from compiler.program import Signal
 
@@ -32,7 +32,8 @@ def apply_policy(
             outside = bool(np.any((values < low) | (values > high)))
             return values, not_a_number | (Status.OUT_OF_RANGE if outside else Status(0))
         case "clamp":
-            nearest = np.where(values > high, high, low)
+            instead = np.dtype(dtype).type(stand_in(signal, dtype))
+            nearest = np.where(values > high, high, np.where(values < low, low, instead))
             return np.where(valid, values, nearest), not_a_number | Status.CLAMPED
         case "hold":
             return np.where(valid, values, previous), not_a_number | Status.HELD
@@ -41,6 +42,5 @@ def apply_policy(
 
 
 def first_held(signal: Signal, shape: tuple[int, ...], dtype: Dtype) -> Array:
-    """What `hold` falls back to before the first valid value: 0, or the limit nearest to it."""
-    low, high = limits(signal, dtype)
-    return np.full(shape, min(max(0.0, low), high), dtype)
+    """What `hold` falls back to before the first valid value."""
+    return np.full(shape, stand_in(signal, dtype), dtype)

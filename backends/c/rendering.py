@@ -9,7 +9,7 @@ from typing import Any
 import jinja2
 
 import templates
-from backends.c.c_layout import comment
+from backends.c.c_layout import comment, wrapped
 from backends.c.interface import Interface
 
 
@@ -23,7 +23,15 @@ def render(template: str, interface: Interface, title: str, **facts: Any) -> str
         "macro": prefix.upper(),
         "params": f", &{prefix}_params_default" if interface.takes_parameters else "",
     }
-    return _environment().get_template(f"c/{template}").render(**common, **facts)
+    text = _environment().get_template(f"c/{template}").render(**common, **facts)
+    if not template.endswith((".c.j2", ".h.j2")):
+        return text
+    return "\n".join(part for line in text.split("\n") for part in _fitted(line))
+
+
+def _fitted(line: str) -> list[str]:
+    """The line broken where a long name made it too long; directives cannot be broken."""
+    return [line] if line.startswith("#") else wrapped(line)
 
 
 @cache

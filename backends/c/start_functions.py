@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from backends.c.c_language import Argument, Assign, Discard, Function, Member, Real, Unsigned
 from backends.c.function_writer import FunctionWriter, Model
-from backends.c.input_policy import limits
+from backends.c.input_policy import stand_in
 from backends.c.lowering import GraphLowering
 from backends.c.places import Place
 from backends.c.state_memory import member_place
@@ -59,8 +59,7 @@ class _StartWriter(FunctionWriter):
         interface = self.interface
         for input in interface.inputs:
             if input.held is not None:
-                low, high = limits(input.port.signal, interface.options.dtype)
-                valid = Place.single(Real(min(max(0.0, low), high)))
+                valid = Place.single(Real(stand_in(input.port.signal, interface.options.dtype)))
                 held = member_place("s", input.held, input.field.shape)
                 copy_value(valid.reshaped_single(held.shape), held, self.scope, self.unroll)
         if interface.from_record:

@@ -28,7 +28,7 @@ class SelfTest(IntFlag):
 MEANING: dict[Status | SelfTest, str] = {
     Status.OUT_OF_RANGE: "an input was outside its range and was used as it is",
     Status.NOT_A_NUMBER: "an input was NaN",
-    Status.CLAMPED: "an input was moved to the nearest limit of its range, NaN to the lower one",
+    Status.CLAMPED: "an input was moved to the nearest limit, NaN to the valid value nearest to 0",
     Status.HELD: "an input was replaced by its last valid value",
     Status.STATE_OUT_OF_RANGE: "a state left its range",
     Status.UNINITIALISED: "the step began without values that only reset can give",

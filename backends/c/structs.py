@@ -18,8 +18,8 @@ RESERVED = "reserved"
 class StructField:
     """A real or uint32_t, or a flat array in C order of its shape."""
 
-    name: str
-    """Name in the spec; empty for what only the generated code uses."""
+    name: str | None
+    """Name in the spec; None for what only the generated code uses."""
     identifier: str
     shape: tuple[int, ...] = ()
     comment: str = ""
@@ -67,16 +67,16 @@ def _state(interface: Interface) -> tuple[StructField, ...]:
         fields.append(StructField(name, memory.identifier, shape, comment))
         if isinstance(memory, DoubledRing):
             place = "where the ring takes its next sample"
-            fields.append(StructField("", memory.head, (), place, unsigned=True))
+            fields.append(StructField(None, memory.head, (), place, unsigned=True))
     for input in interface.inputs:
         if input.held is not None:
             kept = "last valid value"
-            fields.append(StructField("", input.held, input.field.shape, kept))
+            fields.append(StructField(None, input.held, input.field.shape, kept))
     if interface.from_record:
         unset = "bit 0: buffers wait for their first sample; bit 1: states wait for reset"
-        fields.append(StructField("", interface.unset, (), unset, unsigned=True))
+        fields.append(StructField(None, interface.unset, (), unset, unsigned=True))
     return tuple(fields) or (_reserved(),)
 
 
 def _reserved() -> StructField:
-    return StructField("", RESERVED, (), "C allows no empty struct", unsigned=True)
+    return StructField(None, RESERVED, (), "C allows no empty struct", unsigned=True)

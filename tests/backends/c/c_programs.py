@@ -1,0 +1,67 @@
+"""Sample programs in step form, and builds of their C, for the tests of the C backend."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from backends.c import COptions, write_c
+from backends.c.c_step import CStep
+from backends.c.golden_vectors import GoldenVectors, golden_vectors
+from backends.c.host_build import build_library
+from backends.c.interface import c_interface
+from compiler.interpreter import physical_weights
+from compiler.passes.close_loop import close_loop
+from compiler.passes.to_step_form import to_step_form
+from compiler.program import Program
+from tests.programs import SAMPLES
+
+
+def closed_sample(name: str) -> Program:
+    """A sample program with its loops closed, in step form."""
+    sample = SAMPLES[name]()
+    return to_step_form(close_loop(sample.program, sample.closed))
+
+
+def built(
+    program: Program,
+    folder: Path,
+    options: COptions,
+    compiler: Sequence[str] | None = None,
+    flags: Sequence[str] = ("-O1",),
+    weights: Mapping[str, ArrayLike] | None = None,
+) -> CStep:
+    """The program's C, written into the folder, compiled and loaded."""
+    write_c(program, weights or {}, folder, options)
+    library = folder / f"lib{len(list(folder.glob('*.so')))}.so"
+    return CStep(folder, build_library(folder, library, compiler, flags))
+
+
+def golden(program: Program, options: COptions, steps: int, seed: int) -> GoldenVectors:
+    interface = c_interface(program, options)
+    return golden_vectors(program, interface, physical_weights(program, {}), steps, seed)
+
+
+def replay(step: CStep, vectors: GoldenVectors) -> tuple[dict[str, NDArray[Any]], NDArray[Any]]:
+    """What the C answers to golden vectors."""
+    step.reset({**vectors.windows, **vectors.supplied})
+    return step.run(vectors.inputs, len(vectors.status))
+
+
+def assert_same_bits(
+    found: Mapping[str, NDArray[Any]], expected: Mapping[str, NDArray[Any]]
+) -> None:
+    """Every number has the same bits, -0 is not 0; NaN is NaN whatever its payload."""
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        assert found[name].dtype == value.dtype
+        assert found[name].shape == value.shape, name
+        nan = np.isnan(value)
+        assert np.array_equal(np.isnan(found[name]), nan), name
+        bits = np.dtype(f"u{value.dtype.itemsize}")
+        differing = (found[name].view(bits) != np.ascontiguousarray(value).view(bits)) & ~nan
+        assert not differing.any(), f"{name}: {int(differing.sum())} numbers differ"

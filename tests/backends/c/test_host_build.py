@@ -1,0 +1,55 @@
+"""Finding a compiler, its failures, and the checks of the numpy door."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backends.c import COptions
+from backends.c.host_build import (
+    CompilerFailedError,
+    CompilerMissingError,
+    build_library,
+    build_test,
+    find_compiler,
+)
+from tests.backends.c.c_programs import built, closed_sample
+
+
+def test_cc_is_obeyed_with_its_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "env gcc -m64")
+    assert find_compiler() == ("env", "gcc", "-m64")
+
+
+def test_without_a_compiler_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler-here")
+    with pytest.raises(CompilerMissingError, match="CC"):
+        find_compiler()
+    monkeypatch.setenv("CC", "")
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(CompilerMissingError):
+        find_compiler()
+
+
+def test_what_the_compiler_says_is_shown(tmp_path: Path) -> None:
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / "bad.c").write_text("int x = ;")
+    with pytest.raises(CompilerFailedError, match=r"bad\.c"):
+        build_library(tmp_path, tmp_path / "bad.so")
+
+
+def test_the_test_program_is_built_too(tmp_path: Path) -> None:
+    built(closed_sample("fir_closed_loop"), tmp_path, COptions())
+    assert build_test(tmp_path, tmp_path / "program").stat().st_size > 0
+
+
+def test_values_are_checked_before_they_reach_c(tmp_path: Path) -> None:
+    step = built(closed_sample("joint_arm"), tmp_path, COptions())
+    with pytest.raises(ValueError, match="tau"):
+        step.step({})
+    with pytest.raises(ValueError, match="shape"):
+        step.step({"tau": np.zeros(4)})
+    with pytest.raises(ValueError, match="values wanted"):
+        step.reset({"nothing": 0.0})

@@ -1,0 +1,68 @@
+"""What the step does about inputs outside their range, NaN and infinities."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backends.c import COptions
+from compiler.program import InvalidPolicy
+from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
+from tests.backends.c.small_programs import filtered
+
+LIMITS = (-2.0, 3.0)
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize("policy", ["clamp", "hold", "flag", "trust"])
+@pytest.mark.parametrize("limits", [LIMITS, None, (0.5, INF)], ids=str)
+@pytest.mark.parametrize("cells", [False, True], ids=["scalar", "array"])
+def test_vectors_with_invalid_inputs(
+    policy: InvalidPolicy, limits: tuple[float, float] | None, cells: bool, tmp_path: Path
+) -> None:
+    for dtype in ("float32", "float64"):
+        program, options = filtered(policy, limits, cells), COptions(dtype=dtype)
+        vectors = golden(program, options, 60, seed=2)
+        if policy in ("clamp", "hold"):
+            assert np.isnan(vectors.inputs["u"]).any()
+            assert np.isfinite(vectors.outputs["mean"]).all()
+        step = built(program, tmp_path / dtype, options)
+        outputs, status = replay(step, vectors)
+        assert_same_bits(outputs, vectors.outputs)
+        assert np.array_equal(status, vectors.status)
+
+
+@pytest.mark.parametrize(
+    ("policy", "value", "seen", "bits"),
+    [
+        ("clamp", 7.0, 3.0, ["CLAMPED"]),
+        ("clamp", -INF, -2.0, ["CLAMPED"]),
+        ("clamp", NAN, 0.0, ["CLAMPED", "NOT_A_NUMBER"]),
+        ("clamp", 3.0, 3.0, []),
+        ("hold", 7.0, 1.0, ["HELD"]),
+        ("hold", NAN, 1.0, ["HELD", "NOT_A_NUMBER"]),
+        ("hold", 2.0, 2.0, []),
+        ("flag", 7.0, 7.0, ["OUT_OF_RANGE"]),
+        ("flag", NAN, NAN, ["NOT_A_NUMBER"]),
+        ("flag", -2.0, -2.0, []),
+        ("trust", 7.0, 7.0, []),
+        ("trust", NAN, NAN, []),
+    ],
+)
+def test_one_value(
+    policy: InvalidPolicy, value: float, seen: float, bits: list[str], tmp_path: Path
+) -> None:
+    step = built(filtered(policy, LIMITS, cells=False), tmp_path, COptions())
+    step.reset({"u": np.zeros(2)})
+    step.step({"u": 1.0})
+    outputs, status = step.step({"u": value})
+    np.testing.assert_array_equal(outputs["now"], np.float32(seen))
+    assert status == sum(step.status_bits[f"SMALL_STATUS_{bit}"] for bit in bits)
+
+
+def test_hold_begins_with_the_valid_value_nearest_to_zero(tmp_path: Path) -> None:
+    step = built(filtered("hold", (0.5, 2.0), cells=False), tmp_path, COptions())
+    step.init()
+    assert step.step({"u": NAN})[0]["now"] == 0.5

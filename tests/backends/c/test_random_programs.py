@@ -1,0 +1,49 @@
+"""Random well-typed programs, and special ones: the interpreter's bits from the C."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from backends.c import COptions
+from compiler.passes.to_step_form import to_step_form
+from compiler.program import Program
+from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
+from tests.backends.c.small_programs import conditions, long_chain, nothing_to_do
+from tests.every_op.random_programs import programs
+
+OPTIONS = (COptions(), COptions(ring="double", params="inline", unroll=1))
+
+
+@settings(
+    max_examples=40,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+@given(programs())
+def test_random_programs_have_no_differing_bit(program: Program) -> None:
+    for options in OPTIONS:
+        with tempfile.TemporaryDirectory() as folder:
+            _assert_bits(to_step_form(program), Path(folder), options)
+
+
+@pytest.mark.parametrize(
+    "make", [conditions, nothing_to_do, lambda: long_chain(3000)], ids=["if", "still", "chain"]
+)
+@pytest.mark.parametrize("options", OPTIONS, ids=["default", "inline"])
+def test_special_programs(make: Callable[[], Program], options: COptions, tmp_path: Path) -> None:
+    _assert_bits(make(), tmp_path, options)
+
+
+def _assert_bits(program: Program, folder: Path, options: COptions) -> None:
+    vectors = golden(program, options, 40, seed=1)
+    outputs, status = replay(built(program, folder, options), vectors)
+    assert_same_bits(outputs, vectors.outputs)
+    assert np.array_equal(status, vectors.status)

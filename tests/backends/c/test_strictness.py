@@ -1,0 +1,133 @@
+"""No warning of any compiler or checker, as C99 and as C++17."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from backends.c import COptions, write_c
+from compiler.program import Program
+from tests.backends.c.c_programs import closed_sample
+from tests.backends.c.small_programs import (
+    conditions,
+    filtered,
+    nothing_to_do,
+    starting_states,
+    swapped_states,
+)
+from tests.conditions import require_tool
+from tests.programs import SAMPLES
+
+PROGRAMS: dict[str, Callable[[], Program]] = {
+    **{name: lambda name=name: closed_sample(name) for name in SAMPLES},
+    "clamp": lambda: filtered("clamp", (-2.0, 3.0), cells=True),
+    "hold": lambda: filtered("hold", None, cells=False),
+    "conditions": conditions,
+    "nothing_to_do": nothing_to_do,
+    "starting_states": starting_states,
+    "swapped_states": swapped_states,
+}
+
+OPTIONS = {
+    "float": COptions(),
+    "double": COptions(dtype="float64", ring="double"),
+    "inline": COptions(params="inline", unroll=1),
+}
+
+GCC_WARNINGS = """
+-Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-equal -Wshadow
+-Wstrict-prototypes -Wmissing-prototypes -Wold-style-definition -Wcast-qual -Wcast-align -Wundef
+-Wswitch-default -Wswitch-enum -Wvla -Wwrite-strings -Wlogical-op -Wduplicated-cond
+-Wnull-dereference -Wunused-macros -Wredundant-decls -Wpointer-arith -Wbad-function-cast -Wformat=2
+"""
+GCC = GCC_WARNINGS.split()
+CLANG = [
+    "-Weverything",
+    "-Wno-declaration-after-statement",  # a C90 rule
+    "-Wno-padded",  # where double stands beside uint32_t
+    "-Wno-unknown-warning-option",
+    "-Wno-unsafe-buffer-usage",  # asks for C++ containers
+    "-Wno-switch-default",
+    "-Wno-pre-c11-compat",
+]
+CPP = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow"]
+
+
+def _written(name: str, option: str, folder: Path) -> None:
+    write_c(PROGRAMS[name](), {}, folder, OPTIONS[option])
+
+
+def _run(command: list[str]) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    output = done.stdout + done.stderr
+    assert done.returncode == 0, output
+    return output
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_compilers_have_nothing_to_say(name: str, option: str, tmp_path: Path) -> None:
+    _written(name, option, tmp_path)
+    sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
+    for tool, flags in (("gcc", GCC), ("clang", CLANG)):
+        compiler = require_tool(tool, install=f"apt install {tool}")
+        program = str(tmp_path / tool)
+        include = f"-I{tmp_path / 'include'}"
+        strict = ["-std=c99", "-O2", "-ffp-contract=off", "-Werror", *flags]
+        assert _run([compiler, *strict, include, *sources, "-o", program, "-lm"]) == ""
+        assert "agree" in _run([program])
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_it_is_cpp_as_well(name: str, tmp_path: Path) -> None:
+    compiler = require_tool("g++", install="apt install g++")
+    _written(name, "float", tmp_path)
+    sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
+    program, include = str(tmp_path / "program"), f"-I{tmp_path / 'include'}"
+    strict = ["-x", "c++", "-std=c++17", "-O1", "-ffp-contract=off", "-Werror", *CPP]
+    assert _run([compiler, *strict, include, *sources, "-o", program, "-lm"]) == ""
+    assert "agree" in _run([program])
+
+
+@pytest.mark.parametrize("option", ["float", "double"])
+def test_the_misra_addon_of_cppcheck_finds_nothing(option: str, tmp_path: Path) -> None:
+    checker = require_tool("cppcheck", install="apt install cppcheck")
+    for name in PROGRAMS:
+        folder = tmp_path / name
+        _written(name, option, folder)
+        findings = _run(
+            [
+                checker,
+                "-q",
+                "--addon=misra",
+                "--std=c99",
+                "--enable=style",
+                "--template={file}:{line} {id}",
+                "-I",
+                str(folder / "include"),
+                str(folder / "src"),
+            ]
+        )
+        assert [line for line in findings.splitlines() if "misra-c2012" in line] == []
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffp-contract=fast"])
+def test_a_build_that_changes_numbers_is_found(flag: str, tmp_path: Path) -> None:
+    compiler = require_tool("gcc", install="apt install gcc")
+    _written("fir_closed_loop", "float", tmp_path)
+    sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
+    include, program = f"-I{tmp_path / 'include'}", str(tmp_path / "program")
+    command = [compiler, "-std=gnu99", "-O2", "-march=haswell", flag, include, *sources]
+    done = subprocess.run(
+        [*command, "-o", program, "-lm"], capture_output=True, text=True, check=False
+    )
+    if flag == "-ffast-math":
+        assert done.returncode != 0
+        assert "ffast-math" in done.stderr
+        return
+    ran = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert ran.returncode == 1
+    assert "selftest" in ran.stdout

@@ -1,0 +1,84 @@
+/* Step, init and reset of the model `fir_closed_loop`. Made by msnn; do not edit. */
+#include "fir_closed_loop.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#ifdef __FAST_MATH__
+#error "compile without -ffast-math: it changes results"
+#endif
+#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
+#error "compile for arithmetic in the declared type (on x86: -msse2 -mfpmath=sse)"
+#endif
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+/* Reports a value outside low .. high and leaves it as it is. */
+static inline void fir_closed_loop_flagged(
+    fir_closed_loop_real x,
+    fir_closed_loop_real low,
+    fir_closed_loop_real high,
+    fir_closed_loop_status_t *status)
+{
+    if (!((x >= low) && (x <= high))) {
+        if ((x < low) || (x > high)) {
+            *status |= FIR_CLOSED_LOOP_STATUS_OUT_OF_RANGE;
+        } else {
+            *status |= FIR_CLOSED_LOOP_STATUS_NOT_A_NUMBER;
+        }
+    }
+}
+
+/* Before the first step, where no past is known. */
+void fir_closed_loop_init(fir_closed_loop_state_t *s, const fir_closed_loop_params_t *p)
+{
+    (void)p;
+    for (uint32_t i = 0U; i < 5U; i++) {
+        s->x_tape[i] = 0.0f;
+    }
+    s->unset = 2U;
+}
+
+/* Before the first step, from a known past. */
+void fir_closed_loop_reset(
+    fir_closed_loop_state_t *s,
+    const fir_closed_loop_params_t *p,
+    const fir_closed_loop_init_t *x0)
+{
+    (void)p;
+    for (uint32_t i = 0U; i < 5U; i++) {
+        s->x_tape[i] = x0->x[i];
+    }
+    s->unset = 0U;
+}
+
+/* One step: outputs of sample t, then the states of sample t+1. */
+fir_closed_loop_status_t fir_closed_loop_step(
+    fir_closed_loop_state_t *s,
+    const fir_closed_loop_params_t *p,
+    const fir_closed_loop_in_t *u,
+    fir_closed_loop_out_t *y)
+{
+    fir_closed_loop_status_t status = FIR_CLOSED_LOOP_OK;
+    if (s->unset != 0U) {
+        status |= FIR_CLOSED_LOOP_STATUS_UNINITIALISED;
+    }
+    /* inputs */
+    fir_closed_loop_flagged(u->F, -10.0f, 10.0f, &status);
+    fir_closed_loop_real sum = -0.0f;
+    for (uint32_t i = 0U; i < 5U; i++) {
+        sum = sum + (p->h_weight[i] * s->x_tape[i]);
+    }
+    const fir_closed_loop_real x_next = sum + (p->g_weight[0U] * u->F);
+    s->x_tape[5U] = x_next;
+    /* outputs */
+    y->x_next = x_next;
+    /* next states */
+    for (uint32_t i = 0U; i < 5U; i++) {
+        s->x_tape[i] = s->x_tape[i + 1U];
+    }
+    return status;
+}

@@ -1,0 +1,99 @@
+/* Interface of the model `fir_closed_loop`. Made by msnn; do not edit. */
+#ifndef FIR_CLOSED_LOOP_H
+#define FIR_CLOSED_LOOP_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef float fir_closed_loop_real;
+
+/* The tool and its version, and the spec; a linker that drops unused data leaves them out. */
+extern const char fir_closed_loop_made_by[13];
+extern const char fir_closed_loop_spec_sha256[1];
+
+/* Seconds between two steps: 0.2. */
+extern const fir_closed_loop_real fir_closed_loop_sample_time;
+
+/* What a step returns: 0, or the sum of these bits. */
+typedef uint32_t fir_closed_loop_status_t;
+#define FIR_CLOSED_LOOP_OK 0U
+/* an input was outside its range and was used as it is */
+#define FIR_CLOSED_LOOP_STATUS_OUT_OF_RANGE 1U
+/* an input was NaN */
+#define FIR_CLOSED_LOOP_STATUS_NOT_A_NUMBER 2U
+/* the step began without values that only reset can give */
+#define FIR_CLOSED_LOOP_STATUS_UNINITIALISED 32U
+
+/* What the self-test returns: 0, or the sum of these bits. */
+/* a golden step gave other numbers */
+#define FIR_CLOSED_LOOP_SELFTEST_STEP_DIFFERS 256U
+/* the compiler fuses multiplications with additions */
+#define FIR_CLOSED_LOOP_SELFTEST_CONTRACTED 1024U
+/* the processor flushes subnormal numbers to zero */
+#define FIR_CLOSED_LOOP_SELFTEST_NO_SUBNORMALS 2048U
+
+/* Inputs of a step. */
+typedef struct {
+    /* [N] -10 .. 10; Force */
+    fir_closed_loop_real F;
+} fir_closed_loop_in_t;
+
+/* Outputs of a step. */
+typedef struct {
+    /* [m] predicts x[t+1] */
+    fir_closed_loop_real x_next;
+} fir_closed_loop_out_t;
+
+/* Trained values. */
+typedef struct {
+    fir_closed_loop_real h_weight[5];
+    /* [m/N] */
+    fir_closed_loop_real g_weight[1];
+} fir_closed_loop_params_t;
+
+/* What reset takes: samples around the first step t0. */
+typedef struct {
+    /* [m] samples t0-4 .. t0; Position */
+    fir_closed_loop_real x[5];
+} fir_closed_loop_init_t;
+
+/* The memory of one instance: plain data. */
+typedef struct {
+    /* [m] -5 .. 5; 5 samples, oldest first, and room for the newest; Position */
+    fir_closed_loop_real x_tape[6];
+    /* bit 0: buffers wait for their first sample; bit 1: states wait for reset */
+    uint32_t unset;
+} fir_closed_loop_state_t;
+
+/* The trained values; they stay in flash. */
+extern const fir_closed_loop_params_t fir_closed_loop_params_default;
+
+/* Sets what is known without data. A buffer of past inputs is filled by the first step with that
+ * step's own sample; a state that only a record can give is 0, and every step then returns
+ * FIR_CLOSED_LOOP_STATUS_UNINITIALISED until reset has been called. */
+void fir_closed_loop_init(fir_closed_loop_state_t *s, const fir_closed_loop_params_t *p);
+
+/* Sets all states from samples around the first step t0. */
+void fir_closed_loop_reset(
+    fir_closed_loop_state_t *s,
+    const fir_closed_loop_params_t *p,
+    const fir_closed_loop_init_t *x0);
+
+/* One step, to be called every sample time. All memory is in *s: instances are independent. */
+fir_closed_loop_status_t fir_closed_loop_step(
+    fir_closed_loop_state_t *s,
+    const fir_closed_loop_params_t *p,
+    const fir_closed_loop_in_t *u,
+    fir_closed_loop_out_t *y);
+
+/* Runs 16 golden steps and checks the arithmetic of this build; 0 if all is well. */
+fir_closed_loop_status_t fir_closed_loop_selftest(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

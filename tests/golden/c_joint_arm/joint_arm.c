@@ -1,0 +1,128 @@
+/* Step, init and reset of the model `joint_arm`. Made by msnn; do not edit. */
+#include "joint_arm.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "joint_arm_math.h"
+
+#ifdef __FAST_MATH__
+#error "compile without -ffast-math: it changes results"
+#endif
+#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
+#error "compile for arithmetic in the declared type (on x86: -msse2 -mfpmath=sse)"
+#endif
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+/* Reports a value outside low .. high and leaves it as it is. */
+static inline void joint_arm_flagged(
+    joint_arm_real x,
+    joint_arm_real low,
+    joint_arm_real high,
+    joint_arm_status_t *status)
+{
+    if (!((x >= low) && (x <= high))) {
+        if ((x < low) || (x > high)) {
+            *status |= JOINT_ARM_STATUS_OUT_OF_RANGE;
+        } else {
+            *status |= JOINT_ARM_STATUS_NOT_A_NUMBER;
+        }
+    }
+}
+
+/* Before the first step, where no past is known. */
+void joint_arm_init(joint_arm_state_t *s, const joint_arm_params_t *p)
+{
+    (void)p;
+    for (uint32_t i = 0U; i < 3U; i++) {
+        for (uint32_t j = 0U; j < 4U; j++) {
+            s->q_tape[(i * 5U) + j] = 0.0f;
+        }
+    }
+    s->unset = 2U;
+}
+
+/* Before the first step, from a known past. */
+void joint_arm_reset(joint_arm_state_t *s, const joint_arm_params_t *p, const joint_arm_init_t *x0)
+{
+    (void)p;
+    for (uint32_t i = 0U; i < 3U; i++) {
+        for (uint32_t j = 0U; j < 4U; j++) {
+            s->q_tape[(i * 5U) + j] = x0->q[(i * 4U) + j];
+        }
+    }
+    s->unset = 0U;
+}
+
+/* One step: outputs of sample t, then the states of sample t+1. */
+joint_arm_status_t joint_arm_step(
+    joint_arm_state_t *s,
+    const joint_arm_params_t *p,
+    const joint_arm_in_t *u,
+    joint_arm_out_t *y)
+{
+    joint_arm_status_t status = JOINT_ARM_OK;
+    if (s->unset != 0U) {
+        status |= JOINT_ARM_STATUS_UNINITIALISED;
+    }
+    /* inputs */
+    joint_arm_flagged(u->tau[0U], -5.0f, 5.0f, &status);
+    joint_arm_flagged(u->tau[1U], -5.0f, 5.0f, &status);
+    joint_arm_flagged(u->tau[2U], -5.0f, 5.0f, &status);
+    joint_arm_real q_next[3];
+    joint_arm_real sum = p->own_weight[0U] * s->q_tape[0U];
+    sum = sum + (p->own_weight[1U] * s->q_tape[1U]);
+    sum = sum + (p->own_weight[2U] * s->q_tape[2U]);
+    sum = sum + (p->own_weight[3U] * s->q_tape[3U]);
+    const joint_arm_real part = sum
+        + (((p->coupling[0U] * u->tau[0U]) + (p->coupling[1U] * u->tau[1U]))
+        + (p->coupling[2U] * u->tau[2U]));
+    const joint_arm_real part_2 = (joint_arm_sin(s->q_tape[3U] * 1.0f) * p->shape[0U])
+        + (joint_arm_sin(s->q_tape[3U] * 2.0f) * p->shape[3U]);
+    q_next[0U] = part + part_2;
+    joint_arm_real sum_2 = p->own_weight[4U] * s->q_tape[5U];
+    sum_2 = sum_2 + (p->own_weight[5U] * s->q_tape[6U]);
+    sum_2 = sum_2 + (p->own_weight[6U] * s->q_tape[7U]);
+    sum_2 = sum_2 + (p->own_weight[7U] * s->q_tape[8U]);
+    const joint_arm_real part_3 = sum_2
+        + (((p->coupling[3U] * u->tau[0U]) + (p->coupling[4U] * u->tau[1U]))
+        + (p->coupling[5U] * u->tau[2U]));
+    const joint_arm_real part_4 = (joint_arm_sin(s->q_tape[8U] * 1.0f) * p->shape[1U])
+        + (joint_arm_sin(s->q_tape[8U] * 2.0f) * p->shape[4U]);
+    q_next[1U] = part_3 + part_4;
+    joint_arm_real sum_3 = p->own_weight[8U] * s->q_tape[10U];
+    sum_3 = sum_3 + (p->own_weight[9U] * s->q_tape[11U]);
+    sum_3 = sum_3 + (p->own_weight[10U] * s->q_tape[12U]);
+    sum_3 = sum_3 + (p->own_weight[11U] * s->q_tape[13U]);
+    const joint_arm_real part_5 = sum_3
+        + (((p->coupling[6U] * u->tau[0U]) + (p->coupling[7U] * u->tau[1U]))
+        + (p->coupling[8U] * u->tau[2U]));
+    const joint_arm_real part_6 = (joint_arm_sin(s->q_tape[13U] * 1.0f) * p->shape[2U])
+        + (joint_arm_sin(s->q_tape[13U] * 2.0f) * p->shape[5U]);
+    q_next[2U] = part_5 + part_6;
+    joint_arm_real part_7[3];
+    part_7[0U] = -q_next[1U];
+    part_7[1U] = -q_next[2U];
+    part_7[2U] = q_next[0U];
+    s->q_tape[4U] = q_next[0U];
+    s->q_tape[9U] = q_next[1U];
+    s->q_tape[14U] = q_next[2U];
+    /* outputs */
+    y->q_next[0U] = q_next[0U];
+    y->q_next[1U] = q_next[1U];
+    y->q_next[2U] = q_next[2U];
+    y->q_shown[0U] = (fabsf(q_next[0U]) > 0.5f) ? part_7[0U] : q_next[0U];
+    y->q_shown[1U] = (fabsf(q_next[1U]) > 0.5f) ? part_7[1U] : q_next[1U];
+    y->q_shown[2U] = (fabsf(q_next[2U]) > 0.5f) ? part_7[2U] : q_next[2U];
+    /* next states */
+    for (uint32_t i = 0U; i < 3U; i++) {
+        for (uint32_t j = 0U; j < 4U; j++) {
+            s->q_tape[(i * 5U) + j] = s->q_tape[((i * 5U) + j) + 1U];
+        }
+    }
+    return status;
+}

@@ -1,0 +1,108 @@
+/* Interface of the model `spring_damper_rk4`. Made by msnn; do not edit. */
+#ifndef SPRING_DAMPER_RK4_H
+#define SPRING_DAMPER_RK4_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef float spring_damper_rk4_real;
+
+/* The tool and its version, and the spec; a linker that drops unused data leaves them out. */
+extern const char spring_damper_rk4_made_by[13];
+extern const char spring_damper_rk4_spec_sha256[1];
+
+/* Seconds between two steps: 0.05. */
+extern const spring_damper_rk4_real spring_damper_rk4_sample_time;
+
+/* What a step returns: 0, or the sum of these bits. */
+typedef uint32_t spring_damper_rk4_status_t;
+#define SPRING_DAMPER_RK4_OK 0U
+/* an input was outside its range and was used as it is */
+#define SPRING_DAMPER_RK4_STATUS_OUT_OF_RANGE 1U
+/* an input was NaN */
+#define SPRING_DAMPER_RK4_STATUS_NOT_A_NUMBER 2U
+/* the step began without values that only reset can give */
+#define SPRING_DAMPER_RK4_STATUS_UNINITIALISED 32U
+
+/* What the self-test returns: 0, or the sum of these bits. */
+/* a golden step gave other numbers */
+#define SPRING_DAMPER_RK4_SELFTEST_STEP_DIFFERS 256U
+/* the compiler fuses multiplications with additions */
+#define SPRING_DAMPER_RK4_SELFTEST_CONTRACTED 1024U
+/* the processor flushes subnormal numbers to zero */
+#define SPRING_DAMPER_RK4_SELFTEST_NO_SUBNORMALS 2048U
+
+/* Inputs of a step. */
+typedef struct {
+    /* [N] -10 .. 10; Force on the mass */
+    spring_damper_rk4_real F;
+} spring_damper_rk4_in_t;
+
+/* Outputs of a step. */
+typedef struct {
+    /* [m] */
+    spring_damper_rk4_real position;
+    /* [N] */
+    spring_damper_rk4_real spring_force;
+} spring_damper_rk4_out_t;
+
+/* Trained values. */
+typedef struct {
+    /* [kg] */
+    spring_damper_rk4_real mass;
+    /* [N*s/m] */
+    spring_damper_rk4_real damping;
+    /* [N/m] */
+    spring_damper_rk4_real stiffness;
+    /* [m/s] */
+    spring_damper_rk4_real v_start;
+} spring_damper_rk4_params_t;
+
+/* What reset takes: samples around the first step t0. */
+typedef struct {
+    /* [m] sample t0 */
+    spring_damper_rk4_real x_meas;
+} spring_damper_rk4_init_t;
+
+/* The memory of one instance: plain data. */
+typedef struct {
+    /* [m] Position */
+    spring_damper_rk4_real x;
+    /* [m/s] Speed */
+    spring_damper_rk4_real v;
+    /* bit 0: buffers wait for their first sample; bit 1: states wait for reset */
+    uint32_t unset;
+} spring_damper_rk4_state_t;
+
+/* The trained values; they stay in flash. */
+extern const spring_damper_rk4_params_t spring_damper_rk4_params_default;
+
+/* Sets what is known without data. A buffer of past inputs is filled by the first step with that
+ * step's own sample; a state that only a record can give is 0, and every step then returns
+ * SPRING_DAMPER_RK4_STATUS_UNINITIALISED until reset has been called. */
+void spring_damper_rk4_init(spring_damper_rk4_state_t *s, const spring_damper_rk4_params_t *p);
+
+/* Sets all states from samples around the first step t0. */
+void spring_damper_rk4_reset(
+    spring_damper_rk4_state_t *s,
+    const spring_damper_rk4_params_t *p,
+    const spring_damper_rk4_init_t *x0);
+
+/* One step, to be called every sample time. All memory is in *s: instances are independent. */
+spring_damper_rk4_status_t spring_damper_rk4_step(
+    spring_damper_rk4_state_t *s,
+    const spring_damper_rk4_params_t *p,
+    const spring_damper_rk4_in_t *u,
+    spring_damper_rk4_out_t *y);
+
+/* Runs 16 golden steps and checks the arithmetic of this build; 0 if all is well. */
+spring_damper_rk4_status_t spring_damper_rk4_selftest(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,15 @@
+/* Trained values of the model `spring_damper_rk4`. Made by msnn; do not edit. */
+#include "spring_damper_rk4.h"
+
+#include <math.h>
+
+const spring_damper_rk4_params_t spring_damper_rk4_params_default = {
+    /* mass */
+    1.7f,
+    /* damping */
+    0.8f,
+    /* stiffness */
+    12.0f,
+    /* v_start */
+    0.1f
+};
