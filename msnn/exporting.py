@@ -16,7 +16,6 @@ from msnn.data.dataset import FloatArray
 from msnn.model_file import Model
 from spec_schema.diagnostics import Findings, SpecError
 from spec_schema.errors import commands, workflow
-from spec_schema.errors.states import not_closable
 from spec_schema.exports import CasadiExport, CExport, Export, OnnxExport, TorchExport
 
 TargetName: TypeAlias = Literal["torch", "onnx", "casadi", "c"]
@@ -127,7 +126,8 @@ def _closed(program: Program, entry: _TargetEntry, findings: Findings) -> Progra
     except LoopError as error:
         place = next((name.span for name in entry.close if name.value == error.signal), None)
         through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
-        findings.report(not_closable(error.signal, place, f"{error.kind.value}{through}"))
+        reason = f"{error.kind.value}{through}"
+        findings.report(workflow.unclosable(error.signal, reason, place))
         return None
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from backends.interface_metadata import interface_metadata
 from backends.step_interface import Port, port_names, step_interface
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
@@ -61,6 +60,9 @@ def interface_text(program: Program) -> str:
 
 def interface_record(program: Program) -> dict[str, Any]:
     """The interface of the step form as JSON values, as exports describe it too."""
+    # brings the interpreter with it, which tables do not need
+    from backends.interface_metadata import interface_metadata
+
     step = _step_form(program)
     interface = step_interface(step)
     return interface_metadata(step, interface, port_names(interface))

@@ -72,3 +72,10 @@ def needless_data(name: str, span: Span) -> Diagnostic:
         "reads measured data",
         help="the least is `data: {source: {train: data/*.csv}}`",
     )
+
+
+def unclosable(signal: str, reason: str, span: Span | None) -> Diagnostic:
+    """E0955: an export that is to keep an input inside and cannot."""
+    return Diagnostic(
+        "E0955", "error", f"the export cannot close `{signal}`: {reason}", span, "closed here"
+    )
