@@ -8,9 +8,9 @@ import casadi
 
 from backends.casadi_columns import Expression
 from backends.casadi_lowering import Symbols, exact_arithmetic, lower_nodes
-from backends.guard_untaken import guard_untaken
 from backends.step_interface import Port, PortNames, port_names, step_interface
 from compiler.passes.expand_functions import expand_functions
+from compiler.passes.guard_untaken import guard_untaken
 from compiler.program import Parameter, Program
 from compiler.scalar_functions import SCALAR_FUNCTIONS
 from compiler.types import Axis

@@ -12,12 +12,12 @@ import jinja2
 import torch
 
 import templates
-from backends.guard_untaken import guard_untaken
 from backends.identifiers import c_identifier
 from backends.interface_metadata import product_version
 from backends.step_interface import Port, StepInterface, step_interface
 from backends.torch_lowering import Leaf, LoweredGraph, lower_graph, static_nodes
 from compiler.ops import ReadLog, ReadParameter, ReadSignal, ReadState
+from compiler.passes.guard_untaken import guard_untaken
 from compiler.program import Graph, NodeId, Parameter, Program
 from compiler.types import Axis
 from spec_schema.units import Unit

@@ -5,8 +5,8 @@ from __future__ import annotations
 from compiler.types import UNNAMED, WINDOW, Axis, describe_axes, in_order
 
 
-class AxisConflict(Exception):
-    """Two operands whose axes cannot meet; `reason` is a clause for the message, `hint` a repair."""
+class AxisConflict(Exception):  # noqa: N818  (a finding to report, not a failure)
+    """Operands whose axes cannot meet; `reason` is a clause for the message, `hint` a repair."""
 
     def __init__(
         self, left: tuple[Axis, ...], right: tuple[Axis, ...], reason: str, hint: str = ""

@@ -6,8 +6,8 @@ gradient is made of core operations, so that every backend computes it as it com
 
 Conventions at kinks, the same in every backend: abs, sign and relu have slope 0 at 0; a tie of min
 or max goes to the first operand; clamp has slope 1 on its bounds; fuzzy sets take the right-hand
-slope. The branch of a `where` that is not taken contributes nothing, even where its own derivative
-is infinite: `where(x > 0, sqrt(x), 0)` has slope 0 at 0.
+slope. The pass `guard_untaken` comes before: the branch of a `where` that is not taken then adds
+nothing, even where its own slope is infinite, as in `where(x > 0, sqrt(x), 0)` at 0.
 """
 
 from __future__ import annotations
@@ -59,12 +59,11 @@ def gradients(
     last = max(adjoints, default=-1)
     needed = _depending_on(builder, wanted, last)
     found: dict[NodeId, NodeId] = dict(adjoints)
-    guards = _guards(builder, needed, adjoints)
     for node in range(last, -1, -1):
         adjoint = found.get(node)
         if adjoint is None or node not in needed:
             continue
-        rule = _Rule(builder, node, adjoint, guards.get(node))
+        rule = _Rule(builder, node, adjoint)
         with builder.at(builder.node(node).span):
             for position, share in rule.shares(needed):
                 argument = builder.node(node).args[position]
@@ -134,47 +133,12 @@ def _depending_on(builder: GraphBuilder, wanted: Iterable[NodeId], last: NodeId)
 
 
 @dataclass(frozen=True)
-class _Guard:
-    """A node matters only where a condition (a bool node) has this value."""
-
-    condition: NodeId
-    value: bool
-
-
-_ELEMENTWISE = (
-    Add, Subtract, Multiply, Divide, Negate, Minimum, Maximum, Clamp, Select, Apply,
-)  # fmt: skip
-
-
-def _guards(
-    builder: GraphBuilder, needed: set[NodeId], results: Iterable[NodeId]
-) -> dict[NodeId, _Guard]:
-    """For each node used only inside one branch of one select: that branch."""
-    guards: dict[NodeId, _Guard | None] = dict.fromkeys(results)
-    for user in range(max(guards, default=-1), -1, -1):
-        node = builder.node(user)
-        if user not in needed:
-            continue
-        for position, argument in enumerate(node.args):
-            own: _Guard | None = None
-            if isinstance(node.op, Select) and position > 0:
-                own = _Guard(node.args[0], position == 1)
-            elif isinstance(node.op, _ELEMENTWISE):
-                own = guards.get(user)
-            if argument in guards and guards[argument] != own:
-                own = None
-            guards[argument] = own
-    return {node: guard for node, guard in guards.items() if guard is not None}
-
-
-@dataclass(frozen=True)
 class _Rule:
     """How one node passes its adjoint on to its operands."""
 
     builder: GraphBuilder
     node: NodeId
     adjoint: NodeId
-    guard: _Guard | None
 
     def shares(self, needed: set[NodeId]) -> list[tuple[int, NodeId]]:
         """Position of each operand that is needed, and its share of the gradient."""
@@ -194,14 +158,10 @@ class _Rule:
             case Negate():
                 return b.negate(g)
             case Multiply():
-                return b.multiply(g, self._zero_where_unused(args[1 - position]))
+                return b.multiply(g, args[1 - position])
             case Divide():
-                share = b.divide(g, self._guarded(args[1]))
-                if position == 0:
-                    return share
-                # Without a guard the quotient itself is at hand; with one it may be infinite.
-                quotient = b.divide(args[0], self._guarded(args[1])) if self.guard else self.node
-                return b.negate(b.multiply(share, quotient))
+                share = b.divide(g, args[1])
+                return share if position == 0 else b.negate(b.multiply(share, self.node))
             case Minimum():
                 first = b.compare(Relation.LESS_EQUAL, args[0], args[1])
                 return self._chosen(first, position == 0)
@@ -215,7 +175,7 @@ class _Rule:
             case Apply(function=function):
                 derivative = SCALAR_FUNCTIONS[function].derivatives[position]
                 slope = derivative(b, args, self.node)
-                return b.multiply(g, self._zero_where_unused(slope))
+                return b.multiply(g, slope)
             case Broadcast():
                 return self._summed_to(b.type(args[0]).axes, g)
             case Reshape():
@@ -258,26 +218,6 @@ class _Rule:
                 return self._chosen(b.compare(Relation.LESS, x, low), when=True)
             case _:
                 return self._chosen(b.compare(Relation.GREATER, x, high), when=True)
-
-    def _guarded(self, denominator: NodeId) -> NodeId:
-        """The denominator, 1 where the node's branch is not taken: 0/0 must not spread."""
-        if self.guard is None:
-            return denominator
-        b = self.builder
-        one = b.broadcast(b.constant(1.0), b.type(denominator).axes)
-        return self._where_used(denominator, one)
-
-    def _zero_where_unused(self, slope: NodeId) -> NodeId:
-        """The slope, 0 where the node's branch is not taken: 0 · ∞ must not spread."""
-        if self.guard is None:
-            return slope
-        b = self.builder
-        return self._where_used(slope, b.broadcast(b.constant(0.0), b.type(slope).axes))
-
-    def _where_used(self, value: NodeId, otherwise: NodeId) -> NodeId:
-        assert self.guard is not None
-        then, other = (value, otherwise) if self.guard.value else (otherwise, value)
-        return self.builder.select(self.guard.condition, then, other)
 
     def _length(self, node: NodeId, axis: str) -> int:
         found = self.builder.type(node).axis(axis)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from compiler.builder import GraphBuilder
 from compiler.differentiate import StepGradients, step_gradients
 from compiler.ops import ReadState, Relation, Slice, Window
+from compiler.passes.guard_untaken import guard_untaken
 from compiler.program import Graph, Loss, Measure, Node, NodeId, Program, State
 from compiler.types import WINDOW, Type
 
@@ -63,6 +64,7 @@ class TrainingStep:
 
 def training_step(program: Program) -> TrainingStep:
     """The training graphs of a program in window form, its loops closed."""
+    program = guard_untaken(program)
     builder = GraphBuilder(program.step)
     losses = tuple(_loss_term(builder, loss) for loss in program.losses)
     newest = {state.name: _newest(program, state) for state in program.states if _is_buffer(state)}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from tests.language.compiled import codes, compiled, evaluated
 
 X = np.arange(20.0) ** 2

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from tests.language.compiled import Array, codes, evaluated
 
 GENERATOR = np.random.default_rng(3)

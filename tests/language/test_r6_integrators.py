@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+
 from tests.language.compiled import Array, simulated
 
 F = np.sin(np.arange(60.0) / 7)

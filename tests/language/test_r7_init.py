@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from tests.language.compiled import codes, simulated
 
 X = np.cos(np.arange(20.0))

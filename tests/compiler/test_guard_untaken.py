@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backends.guard_untaken import guard_untaken
 from compiler.builder import GraphBuilder
 from compiler.interpreter import Interpreter
 from compiler.ops import Apply, Constant, Divide, Relation, Select
+from compiler.passes.guard_untaken import guard_untaken
 from compiler.program import NodeId, Output, Program, Role, Signal
 from compiler.types import Type
 from tests.programs import SAMPLES

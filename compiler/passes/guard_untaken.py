@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node
+from compiler.graph_copy import copy_node, with_start, with_step
 from compiler.ops import Apply, Broadcast, Concat, Divide, Op, Reshape, Select, Slice
 from compiler.program import Graph, Node, NodeId, Program
 from compiler.types import Axis
@@ -42,29 +42,12 @@ def guard_untaken(program: Program) -> Program:
         where(x > 0, sqrt(x), 0)
         where(x > 0, sqrt(where(x > 0, x, 0.5)), 0)
     """
-    states, outputs, losses = program.states, program.outputs, program.losses
-    roots = [output.node for output in outputs] + [state.next for state in states]
-    roots += [loss.prediction for loss in losses]
-    roots += [loss.target for loss in losses if loss.target is not None]
-    step, now = _guarded(program.step, roots)
-    start, first = _guarded(program.start, [state.start for state in states])
-    return replace(
-        program,
-        step=step,
-        start=start,
-        states=tuple(
-            replace(state, next=now[state.next], start=first[state.start]) for state in states
-        ),
-        outputs=tuple(replace(output, node=now[output.node]) for output in outputs),
-        losses=tuple(
-            replace(
-                loss,
-                prediction=now[loss.prediction],
-                target=None if loss.target is None else now[loss.target],
-            )
-            for loss in losses
-        ),
-    )
+    roots = [output.node for output in program.outputs]
+    roots += [state.next for state in program.states]
+    roots += [loss.prediction for loss in program.losses]
+    roots += [loss.target for loss in program.losses if loss.target is not None]
+    program = with_step(program, *_guarded(program.step, roots))
+    return with_start(program, *_guarded(program.start, [s.start for s in program.states]))
 
 
 def _guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[Graph, dict[NodeId, NodeId]]:
