@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.passes.close_loop import LoopError, close_loop
-from compiler.program import Extent, Program
+from compiler.program import Extent, Program, Role
 from msnn.data.dataset import Dataset
 from msnn.data.reads import reads
 from msnn.data.starts import Horizon, Runs, reach, rollouts
@@ -65,8 +65,8 @@ def closed_signals(program: Program, rollout: Rollout) -> tuple[str, ...]:
     if rollout.close is not None:
         return tuple(name.value for name in rollout.close)
     predicted = [out.predicts.signal for out in program.outputs if out.predicts is not None]
-    read = {signal.name for signal in program.signals}
-    return tuple(dict.fromkeys(name for name in predicted if name in read))
+    inputs = {signal.name for signal in program.signals if signal.role is Role.INPUT}
+    return tuple(dict.fromkeys(name for name in predicted if name in inputs))
 
 
 def set_rollouts(

@@ -14,7 +14,7 @@ import numpy as np
 from backends.atomic_write import write_text
 from compiler.interpreter import Interpreter
 from compiler.passes.close_loop import close_loop
-from compiler.program import Output, Program
+from compiler.program import Output, Program, Role
 from msnn.data.dataset import Dataset, FloatArray, Record
 from msnn.data.reads import reads
 from msnn.data.starts import reach, rollouts
@@ -40,7 +40,7 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
     asks for no column that the run does not read. Raises LoopError.
     """
     if close is None:
-        inputs = {signal.name for signal in program.signals}
+        inputs = {signal.name for signal in program.signals if signal.role is Role.INPUT}
         predicted = (out.predicts.signal for out in program.outputs if out.predicts is not None)
         close = dict.fromkeys(name for name in predicted if name in inputs)
     closed = replace(close_loop(program, tuple(close)), losses=())

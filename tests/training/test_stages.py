@@ -227,6 +227,28 @@ def test_without_training_data_the_set_is_named() -> None:
         run("  - {}\n", None, test=[50])
 
 
+def test_a_static_model_trains_on_independent_rows() -> None:
+    program, spec = compiled(
+        "msnn: 1\nname: p\ninputs: {u: 1}\ntargets: {y: 1}\nparameters: {a: 0.5}\n"
+        'outputs: {z: {expr: a*u, predicts: "y[t]"}}\n'
+        "train: [{epochs: 3, dtype: float64, optimizer: {lbfgs: {}}}]\n"
+    )
+    u = np.linspace(-1, 1, 20)
+    data = dataset({"u": u, "y": 3 * u}, train=[15], val=[5])
+    assert train(program, data, spec.train, IN_MEMORY).weights["a"] == pytest.approx(3.0, rel=1e-9)
+
+
+def test_r4_only_inputs_are_closed_by_default() -> None:
+    program, spec = compiled(
+        "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1, v: 1}\nparameters: {a: 0.5}\n"
+        "states: {x: {next: a*x + u + v, init: x.meas}}\n"
+        'outputs: {y: {expr: next(x), predicts: "x[t+1]"}, w: {expr: a*v, predicts: "v[t+1]"}}\n'
+        "train: [{rollout: 3}, {rollout: {horizon: 3, close: []}}]\n"
+    )
+    plans = plan_stages(program, spec.train, Findings())
+    assert [plan.rollout.closed for plan in plans] == [("v",), ()]
+
+
 def test_r7_fixed_starts_inside_a_record_are_a_warning() -> None:
     text = (
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\nparameters: {a: 0.5}\n"
