@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from backends.c.spec_notes import span_text
-from backends.c.state_memory import DoubledRing, PlainState, ShiftBuffer, StateMemory
+from backends.c.state_memory import DelayLine, DoubledRing, PlainState, ShiftBuffer, StateMemory
 from backends.step_interface import Port
 from compiler.program import Output, Parameter, State
 from compiler.types import WINDOW, Axis, Type
@@ -48,8 +48,10 @@ def state_comment(memory: StateMemory) -> str:
     match memory:
         case PlainState():
             kept = ""
+        case DelayLine():
+            kept = "last sample" if memory.shape[-1] == 1 else "last samples, oldest first"
         case ShiftBuffer():
-            kept = f"{memory.shape[-1]} samples, oldest first, and room for the newest"
+            kept = "last samples, oldest first, and room for the newest"
         case DoubledRing():
             kept = f"ring of {memory.length} samples, each kept twice"
     return _comment(state.unit, state.axes, (_limits(state.range), kept, state.doc), state.span)

@@ -16,7 +16,7 @@ from backends.c.local_values import LocalValues
 from backends.c.places import Place
 from backends.c.scope import LocalNames, Scope
 from backends.c.spec_notes import SpecNotes
-from backends.c.state_memory import Buffer, PlainState
+from backends.c.state_memory import Buffer, DelayLine, PlainState
 from compiler.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
 from compiler.program import Graph
 from compiler.types import Type
@@ -64,7 +64,7 @@ class FunctionWriter:
 
     def push(self, op: Window, newest: Place, scope: Scope) -> Place | None:
         memory = self._memory[op.state]
-        if isinstance(memory, PlainState):
+        if isinstance(memory, PlainState | DelayLine):
             return None
         self.before_push(memory, newest)
         memory.push(newest, scope, self.unroll)

@@ -15,7 +15,9 @@ from backends.c.field_comments import (
 from backends.c.options import COptions
 from backends.c.places import Place
 from backends.c.state_memory import (
+    DelayLine,
     DoubledRing,
+    InPlace,
     PlainState,
     ShiftBuffer,
     StateMemory,
@@ -102,7 +104,7 @@ class Interface:
             memory.state.name
             for memory in self.states
             if memory.state.name in self.from_record
-            and not isinstance(memory, PlainState)
+            and not isinstance(memory, PlainState | DelayLine)
             and not isinstance(memory.state.origin, Tape)
         )
 
@@ -121,8 +123,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
     unset = in_states.add("unset")
     in_place = kept_in_place(program)
     states = tuple(
-        _memory(state, in_states, options, in_place=state.name in in_place)
-        for state in program.states
+        _memory(state, in_states, options, in_place.get(state.name)) for state in program.states
     )
     return Interface(
         program.name,
@@ -203,11 +204,15 @@ def _supplied(state: State, names: _FieldNames) -> Field:
     return Field(state.name, names.add(state.name), state.axes, state.unit, comment)
 
 
-def _memory(state: State, names: _FieldNames, options: COptions, *, in_place: bool) -> StateMemory:
+def _memory(
+    state: State, names: _FieldNames, options: COptions, in_place: InPlace | None
+) -> StateMemory:
     shape = tuple(axis.size for axis in state.axes)
     identifier = names.add(state.name)
-    if not in_place:
+    if in_place is None:
         return PlainState(state, identifier, shape)
+    if not in_place.window_read and not doubles(options.ring, shape[-1]):
+        return DelayLine(state, identifier, shape, in_place.newest)
     if doubles(options.ring, shape[-1]):
         return DoubledRing(state, identifier, shape, names.add(f"{state.name}.head"))
     return ShiftBuffer(state, identifier, shape)

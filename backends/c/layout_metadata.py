@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from backends.c.interface import Interface
-from backends.c.state_memory import DoubledRing, PlainState, ShiftBuffer, StateMemory
+from backends.c.state_memory import DelayLine, DoubledRing, PlainState, ShiftBuffer, StateMemory
 from backends.c.status import MEANING, status_macro
 from backends.c.structs import StructField, structs
 from backends.interface_metadata import interface_metadata
@@ -55,7 +55,7 @@ def _state(memory: StateMemory) -> dict[str, Any]:
         "shape": [*memory.shape],
     }
     match memory:
-        case PlainState():
+        case PlainState() | DelayLine():
             return {**value, "kind": "plain"}
         case ShiftBuffer():
             return {**value, "kind": "shift"}

@@ -1,4 +1,4 @@
-"""How the state struct keeps each state: as a plain value, a shifted buffer or a doubled ring."""
+"""How the state struct keeps each state: a plain value, a delay line, a shifted buffer, a ring."""
 
 from __future__ import annotations
 
@@ -53,6 +53,35 @@ class PlainState:
 
     def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
         self.write(start, scope, unroll)
+
+
+@dataclass(frozen=True, slots=True)
+class DelayLine:
+    """Samples oldest first; no window with the newest one is wanted, so it joins them last."""
+
+    state: State
+    identifier: str
+    shape: tuple[int, ...]
+    """Axes of the signal, then the samples that are kept."""
+    newest: NodeId
+    """Node of the step whose value joins the samples."""
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+    @property
+    def samples(self) -> Place:
+        return Place.array(Member("s", self.identifier), self.shape)
+
+    def write(self, newest: Place, scope: Scope, unroll: int) -> None:
+        axis, kept = len(self.shape) - 1, self.shape[-1]
+        rest = self.samples.sliced(axis, 0, kept - 1)
+        copy_value(self.samples.sliced(axis, 1, kept), rest, scope, unroll)
+        copy_value(newest, _last(self.samples, newest.shape), scope, unroll)
+
+    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+        copy_value(start, self.samples, scope, unroll)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,25 +194,44 @@ class DoubledRing:
 
 
 Buffer = ShiftBuffer | DoubledRing
-StateMemory = PlainState | Buffer
+"""Memory that takes its newest sample during the step, and moves after it."""
+
+StateMemory = PlainState | DelayLine | Buffer
 
 
-def kept_in_place(program: Program) -> frozenset[str]:
-    """Buffers whose next value is their only window without its oldest sample."""
+@dataclass(frozen=True, slots=True)
+class InPlace:
+    """A buffer that needs no copy to move."""
+
+    newest: NodeId
+    window_read: bool
+    """Whether anything but the buffer itself reads its window with the newest sample."""
+
+
+def kept_in_place(program: Program) -> dict[str, InPlace]:
+    """Buffers whose next value is their only window without its oldest sample, by name."""
     roots = [output.node for output in program.outputs] + [s.next for s in program.states]
+    live = needed(program.step, roots)
     windows: dict[str, list[NodeId]] = {}
-    for index, live in enumerate(needed(program.step, roots)):
-        op = program.step[index].op
-        if live and isinstance(op, Window):
-            windows.setdefault(op.state, []).append(index)
-    found: set[str] = set()
+    users: dict[NodeId, set[NodeId]] = {}
+    for index, node in program.step:
+        if live[index]:
+            if isinstance(node.op, Window):
+                windows.setdefault(node.op.state, []).append(index)
+            for arg in node.args:
+                users.setdefault(arg, set()).add(index)
+    results = {output.node for output in program.outputs}
+    found: dict[str, InPlace] = {}
     for state in program.states:
         if isinstance(state.origin, History | Tape):
             last = program.step[state.next]
             moved = Slice(WINDOW, 1, state.axes[-1].size + 1)
             if last.op == moved and [*last.args] == windows.get(state.name):
-                found.add(state.name)
-    return frozenset(found)
+                (window,) = last.args
+                read = users[window] != {state.next} or bool({window, state.next} & results)
+                read = read or state.next in users
+                found[state.name] = InPlace(program.step[window].args[0], read)
+    return found
 
 
 def doubles(ring: Ring, kept: int) -> bool:

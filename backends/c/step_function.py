@@ -24,9 +24,9 @@ from backends.c.input_policy import checked_input
 from backends.c.lowering import GraphLowering
 from backends.c.places import Index, Place
 from backends.c.scope import Scope
-from backends.c.state_memory import Buffer, PlainState
+from backends.c.state_memory import Buffer, DelayLine, PlainState, StateMemory
 from backends.c.status import Status, status_macro
-from compiler.program import Program
+from compiler.program import NodeId, Program
 
 BUFFERS_EMPTY = 1
 """Bit of the `unset` field: buffers wait for their first sample."""
@@ -39,7 +39,8 @@ def step_function(program: Program, model: Model) -> Function:
     """`<prefix>_step(s, p, u, y)`: one step; returns what was out of order."""
     writer = _StepWriter(model, program.step)
     writer.begin()
-    roots = [output.node for output in program.outputs] + [s.next for s in program.states]
+    roots = [output.node for output in program.outputs]
+    roots += [_joining(memory) for memory in model.interface.states]
     lowered = GraphLowering(program.step, roots, writer, writer.scope, writer.locals)
     interface = model.interface
     if program.outputs:
@@ -58,6 +59,11 @@ def step_function(program: Program, model: Model) -> Function:
     return writer.finished("step", f"{prefix}_status_t", structs, doc)
 
 
+def _joining(memory: StateMemory) -> NodeId:
+    """The value that a state waits for: the one that joins its samples, or its whole next value."""
+    return memory.newest if isinstance(memory, DelayLine) else memory.state.next
+
+
 class _StepWriter(FunctionWriter):
     def begin(self) -> None:
         """Status, heads of rings and checked inputs."""
@@ -71,7 +77,7 @@ class _StepWriter(FunctionWriter):
         ok = Name(f"{interface.prefix.upper()}_OK")
         scope.add(Declare(CType.STATUS, "status", ok))
         for memory in interface.states:
-            if not isinstance(memory, PlainState):
+            if not isinstance(memory, PlainState | DelayLine):
                 memory.begin(scope)
         if interface.from_record:
             scope.add(
@@ -94,21 +100,21 @@ class _StepWriter(FunctionWriter):
     def commit(self, lowered: GraphLowering) -> None:
         """Replaces the states; what is made of old states is computed before the first of them."""
         interface = self.interface
-        plain = [memory for memory in interface.states if isinstance(memory, PlainState)]
-        following: list[tuple[PlainState, Place]] = []
+        following: list[tuple[PlainState | DelayLine, Place]] = []
         if interface.states:
             self.comment("next states")
-        for memory in plain:
-            state = memory.state
-            place = lowered.place(state.next, f"{state.name}_next")
-            if place != memory.samples:
-                if isinstance(place.storage, Member) and place.storage.base == "s":
-                    place = lowered.copy(state.next, f"{state.name}_next")
-                following.append((memory, place))
+        for memory in interface.states:
+            if isinstance(memory, PlainState | DelayLine):
+                node, name = _joining(memory), f"{memory.state.name}_next"
+                place = lowered.place(node, name)
+                if place != memory.samples:
+                    if isinstance(place.storage, Member) and place.storage.base == "s":
+                        place = lowered.copy(node, name)
+                    following.append((memory, place))
         for memory, place in following:
             memory.write(place, self.scope, self.unroll)
         for memory in interface.states:
-            if not isinstance(memory, PlainState):
+            if not isinstance(memory, PlainState | DelayLine):
                 memory.commit(self.scope, self.unroll)
         if interface.filled_by_first:
             only_buffers = interface.filled_by_first == interface.from_record

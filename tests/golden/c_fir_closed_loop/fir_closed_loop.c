@@ -73,12 +73,13 @@ fir_closed_loop_status_t fir_closed_loop_step(
         sum = sum + (p->h_weight[i] * s->x_tape[i]);
     }
     const fir_closed_loop_real x_next = sum + (p->g_weight[0U] * u->F);
-    s->x_tape[5U] = x_next;
     /* outputs */
     y->x_next = x_next;
     /* next states */
-    for (uint32_t i = 0U; i < 5U; i++) {
-        s->x_tape[i] = s->x_tape[i + 1U];
-    }
+    s->x_tape[0U] = s->x_tape[1U];
+    s->x_tape[1U] = s->x_tape[2U];
+    s->x_tape[2U] = s->x_tape[3U];
+    s->x_tape[3U] = s->x_tape[4U];
+    s->x_tape[4U] = x_next;
     return status;
 }

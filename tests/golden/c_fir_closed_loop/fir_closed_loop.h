@@ -62,8 +62,8 @@ typedef struct {
 
 /* The memory of one instance: plain data. */
 typedef struct {
-    /* [m] -5 .. 5; 5 samples, oldest first, and room for the newest; Position */
-    fir_closed_loop_real x_tape[6];
+    /* [m] -5 .. 5; last samples, oldest first; Position */
+    fir_closed_loop_real x_tape[5];
     /* bit 0: buffers wait for their first sample; bit 1: states wait for reset */
     uint32_t unset;
 } fir_closed_loop_state_t;

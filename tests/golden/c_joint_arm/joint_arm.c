@@ -40,7 +40,7 @@ void joint_arm_init(joint_arm_state_t *s, const joint_arm_params_t *p)
     (void)p;
     for (uint32_t i = 0U; i < 3U; i++) {
         for (uint32_t j = 0U; j < 4U; j++) {
-            s->q_tape[(i * 5U) + j] = 0.0f;
+            s->q_tape[(i * 4U) + j] = 0.0f;
         }
     }
     s->unset = 2U;
@@ -52,7 +52,7 @@ void joint_arm_reset(joint_arm_state_t *s, const joint_arm_params_t *p, const jo
     (void)p;
     for (uint32_t i = 0U; i < 3U; i++) {
         for (uint32_t j = 0U; j < 4U; j++) {
-            s->q_tape[(i * 5U) + j] = x0->q[(i * 4U) + j];
+            s->q_tape[(i * 4U) + j] = x0->q[(i * 4U) + j];
         }
     }
     s->unset = 0U;
@@ -84,33 +84,30 @@ joint_arm_status_t joint_arm_step(
     const joint_arm_real part_2 = (joint_arm_sin(s->q_tape[3U] * 1.0f) * p->shape[0U])
         + (joint_arm_sin(s->q_tape[3U] * 2.0f) * p->shape[3U]);
     q_next[0U] = part + part_2;
-    joint_arm_real sum_2 = p->own_weight[4U] * s->q_tape[5U];
-    sum_2 = sum_2 + (p->own_weight[5U] * s->q_tape[6U]);
-    sum_2 = sum_2 + (p->own_weight[6U] * s->q_tape[7U]);
-    sum_2 = sum_2 + (p->own_weight[7U] * s->q_tape[8U]);
+    joint_arm_real sum_2 = p->own_weight[4U] * s->q_tape[4U];
+    sum_2 = sum_2 + (p->own_weight[5U] * s->q_tape[5U]);
+    sum_2 = sum_2 + (p->own_weight[6U] * s->q_tape[6U]);
+    sum_2 = sum_2 + (p->own_weight[7U] * s->q_tape[7U]);
     const joint_arm_real part_3 = sum_2
         + (((p->coupling[3U] * u->tau[0U]) + (p->coupling[4U] * u->tau[1U]))
         + (p->coupling[5U] * u->tau[2U]));
-    const joint_arm_real part_4 = (joint_arm_sin(s->q_tape[8U] * 1.0f) * p->shape[1U])
-        + (joint_arm_sin(s->q_tape[8U] * 2.0f) * p->shape[4U]);
+    const joint_arm_real part_4 = (joint_arm_sin(s->q_tape[7U] * 1.0f) * p->shape[1U])
+        + (joint_arm_sin(s->q_tape[7U] * 2.0f) * p->shape[4U]);
     q_next[1U] = part_3 + part_4;
-    joint_arm_real sum_3 = p->own_weight[8U] * s->q_tape[10U];
-    sum_3 = sum_3 + (p->own_weight[9U] * s->q_tape[11U]);
-    sum_3 = sum_3 + (p->own_weight[10U] * s->q_tape[12U]);
-    sum_3 = sum_3 + (p->own_weight[11U] * s->q_tape[13U]);
+    joint_arm_real sum_3 = p->own_weight[8U] * s->q_tape[8U];
+    sum_3 = sum_3 + (p->own_weight[9U] * s->q_tape[9U]);
+    sum_3 = sum_3 + (p->own_weight[10U] * s->q_tape[10U]);
+    sum_3 = sum_3 + (p->own_weight[11U] * s->q_tape[11U]);
     const joint_arm_real part_5 = sum_3
         + (((p->coupling[6U] * u->tau[0U]) + (p->coupling[7U] * u->tau[1U]))
         + (p->coupling[8U] * u->tau[2U]));
-    const joint_arm_real part_6 = (joint_arm_sin(s->q_tape[13U] * 1.0f) * p->shape[2U])
-        + (joint_arm_sin(s->q_tape[13U] * 2.0f) * p->shape[5U]);
+    const joint_arm_real part_6 = (joint_arm_sin(s->q_tape[11U] * 1.0f) * p->shape[2U])
+        + (joint_arm_sin(s->q_tape[11U] * 2.0f) * p->shape[5U]);
     q_next[2U] = part_5 + part_6;
     joint_arm_real part_7[3];
     part_7[0U] = -q_next[1U];
     part_7[1U] = -q_next[2U];
     part_7[2U] = q_next[0U];
-    s->q_tape[4U] = q_next[0U];
-    s->q_tape[9U] = q_next[1U];
-    s->q_tape[14U] = q_next[2U];
     /* outputs */
     y->q_next[0U] = q_next[0U];
     y->q_next[1U] = q_next[1U];
@@ -120,9 +117,12 @@ joint_arm_status_t joint_arm_step(
     y->q_shown[2U] = (fabsf(q_next[2U]) > 0.5f) ? part_7[2U] : q_next[2U];
     /* next states */
     for (uint32_t i = 0U; i < 3U; i++) {
-        for (uint32_t j = 0U; j < 4U; j++) {
-            s->q_tape[(i * 5U) + j] = s->q_tape[((i * 5U) + j) + 1U];
+        for (uint32_t j = 0U; j < 3U; j++) {
+            s->q_tape[(i * 4U) + j] = s->q_tape[((i * 4U) + j) + 1U];
         }
     }
+    s->q_tape[3U] = q_next[0U];
+    s->q_tape[7U] = q_next[1U];
+    s->q_tape[11U] = q_next[2U];
     return status;
 }

@@ -69,9 +69,8 @@ typedef struct {
 
 /* The memory of one instance: plain data. */
 typedef struct {
-    /* [rad] joint 3 x t 4; -3 .. 3; 4 samples, oldest first, and room for the newest; Joint
-     * angles */
-    joint_arm_real q_tape[15];
+    /* [rad] joint 3 x t 4; -3 .. 3; last samples, oldest first; Joint angles */
+    joint_arm_real q_tape[12];
     /* bit 0: buffers wait for their first sample; bit 1: states wait for reset */
     uint32_t unset;
 } joint_arm_state_t;
