@@ -6,6 +6,10 @@ from spec_schema.diagnostics import Diagnostic
 from spec_schema.errors.commands import missing_extra
 
 
+class ReaderGoneError(Exception):
+    """Whoever reads our output has closed it: `msnn show … | head`."""
+
+
 class MissingExtraError(Exception):
     """Something optional that a command needs is not installed."""
 

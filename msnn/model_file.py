@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from backends.atomic_write import write_text
 from compiler.compile import compile_spec
@@ -75,7 +75,7 @@ def model_of_text(
     return _compiled(read_spec(path, text, settings), Path(path), settings, False)
 
 
-def with_engine(model: Model, engine: Literal["auto", "torch"]) -> Model:
+def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Model:
     """The model with every stage trained by this engine."""
     stages = tuple(stage.model_copy(update={"engine": engine}) for stage in model.spec.train)
     return replace(model, spec=model.spec.model_copy(update={"train": stages}))
@@ -125,9 +125,9 @@ def _from_program_file(file: Path, settings: Sequence[str]) -> Model:
 
 def _embedded_spec(data: Any) -> tuple[str, str] | None:
     """Takes path and text of the spec out of the data of a program file; None if not there."""
-    match data:
-        case {"spec": {"path": str(path), "text": str(text)}} if "\0" not in path:
-            del data["spec"]
+    found = cast("dict[str, Any]", data).pop("spec", None) if isinstance(data, dict) else None
+    match found:
+        case {"path": str(path), "text": str(text)} if "\0" not in path:
             return path, text
         case _:
             return None

@@ -25,7 +25,7 @@ def file_data(model: Model, program: Program, files: Sequence[Path]) -> Dataset:
     """
     data = data_of_files(model.spec.data or _plain_layout(model), files)
     try:
-        return load_data(program, data, Path())
+        return load_data(program, data, Path.cwd())
     except SpecError as error:
         raise SpecError(error.diagnostics, (*error.sources, *model.sources)) from None
 

@@ -17,24 +17,22 @@ _MOST_SHOWN = 8
 
 
 class Recorded:
-    """Passes every event on and keeps how each stage ended, with the losses of its best epoch."""
+    """Passes every event on and keeps how each stage ended, with the losses of its last epoch."""
 
     def __init__(self, shown: Progress) -> None:
         self.shown = shown
         self.stages: list[tuple[StageEnd, dict[str, float]]] = []
-        self._best: dict[str, float] = {}
+        self._losses: dict[str, float] = {}
 
     def stage_started(self, event: StageStart) -> None:
-        self._best = {}
         self.shown.stage_started(event)
 
     def epoch_ended(self, event: EpochEnd) -> None:
-        if event.best_epoch == event.epoch:
-            self._best = event.losses
+        self._losses = event.losses
         self.shown.epoch_ended(event)
 
     def stage_ended(self, event: StageEnd) -> None:
-        self.stages.append((event, self._best))
+        self.stages.append((event, self._losses))
         self.shown.stage_ended(event)
 
     def warned(self, diagnostic: Diagnostic) -> None:
@@ -42,7 +40,7 @@ class Recorded:
 
 
 def stages_table(recorded: Recorded) -> str:
-    """One row a stage; losses are those on the training data in the epoch of the best weights."""
+    """One row a stage: the best total on what is watched, the last losses on the training data."""
     losses = list(dict.fromkeys(name for _, found in recorded.stages for name in found))
     rows = [
         (
@@ -55,7 +53,7 @@ def stages_table(recorded: Recorded) -> str:
         )
         for end, found in recorded.stages
     ]
-    header = ("stage", "epochs", "best total", "at epoch", *(f"loss {n}" for n in losses), "ended")
+    header = ("stage", "epochs", "best total", "at epoch", *(f"last {n}" for n in losses), "ended")
     return table_text(header, rows, numbers=range(1, len(header) - 1))
 
 

@@ -32,13 +32,13 @@ def apply_settings(root: Node, settings: Sequence[str], findings: Findings) -> N
         # The lines before keep its line number; they are empty so that only this one is read.
         source = SourceText(FILE, text + _as_yaml(setting))
         own = Findings()
-        whole = "=" in setting and "\n" not in setting
+        whole = bool(setting.partition("=")[0].strip()) and "=" in setting and "\n" not in setting
         tree = read_tree(source, own) if whole else None
         if isinstance(tree, Table) and len(tree.entries) == 1:
             ((path, value),) = tree.entries.items()
             place = tree.keys[path]
             steps = path.split(".")
-            if steps[0] in SECTIONS and len(steps) > 1:
+            if steps[0] in SECTIONS:
                 root = _with(root, steps, value, place, own)
             else:
                 own.report(errors.unsettable(path, SECTIONS, place))

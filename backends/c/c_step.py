@@ -78,6 +78,11 @@ class CStep:
         memory = self._state[0]
         return {state["name"]: _value_of(state, memory) for state in self._states}
 
+    def set_states(self, values: Mapping[str, ArrayLike]) -> None:
+        """Sets all states of an instance that was reset, in the shapes of `states`."""
+        for state in self._states:
+            _set_value(state, self._state[0], np.asarray(values[state["name"]], self.dtype))
+
     def selftest(self) -> int:
         """Bits of the self-test; 0 if all is well."""
         return int(self._function("selftest", ctypes.c_uint32)())
@@ -143,6 +148,21 @@ def _value_of(state: dict[str, Any], memory: Any) -> Array:
     samples = stored.reshape(*rows, -1)
     begin = int(memory[state["head"]]) + 1 if state["kind"] == "ring" else 0
     return samples[..., begin : begin + kept].copy()
+
+
+def _set_value(state: dict[str, Any], memory: Any, value: Array) -> None:
+    """Writes the value of a state into the struct; a ring holds every sample twice."""
+    if state["kind"] == "plain":
+        memory[state["field"]] = value.reshape(memory[state["field"]].shape)
+        return
+    *rows, kept = state["shape"]
+    stored = memory[state["field"]].reshape(*rows, -1)
+    if state["kind"] == "shift":
+        stored[..., :kept] = value
+        return
+    memory[state["head"]] = 0
+    stored[..., 1 : kept + 1] = value
+    stored[..., kept + 2 :] = value
 
 
 def _layout(folder: Path) -> dict[str, Any]:

@@ -46,6 +46,7 @@ class EngineName(StrEnum):
     """What computes a training stage."""
 
     AUTO = "auto"
+    NATIVE = "native"
     TORCH = "torch"
 
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TextIO, cast
 
+from msnn.failures import ReaderGoneError
 from spec_schema.diagnostics import Diagnostic
 from spec_schema.render import render
 from spec_schema.source import SourceText
@@ -21,7 +22,7 @@ DiagnosticFormat = Literal["full", "concise", "json", "github"]
 
 def result(text: str) -> None:
     """What the command was asked for."""
-    print(text, flush=True)
+    _say(text, sys.stdout)
 
 
 def json_result(command: str, content: dict[str, Any]) -> None:
@@ -32,7 +33,14 @@ def json_result(command: str, content: dict[str, Any]) -> None:
 
 def note(text: str) -> None:
     """Progress, log and hints."""
-    print(text, file=sys.stderr, flush=True)
+    _say(text, sys.stderr)
+
+
+def _say(text: str, stream: TextIO) -> None:
+    try:
+        print(text, file=stream, flush=True)
+    except BrokenPipeError as error:
+        raise ReaderGoneError from error
 
 
 def report(

@@ -11,9 +11,9 @@ from typing import NoReturn
 
 import typer
 
-import msnn
 from msnn.cli import check, compile, export, init, show, simulate, train, validate
 from msnn.cli.exit_codes import ExitCode
+from msnn.failures import ReaderGoneError
 
 app = typer.Typer(
     name="msnn",
@@ -42,7 +42,9 @@ for _verb in (
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        print(f"msnn {msnn.__version__}")
+        from backends.interface_metadata import product_version
+
+        print(f"msnn {product_version()}")
         raise typer.Exit
 
 
@@ -73,8 +75,8 @@ def run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        # whoever read our output has enough of it; nothing may be written at exit either
+    except ReaderGoneError:
+        # nothing may be written when the process ends either
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.OK
     except Exception as error:  # noqa: BLE001  (the one place that answers for every failure)

@@ -1,0 +1,84 @@
+"""The comparison of exports with the judge finds what it is there to find."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.to_step_form import to_step_form
+from msnn.agreement.compare import compare
+from msnn.agreement.deviation import differing_bits, worst_deviation
+from msnn.agreement.record import drawn_record
+from msnn.exporting import Dtype, ExportPlan, TargetName, write_export
+from msnn.weights_file import initial_weights
+from tests.conditions import require_tool
+from tests.programs import SAMPLES
+
+TYPES: list[tuple[TargetName, Dtype]] = [
+    ("torch", "float64"),
+    ("torch", "float32"),
+    ("casadi", "float64"),
+    ("onnx", "float64"),
+    ("onnx", "float32"),
+    ("c", "float64"),
+    ("c", "float32"),
+]
+
+
+def plan_of(sample: str, target: TargetName, dtype: Dtype) -> ExportPlan:
+    program = SAMPLES[sample]().program
+    names = [output.name for output in program.outputs]
+    return ExportPlan(target, to_step_form(prune_outputs(program, names)), "model", dtype)
+
+
+@pytest.mark.parametrize("sample", SAMPLES)
+@pytest.mark.parametrize(("target", "dtype"), TYPES, ids=lambda value: value)
+def test_every_sample_agrees(sample: str, target: TargetName, dtype: Dtype, tmp_path: Path):
+    require_tool("gcc", install="apt install gcc")
+    plan = plan_of(sample, target, dtype)
+    weights = initial_weights(plan.program)
+    write_export(plan, weights, tmp_path)
+    record = drawn_record(plan.program, "drawn")
+    found = compare(plan, weights, tmp_path, record)
+    assert found.agrees, found
+    assert found.steps == record.steps > 100
+
+
+@pytest.mark.parametrize("target", ["torch", "onnx", "casadi", "c"])
+def test_other_weights_do_not_agree(target: TargetName, tmp_path: Path):
+    require_tool("gcc", install="apt install gcc")
+    plan = plan_of("fir_closed_loop", target, "float32" if target == "c" else "float64")
+    weights = initial_weights(plan.program)
+    others = {name: value * (1 + 1e-6) for name, value in weights.items()}
+    write_export(plan, others, tmp_path)
+    record = drawn_record(plan.program, "drawn")
+    found = compare(plan, weights, tmp_path, record)
+    assert not found.agrees
+
+
+def test_deviation_is_relative_to_the_largest_magnitude():
+    wanted = {"a": np.array([1.0, -4.0]), "b": np.array([0.0, 0.0])}
+    assert worst_deviation({"a": np.array([1.1, -4.0]), "b": wanted["b"]}, wanted) == (
+        pytest.approx(0.1 / 4)
+    )
+    assert worst_deviation({"a": wanted["a"], "b": np.array([0.0, 1e-300])}, wanted) == math.inf
+    assert worst_deviation({"a": wanted["a"][:1], "b": wanted["b"][:1]}, wanted) == 0
+
+
+def test_nan_and_infinity_must_stand_at_equal_places():
+    wanted = {"a": np.array([1.0, math.nan, math.inf])}
+    assert worst_deviation(wanted, wanted) == 0
+    assert worst_deviation({"a": np.array([1.0, 2.0, math.inf])}, wanted) == math.inf
+    assert worst_deviation({"a": np.array([1.0, math.nan, -math.inf])}, wanted) == math.inf
+    assert worst_deviation({"a": np.array([math.nan, math.nan, math.inf])}, wanted) == math.inf
+
+
+def test_bits_count_the_sign_of_zero_but_not_the_kind_of_nan():
+    one = {"a": np.array([0.0, math.nan, 1.0], np.float32)}
+    other = {"a": np.array([-0.0, -math.nan, 1.0], np.float32)}
+    assert differing_bits(one, one) == 0
+    assert differing_bits(one, other) == 1

@@ -1,0 +1,106 @@
+"""`import msnn`: the verbs as functions, from a script."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import msnn
+from msnn.new_project import new_project
+from msnn.simulation_data import record_data
+from tests.cli.test_check import SPEC
+
+
+@pytest.fixture
+def spec(tmp_path: Path) -> Path:
+    return new_project(tmp_path / "plant") / SPEC
+
+
+def test_every_public_name_is_there():
+    assert all(callable(getattr(msnn, name)) for name in msnn.__all__)
+    assert set(msnn.__all__) <= set(dir(msnn))
+    with pytest.raises(AttributeError, match="module `msnn` has no attribute `lode`"):
+        _ = msnn.lode
+
+
+def test_load_and_compile_give_the_same_program(spec: Path):
+    model = msnn.load(spec)
+    assert msnn.compile(spec) == model.program
+    assert model.name == "plant"
+    assert msnn.compile(model.spec).outputs == model.program.outputs
+
+
+def test_mistakes_are_raised_with_their_places(spec: Path):
+    spec.write_text(spec.read_text().replace("k*x", "kk*x"))
+    with pytest.raises(msnn.SpecError, match="unknown name `kk`") as caught:
+        msnn.load(spec)
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.span is not None
+    assert diagnostic.span.line == 16
+
+
+def test_train_validate_simulate_and_export(spec: Path, tmp_path: Path):
+    model = msnn.load(spec, ["train.0.epochs=2"])
+    result = msnn.train(model, runs=None)
+    assert result.folder is None
+    assert set(result.weights) == {"m", "c", "k"}
+    report = msnn.validate(model, result.weights)
+    assert [row.of for row in report.rows] == ["x_next", "x_next"]
+    runs = msnn.simulate(model, weights=result.weights)
+    assert len(runs) == 10
+    paths = msnn.export(model, "onnx", tmp_path / "out", result.weights)
+    assert {path.name for path in paths} >= {"plant.onnx"}
+    assert all(path.is_file() for path in paths)
+
+
+def test_simulating_arrays(spec: Path):
+    model = msnn.load(spec)
+    force, rest = np.ones(50), np.zeros(50)
+    (run,) = msnn.simulate(model, {"F": force, "x": rest, "v": rest}, horizon=40)
+    position = run.outputs["x_next"]
+    assert position.shape == (40,)
+    assert position[0] > 0
+    (longer,) = msnn.simulate(model, {"F": list(force), "x": rest, "v": rest})
+    np.testing.assert_array_equal(longer.outputs["x_next"][:40], position)
+
+
+def test_simulating_files(spec: Path):
+    model = msnn.load(spec)
+    file = spec.parent / "data" / "test" / "run_01.csv"
+    (one,) = msnn.simulate(model, file)
+    (same,) = msnn.simulate(model, [file])
+    np.testing.assert_array_equal(one.outputs["x_next"], same.outputs["x_next"])
+
+
+def test_a_spec_without_data_simulates_plain_files(spec: Path, tmp_path: Path):
+    text = spec.read_text()
+    text = text[: text.index("data:\n")]
+    spec.write_text(text)
+    file = spec.parent / "data" / "test" / "run_01.csv"
+    (run,) = msnn.simulate(msnn.load(spec), file)
+    assert len(run.outputs["x_next"]) == 200
+    with pytest.raises(msnn.SpecError, match="no `data:` section, which training needs"):
+        msnn.train(msnn.load(spec))
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"x": [0.0], "v": [0.0]}, "the data has no `F`"),
+        ({"F": [0.0, 1.0], "x": [0.0], "v": [0.0]}, r"has the shape \(\d,\), not \(\d\)"),
+        ({"F": [[0.0]], "x": [0.0], "v": [0.0]}, r"`F` has the shape \(1, 1\), not \(1\)"),
+        ({"F": 0.0, "x": [0.0], "v": [0.0]}, r"`F` has the shape \(\), not \(rows\)"),
+    ],
+)
+def test_arrays_that_do_not_fit(spec: Path, arrays: dict[str, object], message: str):
+    program = msnn.compile(spec)
+    with pytest.raises(ValueError, match=message):
+        record_data(program, arrays)  # pyright: ignore[reportArgumentType]
+
+
+def test_exporting_another_target_is_refused(spec: Path, tmp_path: Path):
+    with pytest.raises(msnn.SpecError, match="`fmu` is not an export target"):
+        msnn.export(msnn.load(spec), "fmu", tmp_path / "out")  # pyright: ignore[reportArgumentType]
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,136 @@
+"""Every way in which a command can end has its code, one clear message and no traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import msnn.cli.main
+from msnn.cli.exit_codes import ExitCode
+from msnn.failures import MissingExtraError
+from tests.cli.command_line import ROOT, CommandLine, in_new_process
+from tests.cli.test_check import SPEC, change
+
+
+def test_usage_errors_end_with_2(msnn: CommandLine):
+    for arguments in (["nothing"], ["check"], ["train", SPEC, "--epochs", "3"], []):
+        said = msnn(*arguments)
+        assert said.code == ExitCode.USAGE
+        assert said.out == "" or not arguments
+    assert "Usage: msnn" in msnn("check").err
+
+
+def test_version_and_help_end_with_0(msnn: CommandLine):
+    assert msnn("--version").out.startswith("msnn ")
+    said = msnn("--help")
+    assert said.code == 0
+    verbs = ("init", "check", "compile", "train", "validate", "simulate", "export", "show")
+    assert all(f"  {verb} " in said.out for verb in verbs)
+
+
+def test_a_bug_ends_with_70_and_one_sentence(
+    msnn: CommandLine, project: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def broken(*arguments: object) -> None:
+        raise ZeroDivisionError("ours")
+
+    monkeypatch.setattr("msnn.show.interface_text", broken)
+    said = msnn("show", SPEC)
+    assert said.code == ExitCode.BUG
+    assert said.err == (
+        "msnn met a mistake of its own (ZeroDivisionError: ours); MSNN_TRACEBACK=1 shows where, "
+        "please report it\n"
+    )
+    monkeypatch.setenv("MSNN_TRACEBACK", "1")
+    assert "Traceback" in msnn("show", SPEC).err
+
+
+def test_a_missing_extra_ends_with_5_and_its_install_line(
+    msnn: CommandLine, project: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def missing() -> None:
+        raise MissingExtraError("matplotlib, which draws plots,", "pip install 'msnn[plot]'")
+
+    monkeypatch.setattr("msnn.plotting.require_plotting", missing)
+    said = msnn("simulate", SPEC, "--initial", "--plot", "a.png")
+    assert said.code == ExitCode.MISSING_EXTRA
+    assert said.err == (
+        "error[E1037]: matplotlib, which draws plots, is not installed\n"
+        " = help: pip install 'msnn[plot]'\n"
+    )
+    assert not (project / "simulation.csv").exists()
+
+
+def test_a_compiler_that_is_not_there_ends_with_5(
+    msnn: CommandLine, project: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    said = msnn("export", SPEC, "--initial", "--to", "c", "--check")
+    assert said.code == ExitCode.MISSING_EXTRA
+    assert "error[E1037]: a C compiler is not installed" in said.err
+
+
+def test_a_folder_that_cannot_be_written_ends_with_1(msnn: CommandLine, project: Path):
+    (project / "file").write_text("")
+    said = msnn("compile", SPEC, "--out", "file/build")
+    assert said.code == ExitCode.DIAGNOSTICS
+    assert "error[E1033]: cannot use file/build" in said.err
+    assert "Traceback" not in said.err
+
+
+def test_a_reader_that_has_enough_is_no_error(project: Path):
+    command = (
+        f'"{sys.executable}" -c "from msnn.cli.main import main; main()" show --program {SPEC}'
+    )
+    found = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {command} | head -n 1"],
+        cwd=project,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (found.returncode, found.stderr) == (0, "")
+
+
+def test_a_terminal_without_greek_gets_question_marks(project: Path):
+    change(project, "k: {init: 10", "κ: {init: 10")
+    change(project, "k*x", "κ*x")
+    said = in_new_process(("show", SPEC), project, {"PYTHONIOENCODING": "ascii"})
+    assert said.code == 0
+    assert "?  " in said.out
+
+
+def test_interrupting_ends_with_130(project: Path):
+    change(project, "epochs: 80", "epochs: 100000")
+    change(project, "patience: 20", "patience: 100000")
+    start = [sys.executable, "-c", "from msnn.cli.main import main; main()", "train", SPEC]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        start, cwd=project, env=environment, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    lines = iter(process.stderr.readline, "")
+    next(line for line in lines if "epoch 1/" in line)
+    time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate(timeout=60)
+    assert process.returncode == ExitCode.INTERRUPTED
+    assert f"`msnn train {SPEC} --resume` goes on" in rest
+    assert "Traceback" not in rest
+    assert list(project.glob("runs/plant/*/checkpoint.safetensors"))
+
+
+def test_run_never_raises(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(msnn.cli.main, "app", interrupted)
+    assert msnn.cli.main.run([]) == ExitCode.INTERRUPTED
+    assert capsys.readouterr().err == "interrupted\n"

@@ -1,0 +1,116 @@
+"""Files that a command is given: program files, hostile ones too, and settings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.command_line import CommandLine
+from tests.cli.test_check import SPEC, SUMMARY
+
+PROGRAM = "build/plant.program.json"
+
+
+@pytest.fixture
+def program_file(msnn: CommandLine, project: Path) -> Path:
+    said = msnn("compile", SPEC)
+    assert (said.code, said.out) == (0, f"{PROGRAM}\n")
+    return project / PROGRAM
+
+
+def test_a_program_file_serves_as_the_spec(msnn: CommandLine, project: Path, program_file: Path):
+    assert msnn("check", PROGRAM).out == SUMMARY
+    assert msnn("show", PROGRAM).out == msnn("show", SPEC).out
+    assert msnn("show", "--program", PROGRAM).out == msnn("show", "--program", SPEC).out
+    found = msnn("validate", PROGRAM, "--initial")
+    assert found.out == msnn("validate", SPEC, "--initial").out
+    assert found.code == 3
+
+
+def test_a_program_file_finds_the_data_of_its_spec(
+    msnn: CommandLine, project: Path, program_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(project / "data")
+    said = msnn("simulate", program_file, "--initial")
+    assert said.out == "simulation.csv: 10 runs, 2000 steps\n"
+
+
+def test_compiling_twice_gives_the_same_bytes(msnn: CommandLine, program_file: Path):
+    before = program_file.read_bytes()
+    msnn("compile", SPEC)
+    assert program_file.read_bytes() == before
+
+
+def changed(path: Path, **changes: Any) -> None:
+    data = json.loads(path.read_text())
+    path.write_text(json.dumps({**data, **changes}))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is not a program file: it is not JSON"),
+        ("[" * 100_000, "is not a program file: it is nested too deep"),
+        ("[1, 2]", "is not a program file"),
+        ("{}", "is not a program file"),
+        ('{"format": 99}', "has format 99; this version reads format 1"),
+        ('{"format": NaN}', "is not a program file: it is not JSON"),
+        ("\udcff", "cannot read build/plant.program.json: it is not utf-8 text"),
+    ],
+    ids=["empty", "deep", "list", "nothing", "later", "nan", "bytes"],
+)
+def test_hostile_program_files(msnn: CommandLine, program_file: Path, text: str, message: str):
+    program_file.write_bytes(text.encode("utf-8", "surrogateescape"))
+    for verb in ("check", "show", "train"):
+        said = msnn(verb, PROGRAM)
+        assert said.code == 1
+        assert said.out == ""
+        assert message.lower() in said.err.lower()
+
+
+@pytest.mark.parametrize("spec", [None, 3, {"path": "x"}, {"path": "a\0", "text": ""}])
+def test_a_program_file_without_its_spec(msnn: CommandLine, program_file: Path, spec: Any):
+    changed(program_file, spec=spec)
+    said = msnn("show", PROGRAM)
+    assert said.code == 1
+    assert "error[E1040]" in said.err
+
+
+def test_a_program_file_with_the_spec_of_another(
+    msnn: CommandLine, project: Path, program_file: Path
+):
+    text = (project / SPEC).read_text().replace("init: 10", "init: 11")
+    changed(program_file, spec={"path": "../plant.msnn.yaml", "text": text})
+    said = msnn("show", PROGRAM)
+    assert said.code == 1
+    assert "error[E1040]" in said.err
+
+
+def test_settings_replace_values_of_the_workflow(msnn: CommandLine, project: Path):
+    limits = "validate=[{of: x_next, max: 1 km}]"
+    assert msnn("validate", SPEC, "--initial").code == 3
+    assert msnn("validate", SPEC, "--initial", "--set", limits).code == 0
+    assert msnn("validate", SPEC, "--initial", "--set", "validate.0.max=1 km").code == 3
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("train.0.epochs=x", "--> --set:1:17"),
+        ("train.0.epoch=3", "unknown key `epoch`"),
+        ("train.1.epochs=3", "error[E1032]: `1` is no item of the list"),
+        ("train.x=3", "error[E1032]: `x` is no item of the list"),
+        ("parameters.k=3", "error[E1031]: `parameters.k` cannot be set"),
+        ("train", "error[E1030]"),
+        ("=3", "error[E1030]"),
+        ("train.0.epochs=[1", "error[E01"),
+    ],
+)
+def test_a_wrong_setting_is_explained(msnn: CommandLine, project: Path, setting: str, message: str):
+    said = msnn("validate", SPEC, "--initial", "--set", setting)
+    assert said.code == 1
+    assert message in said.err
+    assert said.out == ""

@@ -1,0 +1,226 @@
+"""The tour of a new user: init, check, train, validate, simulate, export, and calling the C."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+from msnn.sample_data import DAMPING, MASS, STIFFNESS
+from tests.cli.command_line import CommandLine
+from tests.cli.test_check import SPEC, SUMMARY, change
+from tests.conditions import require_tool
+
+WEIGHTS = "runs/plant/latest/weights.safetensors"
+
+
+@pytest.fixture(scope="module")
+def trained_runs(made_project: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder `runs` after a training of the new project, as it is."""
+    from msnn import api
+
+    folder = tmp_path_factory.mktemp("trained")
+    api.train(api.load(made_project / SPEC), runs=folder / "runs")
+    return folder / "runs"
+
+
+@pytest.fixture
+def trained(project: Path, trained_runs: Path) -> Path:
+    shutil.copytree(trained_runs, project / "runs", symlinks=True)
+    return project
+
+
+def test_init_makes_a_project_that_checks(msnn: CommandLine):
+    said = msnn("init", "plant")
+    assert (said.code, said.err) == (0, "")
+    assert msnn("check", f"plant/{SPEC}").out == SUMMARY
+    assert sorted(path.name for path in (msnn.folder).iterdir()) == ["plant"]
+
+
+def test_init_makes_the_same_every_time(msnn: CommandLine):
+    msnn("init", "one/plant")
+    msnn("init", "two/plant")
+    files = [p.relative_to("one") for p in Path("one").rglob("*") if p.is_file()]
+    assert len(files) == 13
+    assert all(Path("one", f).read_bytes() == Path("two", f).read_bytes() for f in files)
+
+
+def test_init_overwrites_nothing(msnn: CommandLine):
+    (msnn.folder / "plant").mkdir()
+    said = msnn("init", "plant")
+    assert said.code == 1
+    assert "error[E1034]: plant is there already" in said.err
+    assert list((msnn.folder / "plant").iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["my-plant", "2plant", "t", "class", "a b", "plant.yaml", "_x"])
+def test_init_wants_a_name_that_a_spec_can_have(msnn: CommandLine, name: str):
+    said = msnn("init", name)
+    assert said.code == 1
+    assert f"error[E1035]: `{name}` cannot name a model" in said.err
+    assert list(msnn.folder.iterdir()) == []
+
+
+def test_training_prints_losses_and_parameters_with_units(msnn: CommandLine, project: Path):
+    said = msnn("train", SPEC, "--set", "train.0.epochs=2")
+    assert said.code == 0
+    assert re.search(r"^stage +epochs +best total +at epoch +last x_next +ended$", said.out, re.M)
+    assert re.search(r"^k +N/m +10 +\d", said.out, re.M)
+    folder = re.search(r"^kept in (runs/plant/\S+)$", said.out, re.M)
+    assert folder is not None
+    assert (project / folder[1] / "weights.safetensors").is_file()
+    assert (project / folder[1] / "spec.msnn.yaml").read_text() == (project / SPEC).read_text()
+    assert "stage 1/1 fit: 2 epochs" in said.err
+
+
+def test_training_as_json(msnn: CommandLine, project: Path):
+    said = msnn("train", SPEC, "--set", "train.0.epochs=1", "--format", "json", "--engine", "torch")
+    record = json.loads(said.out)
+    assert (record["version"], record["command"]) == (1, "train")
+    assert [stage["name"] for stage in record["stages"]] == ["fit"]
+    assert {p["name"]: p["unit"] for p in record["parameters"]} == {
+        "m": "kg",
+        "c": "N*s/m",
+        "k": "N/m",
+    }
+
+
+def test_training_finds_the_true_values(msnn: CommandLine, trained: Path):
+    """2 %: three standard errors of these noisy records are below 0.5 %, the rest is Adam's."""
+    from safetensors.numpy import load_file
+
+    found = load_file(trained / WEIGHTS)
+    for name, truth in (("m", MASS), ("c", DAMPING), ("k", STIFFNESS)):
+        assert found[name] == pytest.approx(truth, rel=0.02)
+
+
+def test_divergence_ends_with_4(msnn: CommandLine, project: Path):
+    change(project, "a: (F - c*v - k*x) / m  ", "a: (F - c*v - k*x) / m + 1e9*exp(1e3*x*x)")
+    said = msnn("train", SPEC)
+    assert said.code == 4
+    assert "error[E0913]: stage `fit` diverged" in said.err
+
+
+def test_missing_data_ends_with_1(msnn: CommandLine, project: Path):
+    shutil.rmtree(project / "data" / "test")
+    said = msnn("train", SPEC)
+    assert said.code == 1
+    assert "error[E0801]: no data file matches `data/test/*.csv`" in said.err
+    assert f"--> {SPEC}:30:43" in said.err
+    assert not (project / "runs").exists()
+
+
+def test_the_data_may_lie_elsewhere(msnn: CommandLine, project: Path, tmp_path: Path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (project / "data").rename(elsewhere / "data")
+    assert msnn("validate", SPEC, "--initial").code == 1
+    said = msnn("validate", SPEC, "--initial", "--data-root", elsewhere)
+    assert said.code == 3
+
+
+def test_untrained_models_say_what_to_do(msnn: CommandLine, project: Path):
+    for verb in ("validate", "simulate", "export"):
+        said = msnn(verb, SPEC)
+        assert said.code == 1
+        assert said.err == (
+            f"error[E1036]: `plant` has no trained weights: there is no {WEIGHTS}\n"
+            " = help: run `msnn train` first, or take the initial values with `--initial`\n"
+        )
+    assert not (project / "build").exists()
+
+
+def test_validate_prints_rows_and_limits(msnn: CommandLine, trained: Path):
+    said = msnn("validate", SPEC, "--junit", "out/junit.xml")
+    assert said.code == 0
+    assert re.search(r"^x_next +rmse +0\.001\d+ +m +≤ 0\.003 +kept +one step ", said.out, re.M)
+    assert said.out.count("398 of 400 rows in 2 records") == 2
+    suite = ElementTree.parse(trained / "out" / "junit.xml").getroot()  # noqa: S314  (our own file)
+    assert (suite.get("tests"), suite.get("failures")) == ("2", "0")
+
+
+def test_a_broken_limit_ends_with_3(msnn: CommandLine, trained: Path):
+    said = msnn("validate", SPEC, "--set", "validate.0.max=1 um", "--junit", "junit.xml")
+    assert said.code == 3
+    assert "BROKEN" in said.out
+    assert "a limit is broken" in said.err
+    suite = ElementTree.parse(trained / "junit.xml").getroot()  # noqa: S314  (our own file)
+    assert suite.get("failures") == "1"
+    record = json.loads(msnn("validate", SPEC, "--format", "json").out)
+    assert record["passed"] is True
+    assert [metric["unit"] for metric in record["metrics"]] == ["m", "m"]
+
+
+def test_simulating_given_files(msnn: CommandLine, trained: Path):
+    file = "data/test/run_01.csv"
+    said = msnn("simulate", SPEC, "--data", file, "--horizon", "50", "--out", "out/run.csv")
+    assert (said.code, said.out) == (0, "out/run.csv: 1 run, 50 steps\n")
+    lines = (trained / "out" / "run.csv").read_text().splitlines()
+    assert lines[0] == "file,row,time,x_next,x_next.log"
+    assert lines[1].startswith(f"{file},0,0.0,")
+    assert len(lines) == 51
+
+
+def test_simulating_with_a_plot(msnn: CommandLine, trained: Path):
+    pytest.importorskip("matplotlib")
+    said = msnn("simulate", SPEC, "--plot", "run.png")
+    assert said.code == 0
+    assert (trained / "run.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_bad_horizon_is_a_usage_error(msnn: CommandLine, trained: Path):
+    for horizon in ("0", "-1", "x", "1.5"):
+        assert msnn("simulate", SPEC, f"--horizon={horizon}").code == 2
+
+
+def test_export_writes_what_the_spec_asks_for(msnn: CommandLine, trained: Path):
+    assert msnn("export", SPEC).out == "c: 10 files in build/export/c\n"
+    said = msnn("export", SPEC, "--to", "fmi")
+    assert said.code == 1
+    assert "the targets are torch, onnx, casadi, c and all" in said.err
+
+
+def test_every_target_agrees_with_the_interpreter(msnn: CommandLine, trained: Path):
+    require_tool("gcc", install="apt install gcc")
+    pytest.importorskip("onnxruntime")
+    said = msnn("export", SPEC, "--to", "all", "--check", "--format", "json")
+    assert said.code == 0, said.err
+    record = json.loads(said.out)
+    found = {row["target"]: row for row in record["agreement"]["targets"]}
+    assert set(found) == set(record["files"]) == {"torch", "onnx", "casadi", "c"}
+    assert found["c"]["bits"] == 0
+    assert all(row["agrees"] for row in found.values())
+    assert not list((trained / "build").rglob("__pycache__"))
+
+
+def test_calling_the_exported_c_from_a_program_of_ones_own(msnn: CommandLine, trained: Path):
+    """The program and the commands are those of the README that `msnn init` wrote."""
+    require_tool("gcc", install="apt install gcc")
+    assert msnn("export", SPEC, "--to", "c").code == 0
+    readme = (trained / "README.md").read_text()
+    program = re.search(r"```c\n(.*?)```", readme, re.S)
+    build = re.search(r"^gcc .*$", readme, re.M)
+    assert program is not None
+    assert build is not None
+    (trained / "main.c").write_text(program[1])
+    subprocess.run(["bash", "-c", f"{build[0]} -Wall -Wextra -Werror"], cwd=trained, check=True)
+    done = subprocess.run([trained / "main"], capture_output=True, text=True, check=True)
+    last = done.stdout.splitlines()[-1].split()
+    # after 1 s of 1 N: the step response of the true plant, within the error of the learned values
+    assert last[0] == "1.00"
+    assert float(last[2]) == pytest.approx(step_response(1.0), abs=1e-3)
+
+
+def step_response(time: float) -> float:
+    """x(t) of m·x″ + c·x′ + k·x = 1 from rest, underdamped."""
+    import math
+
+    decay = DAMPING / (2 * MASS)
+    speed = math.sqrt(STIFFNESS / MASS - decay**2)
+    swing = math.cos(speed * time) + decay / speed * math.sin(speed * time)
+    return (1 - math.exp(-decay * time) * swing) / STIFFNESS
