@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from backends.identifiers import c_identifier
+from backends.raw_parameters import raw_value
 from backends.torch_lowering import Given, Leaf, LoweredGraph, lower_graph, static_nodes
-from backends.torch_parameters import physical_value, raw_value
+from backends.torch_parameters import physical_value
 from compiler.ops import Constant, ReadLog, ReadParameter, ReadSignal, ReadState
 from compiler.passes.guard_untaken import guard_untaken
 from compiler.program import Graph, NodeId, Program

@@ -73,6 +73,11 @@ class EarlyStop(Entry):
     patience: PositiveCount = 10
 
 
+EngineName: TypeAlias = Annotated[
+    Literal["auto", "native", "torch"], choice("auto", "native", "torch")
+]
+
+
 class Stage(Entry):
     """One stage of training; each starts from the best weights of the one before."""
 
@@ -91,7 +96,7 @@ class Stage(Entry):
     early_stop: EarlyStop | None = None
     seed: NonNegativeCount = 0
     dtype: Dtype = "float32"
-    engine: Annotated[Literal["auto", "torch"], choice("auto", "torch", later=("native",))] = "auto"
+    engine: EngineName = "auto"
     weight_decay: NonNegativeNumber = 0.0
 
     @classmethod

@@ -65,7 +65,15 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "msnn" / "kernels"
 
 
-def compiled_kernel(source: str) -> ctypes.CDLL:
+@dataclass(frozen=True, slots=True)
+class Built:
+    """A loaded kernel, and whether it was compiled just now."""
+
+    library: ctypes.CDLL
+    fresh: bool
+
+
+def compiled_kernel(source: str) -> Built:
     """The loaded kernel of a source, compiled if it was not yet.
 
     Raises NoCompilerError and KernelBuildError. Several processes may ask for one kernel at once:
@@ -75,9 +83,10 @@ def compiled_kernel(source: str) -> ctypes.CDLL:
     described = "\n".join((source, *FLAGS, *compiler.command, compiler.version, _processor()))
     key = hashlib.sha256(described.encode()).hexdigest()[:32]
     path = cache_folder() / f"{key}.so"
-    if not path.exists():
+    fresh = not path.exists()
+    if fresh:
         _compile(compiler, source, path)
-    return ctypes.CDLL(str(path))
+    return Built(ctypes.CDLL(str(path)), fresh)
 
 
 def _compile(compiler: Compiler, source: str, path: Path) -> None:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from backends.c.c_literals import Dtype
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_source import KernelSource, kernel_source
-from compiler.program import Program
+from backends.raw_parameters import mapping_of, raw_value
+from compiler.program import Parameter, Program
 from compiler.training_step import training_step
 
 FloatArray = NDArray[np.float64]
@@ -22,6 +24,14 @@ Reals = NDArray[Any]
 
 LANES = {"float32": 16, "float64": 8}
 _ALIGNMENT = 64
+
+
+class Method(IntEnum):
+    """Optimisers that run inside a kernel; the numbers are those of its source."""
+
+    ADAM = 0
+    ADAMW = 1
+    SGD = 2
 
 
 class _Problem(ctypes.Structure):
@@ -79,7 +89,10 @@ class Kernel:
             ],
             align=True,
         )
-        self._library = compiled_kernel(self.source.text)
+        built = compiled_kernel(self.source.text)
+        self.is_fresh = built.fresh
+        """Whether it was compiled just now, so that nobody has checked it yet."""
+        self._library = built.library
         self._library.msnn_work_lanes.restype = ctypes.c_int64
         self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
         self._library.msnn_train.restype = ctypes.c_int64
@@ -175,7 +188,7 @@ class Kernel:
         )
         return int(done), sums, counts
 
-    def physical_values(self, variables: Variables) -> None:
+    def fill_in_physical(self, variables: Variables) -> None:
         """Fills in the physical values of the raw variables that move."""
         self._library.msnn_physical(ctypes.byref(variables.addresses))
 
@@ -210,34 +223,87 @@ class Data:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """An optimiser as the kernel runs it: which one, and its constants."""
+
+    method: Method
+    beta1: float
+    beta2: float = 0.0
+    epsilon: float = 0.0
+    decay: float = 0.0
+    clip: float = 0.0
+    """Largest norm of a gradient; 0 for no limit."""
+
+
 class Variables:
-    """Raw variables, their physical values and the optimiser's memory, all flat."""
+    """Raw variables, their physical values and the optimiser's memory, each array flat.
+
+    `rates` are learning rates by parameter; one that is absent or 0 is held at its weight.
+    """
 
     def __init__(
         self,
-        dtype: np.dtype[Any],
-        kind: NDArray[np.int32],
-        low: FloatArray,
-        high: FloatArray,
-        scale: FloatArray,
-        rate: FloatArray,
-        raw: FloatArray,
-        physical: FloatArray,
-        optimizer: _Optimizer,
+        kernel: Kernel,
+        rule: Rule,
+        weights: Mapping[str, FloatArray],
+        rates: Mapping[str, float],
     ) -> None:
-        self.arrays: dict[str, NDArray[Any]] = {
-            "kind": np.ascontiguousarray(kind, np.int32),
-            "low": np.ascontiguousarray(low, float),
-            "high": np.ascontiguousarray(high, float),
-            "scale": np.ascontiguousarray(scale, float),
-            "rate": np.array(rate, dtype),
-            "raw": np.array(raw, dtype),
-            "physical": np.array(physical, dtype),
-            "first": np.zeros(len(raw), dtype),
-            "second": np.zeros(len(raw), dtype),
+        self._program = kernel.program
+        parameters = kernel.program.parameters
+        held = {p.name for p in parameters if not rates.get(p.name)}
+        raws = {p.name: raw_value(p, weights[p.name]) for p in parameters if p.name not in held}
+        self.moved = tuple(name for name, (_, moved) in raws.items() if moved)
+        """Parameters that were on a bound and had to be moved off it."""
+
+        def numbers(of: Callable[[Parameter], ArrayLike]) -> FloatArray:
+            parts = [np.broadcast_to(of(p), np.shape(weights[p.name])).ravel() for p in parameters]
+            return np.concatenate([np.zeros(0), *parts])
+
+        arrays: dict[str, NDArray[Any]] = {
+            "kind": numbers(lambda p: int(mapping_of(p))).astype(np.int32),
+            "low": numbers(lambda p: p.minimum or 0.0),
+            "high": numbers(lambda p: p.maximum or 0.0),
+            "scale": numbers(lambda p: p.scale),
+            "rate": numbers(lambda p: rates.get(p.name, 0.0)).astype(kernel.dtype),
+            "raw": numbers(lambda p: raws[p.name][0] if p.name in raws else 0.0).astype(
+                kernel.dtype
+            ),
+            "physical": numbers(lambda p: weights[p.name]).astype(kernel.dtype),
         }
-        self.addresses = _Variables(*(a.ctypes.data for a in self.arrays.values()))
-        self.optimizer = optimizer
+        arrays["first"] = np.zeros_like(arrays["raw"])
+        arrays["second"] = np.zeros_like(arrays["raw"])
+        self.arrays = arrays
+        self.addresses = _Variables(*(array.ctypes.data for array in arrays.values()))
+        constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
+        self.optimizer = _Optimizer(int(rule.method), 0, *constants, 0)
+        kernel.fill_in_physical(self)
+
+    @property
+    def physical(self) -> FloatArray:
+        """Physical values of all numbers, in the order of the program's parameters."""
+        return self.arrays["physical"].astype(float)
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values by parameter."""
+        return by_parameter(self._program, self.physical)
+
+
+def flat(program: Program, weights: Mapping[str, FloatArray]) -> FloatArray:
+    """All numbers of the weights, in the order of the program's parameters."""
+    return np.concatenate([np.zeros(0), *(weights[p.name].ravel() for p in program.parameters)])
+
+
+def by_parameter(program: Program, numbers: FloatArray) -> dict[str, FloatArray]:
+    """The arrays whose numbers `flat` puts in a row."""
+    found: dict[str, FloatArray] = {}
+    begin = 0
+    for parameter in program.parameters:
+        shape = tuple(axis.size for axis in parameter.axes)
+        end = begin + int(np.prod(shape))
+        found[parameter.name] = numbers[begin:end].reshape(shape)
+        begin = end
+    return found
 
 
 def _table(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -36,8 +36,14 @@ class Engine(Protocol):
         """Physical values of all parameters."""
         ...
 
-    def train_batch(self, runs: Runs) -> LossSums:
-        """One optimiser step on these rollouts; the losses before it. Raises NonFiniteLossError."""
+    batches_a_call: int
+    """Batches that `train_batches` is given at once; the stage can be stopped between two calls."""
+
+    def train_batches(self, batches: Sequence[Runs]) -> LossSums:
+        """One optimiser step on each batch of rollouts in order; their losses before it, summed.
+
+        Raises NonFiniteLossError.
+        """
         ...
 
     def evaluate(self, runs: Runs) -> LossSums:

@@ -41,6 +41,7 @@ class StagePlan:
     patience: int | None
     seed: int
     dtype: Literal["float32", "float64"]
+    engine: Literal["auto", "native", "torch"]
     span: Span | None
 
     def record(self) -> dict[str, object]:
@@ -67,6 +68,7 @@ class StagePlan:
             "patience": self.patience,
             "seed": self.seed,
             "dtype": self.dtype,
+            "engine": self.engine,
         }
 
 
@@ -138,6 +140,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         patience=patience,
         seed=stage.seed,
         dtype=stage.dtype,
+        engine=stage.engine,
         span=span,
     )
 

@@ -112,13 +112,13 @@ class StageRun:
         order = shuffled(len(self.train), self.plan.seed, self.plan.index, self.epoch)
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
-        for number, start in enumerate(range(0, len(order), size)):
-            if number < self.batch:
-                continue
-            # one that is smaller is the same as one filled up with members of weight 0
-            found = self.engine.train_batch(self.train.take(order[start : start + size]))
+        # a last batch that is smaller is the same as one filled up with members of weight 0
+        batches = [order[start : start + size] for start in range(0, len(order), size)]
+        while self.batch < len(batches):
+            several = batches[self.batch : self.batch + self.engine.batches_a_call]
+            found = self.engine.train_batches([self.train.take(members) for members in several])
             sums = {name: sums.get(name, LossSum(0.0, 0)) + value for name, value in found.items()}
-            self.batch, self.sums = number + 1, sums
+            self.batch, self.sums = self.batch + len(several), sums
             if self.stop_asked():
                 raise Interrupted(self.checkpoint())
         return sums

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 
 import torch
@@ -26,6 +26,8 @@ _WALL = 1e6
 
 class TorchEngine:
     """Trains the parameters `plan.trained` of one stage; the others keep their values."""
+
+    batches_a_call = 1
 
     def __init__(
         self,
@@ -59,8 +61,15 @@ class TorchEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._model.weights(), **self._fixed}
 
-    def train_batch(self, runs: Runs) -> LossSums:
-        """One optimiser step on these rollouts; the losses before it. Raises NonFiniteLossError."""
+    def train_batches(self, batches: Sequence[Runs]) -> LossSums:
+        """One optimiser step on each batch; the losses before it. Raises NonFiniteLossError."""
+        sums: LossSums = {}
+        for runs in batches:
+            for name, value in self._train_batch(runs).items():
+                sums[name] = sums[name] + value if name in sums else value
+        return sums
+
+    def _train_batch(self, runs: Runs) -> LossSums:
         before: LossSums = {}
         height = 0.0
 

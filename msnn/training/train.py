@@ -16,12 +16,12 @@ from msnn.data.dataset import Dataset, FloatArray
 from msnn.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from msnn.training.divergence import explain_divergence
 from msnn.training.engine import NonFiniteLossError
+from msnn.training.engines import open_engine
 from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.run_folder import RunFolder, interrupted_run, new_run_folder
 from msnn.training.stage_data import StageData, stage_data
 from msnn.training.stage_plan import StagePlan, plan_stages
 from msnn.training.stage_run import Interrupted, StageResult, StageRun
-from msnn.training.torch_engine import TorchEngine
 from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import training as errors
@@ -147,7 +147,10 @@ class _Run:
         weights: Mapping[str, FloatArray],
         stop_asked: threading.Event,
     ) -> StageRun:
-        engine = TorchEngine(plan, self.data.series, weights, data.train_rows, data.watched_rows)
+        opened = open_engine(plan, self.data.series, weights, data)
+        engine = opened.engine
+        for note in opened.notes:
+            self.progress.warned(note)
         if engine.moved:
             self.progress.warned(errors.moved_off_bound(engine.moved))
         return StageRun(

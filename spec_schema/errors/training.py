@@ -264,5 +264,28 @@ def at_bound(name: str, span: Span | None) -> Diagnostic:
     )
 
 
+def no_native_engine(stage: str, reason: str, span: Span | None) -> Diagnostic:
+    """E0922: kernels asked for where there can be none."""
+    return Diagnostic(
+        "E0922",
+        "error",
+        f"the stage `{stage}` cannot run natively: {reason}",
+        span,
+        "native engine",
+        help="use `engine: auto` or `engine: torch`",
+    )
+
+
+def torch_instead(stage: str, reason: str, span: Span | None) -> Diagnostic:
+    """W0905: a stage that runs on the slower engine, and why."""
+    return Diagnostic(
+        "W0905",
+        "warning",
+        f"the stage `{stage}` runs on torch, not in native kernels: {reason}",
+        span,
+        "slower engine",
+    )
+
+
 def _shape(shape: Sequence[int]) -> str:
     return "×".join(map(str, shape)) or "scalar"

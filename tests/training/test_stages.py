@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -156,15 +157,18 @@ def test_r12_starts_are_shuffled_anew_each_epoch() -> None:
 class Counting:
     """An engine that counts what it is given."""
 
+    batches_a_call = 2
+
     def __init__(self) -> None:
         self.batches: list[list[int]] = []
 
     def weights(self) -> dict[str, np.ndarray]:
         return {}
 
-    def train_batch(self, runs: Runs) -> dict[str, LossSum]:
-        self.batches.append(runs.t0.tolist())
-        return {"x_next": LossSum(float(len(runs)), len(runs))}
+    def train_batches(self, batches: Sequence[Runs]) -> dict[str, LossSum]:
+        self.batches += [runs.t0.tolist() for runs in batches]
+        count = sum(len(runs) for runs in batches)
+        return {"x_next": LossSum(float(count), count)}
 
     def evaluate(self, runs: Runs) -> dict[str, LossSum]:
         return {"x_next": LossSum(0.0, len(runs))}

@@ -1,0 +1,121 @@
+"""The native engine: batches, gradients and optimiser steps run inside a generated kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from backends.native.kernel import Kernel, Method, Rule, Variables
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.starts import Runs
+from msnn.rollout import LossSum
+from msnn.training.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.kernel_check import check_kernel
+from msnn.training.stage_plan import StagePlan
+from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd
+
+BATCHES_A_CALL = 200
+"""Batches between two looks at the keyboard."""
+
+
+def runs_natively(plan: StagePlan) -> bool:
+    """Whether kernels have the stage's optimiser."""
+    return not isinstance(plan.optimizer, Lbfgs)
+
+
+class NativeEngine:
+    """Trains the parameters `plan.trained` of one stage; the others keep their values.
+
+    Raises NoCompilerError where there is no C compiler.
+    """
+
+    batches_a_call = BATCHES_A_CALL
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        series: Mapping[str, FloatArray],
+        weights: Mapping[str, FloatArray],
+        train_rows: Mapping[str, BoolArray] | None,
+        evaluation_rows: Mapping[str, BoolArray] | None,
+    ) -> None:
+        self._plan = plan
+        self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
+        self._kernel = Kernel(plan.rollout.program, plan.dtype)
+        rule, rate = _rule(plan)
+        rates = {name: rate * plan.lr_factors.get(name, 1.0) for name in plan.trained}
+        self._variables = Variables(self._kernel, rule, weights, rates)
+        self.moved = self._variables.moved
+        self._train = self._kernel.data(series, plan.rollout.skip, train_rows)
+        self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
+        names = self._kernel.source.losses
+        self._loss_weights = [plan.loss_weights[name] for name in names]
+        self._series = series
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values; parameters that are not trained are exactly those given."""
+        return {**self._variables.weights(), **self._fixed}
+
+    def train_batches(self, batches: Sequence[Runs]) -> LossSums:
+        """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""
+        if self._kernel.is_fresh:
+            check_kernel(
+                self._kernel, self._series, self._plan.rollout.skip, batches[0], self.weights()
+            )
+            self._kernel.is_fresh = False
+        groups = [self._kernel.groups(runs.t0, runs.steps) for runs in batches]
+        bounds = np.cumsum([0, *(len(group) for group in groups)]).astype(np.int64)
+        done, sums, counts = self._kernel.train(
+            self._train, np.concatenate(groups), bounds, self._variables, self._loss_weights
+        )
+        if done < len(batches):
+            raise NonFiniteLossError(batches[done])
+        return self._named(sums, counts)
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of these rollouts at the current weights, on the rows that count."""
+        found = self._kernel.losses(
+            self._evaluation,
+            self._kernel.groups(runs.t0, runs.steps),
+            self._variables.physical,
+            self._loss_weights,
+            gradient=False,
+        )
+        return self._named(found.sums, found.counts)
+
+    def state(self) -> EngineState:
+        """Raw variables and optimiser as they are now."""
+        arrays = self._variables.arrays
+        kept = {name: arrays[name].copy() for name in ("raw", "first", "second")}
+        return EngineState(kept, {"engine": "native", "steps": self._variables.optimizer.steps})
+
+    def restore(self, state: EngineState) -> None:
+        """Goes back to a state of the same stage; KeyError or ValueError for any other."""
+        if not isinstance(state.structure, dict) or state.structure.get("engine") != "native":
+            message = "the checkpoint is of another engine"
+            raise ValueError(message)
+        for name in ("raw", "first", "second"):
+            self._variables.arrays[name][:] = state.arrays[name]
+        self._variables.optimizer.steps = int(state.structure["steps"])
+        self._kernel.fill_in_physical(self._variables)
+
+    def _named(self, sums: FloatArray, counts: FloatArray) -> LossSums:
+        return {
+            name: LossSum(float(total), int(count))
+            for name, total, count in zip(self._kernel.source.losses, sums, counts, strict=True)
+        }
+
+
+def _rule(plan: StagePlan) -> tuple[Rule, float]:
+    """The optimiser of the stage and its learning rate."""
+    decay, clip = plan.weight_decay, plan.clip or 0.0
+    match plan.optimizer:
+        case Adam(lr=lr, beta1=b1, beta2=b2, eps=eps):
+            return Rule(Method.ADAM, b1, b2, eps, decay, clip), lr
+        case AdamW(lr=lr, beta1=b1, beta2=b2, eps=eps):
+            return Rule(Method.ADAMW, b1, b2, eps, decay, clip), lr
+        case Sgd(lr=lr, momentum=momentum):
+            return Rule(Method.SGD, momentum, decay=decay, clip=clip), lr
+        case Lbfgs():
+            raise AssertionError("kernels have no lbfgs; see runs_natively")

@@ -1,0 +1,137 @@
+"""Both engines train the same models to the same losses, and stages choose between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compiler.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
+from msnn.training.engine import Engine
+from msnn.training.native_engine import NativeEngine
+from msnn.training.stage_plan import StagePlan, plan_stages
+from msnn.training.torch_engine import TorchEngine
+from spec_schema.diagnostics import Findings
+from spec_schema.reader import read_spec
+from tests.conditions import require_tool
+from tests.language.compiled import compiled
+from tests.native.test_kernel import MODELS, initial, log_of
+
+ENGINES: Mapping[str, type[NativeEngine | TorchEngine]] = {
+    "native": NativeEngine,
+    "torch": TorchEngine,
+}
+OPTIMIZERS = {
+    "adam": "optimizer: {adam: {lr: 0.01}}",
+    "adam decay clip": "optimizer: {adam: {lr: 0.01}}, weight_decay: 0.01, clip: 0.05",
+    "adamw": "optimizer: {adamw: {lr: 0.01}}, weight_decay: 0.05",
+    "sgd": "optimizer: {sgd: {lr: 0.001, momentum: 0.8}}",
+}
+
+
+def planned(text: str, stage: str) -> tuple[Program, StagePlan]:
+    program = compiled(text)
+    spec = f"msnn: 1\nname: test\nsample_time: 0.1 s\n{text}train:\n  - {{{stage}}}\n"
+    findings = Findings()
+    (plan,) = plan_stages(program, read_spec("test.yaml", spec).spec.train, findings)
+    findings.raise_errors()
+    return program, plan
+
+
+def batches_of(steps: int) -> list[Runs]:
+    starts = np.random.default_rng(2).permutation(np.arange(10, 60))
+    batches = [starts[:20], starts[20:40], starts[40:]]
+    return [Runs(b, np.full(len(b), steps, dtype=np.int64), 0, 90) for b in batches]
+
+
+def trained(
+    engine: Engine, batches: list[Runs], epochs: int
+) -> tuple[list[dict[str, float]], dict[str, FloatArray]]:
+    losses: list[dict[str, float]] = []
+    for _ in range(epochs):
+        sums = {}
+        for start in range(0, len(batches), engine.batches_a_call):
+            for name, value in engine.train_batches(
+                batches[start : start + engine.batches_a_call]
+            ).items():
+                sums[name] = sums[name] + value if name in sums else value
+        losses.append({name: value.total / value.count for name, value in sums.items()})
+    return losses, engine.weights()
+
+
+@pytest.mark.parametrize("optimizer", OPTIMIZERS)
+@pytest.mark.parametrize("model", MODELS)
+def test_both_engines_train_alike(model: str, optimizer: str) -> None:
+    require_tool("gcc", install="apt install gcc")
+    text, _ = MODELS[model]
+    # per-epoch losses of three epochs in the same order; float32 rounds differently in each engine
+    for dtype, tolerance in (("float64", 1e-9), ("float32", 1e-4)):
+        program, plan = planned(
+            text, f"rollout: {{horizon: 8, skip: 2}}, dtype: {dtype}, {OPTIMIZERS[optimizer]}"
+        )
+        log = log_of(program)
+        found = {
+            name: trained(make(plan, log, initial(program), None, None), batches_of(8), 3)
+            for name, make in ENGINES.items()
+        }
+        (native, native_weights), (torch, torch_weights) = found["native"], found["torch"]
+        for ours, theirs in zip(native, torch, strict=True):
+            assert ours == pytest.approx(theirs, rel=tolerance)
+        for name, weight in torch_weights.items():
+            scale = max(float(np.abs(weight).max()), 1e-2)
+            np.testing.assert_allclose(native_weights[name], weight, atol=20 * tolerance * scale)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_first_batch_losses_agree(model: str) -> None:
+    require_tool("gcc", install="apt install gcc")
+    text, _ = MODELS[model]
+    for dtype, tolerance in (("float64", 1e-12), ("float32", 1e-6)):
+        program, plan = planned(text, f"rollout: 8, dtype: {dtype}")
+        log = log_of(program)
+        runs = batches_of(8)[0]
+        sums = [
+            make(plan, log, initial(program), None, None).evaluate(runs)
+            for make in ENGINES.values()
+        ]
+        for name in sums[0]:
+            ours, theirs = (s[name].total / s[name].count for s in sums)
+            assert ours == pytest.approx(theirs, rel=tolerance)
+
+
+def test_frozen_parameters_and_factors_of_the_learning_rate() -> None:
+    require_tool("gcc", install="apt install gcc")
+    text, _ = MODELS["fir"]
+    program, plan = planned(text, 'rollout: 4, freeze: h_x.*, lr: {"h_F.*": 0.5}')
+    weights = initial(program)
+    results = [
+        trained(make(plan, log_of(program), weights, None, None), batches_of(4), 2)[1]
+        for make in ENGINES.values()
+    ]
+    for result in results:
+        np.testing.assert_array_equal(result["h_x.weight"], weights["h_x.weight"])
+        assert np.all(result["h_F.weight"] != weights["h_F.weight"])
+    np.testing.assert_allclose(results[0]["h_F.weight"], results[1]["h_F.weight"], rtol=1e-5)
+
+
+def test_a_stage_says_why_it_runs_on_torch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from msnn.training.engines import open_engine
+    from msnn.training.stage_data import StageData
+    from spec_schema.diagnostics import SpecError
+
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    text, _ = MODELS["fir"]
+    runs = batches_of(4)[0]
+    data = StageData(runs, None, runs, None, "train")
+    program, plan = planned(text, "rollout: 4")
+    opened = open_engine(plan, log_of(program), initial(program), data)
+    assert isinstance(opened.engine, TorchEngine)
+    assert [note.code for note in opened.notes] == ["W0905"]
+    _, plan = planned(text, "rollout: 4, engine: native")
+    with pytest.raises(SpecError, match="install gcc or clang"):
+        open_engine(plan, log_of(program), initial(program), data)
