@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,7 +12,7 @@ Dtype = Literal["float32", "float64"]
 
 def real_literal(value: float, dtype: Dtype) -> str:
     """The shortest decimal literal that gives `value` rounded to dtype: `0.1f`, `-2.0`."""
-    rounded = np.dtype(dtype).type(value)
+    rounded = _rounded(value, dtype)
     special = _special(float(rounded), dtype)
     if special:
         return special
@@ -24,7 +24,7 @@ def real_literal(value: float, dtype: Dtype) -> str:
 
 def hex_literal(value: float, dtype: Dtype) -> str:
     """The bits of `value` rounded to dtype as a hexadecimal literal: `0x1.99999ap-4f`."""
-    rounded = float(np.dtype(dtype).type(value))
+    rounded = float(_rounded(value, dtype))
     special = _special(rounded, dtype)
     if special:
         return special
@@ -32,6 +32,11 @@ def hex_literal(value: float, dtype: Dtype) -> str:
     if "." in mantissa:
         mantissa = mantissa.rstrip("0").rstrip(".")
     return f"{mantissa}p{exponent}{_suffix(dtype)}"
+
+
+def _rounded(value: float, dtype: Dtype) -> np.floating[Any]:
+    with np.errstate(over="ignore"):  # beyond the largest number lies infinity
+        return np.dtype(dtype).type(value)
 
 
 def _special(value: float, dtype: Dtype) -> str | None:

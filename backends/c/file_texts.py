@@ -53,6 +53,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         files[f"src/{kernels.source_name}"] = kernels.source
     sources = sorted(name for name in files if name.startswith("src/") and name.endswith(".c"))
     files["CMakeLists.txt"] = render("CMakeLists.txt.j2", interface, "", sources=sources)
+    files[f"{prefix}_ffi.py"] = render("ffi.py.j2", interface, "")
     files["README.md"] = _readme(interface, files)
     files[f"{prefix}.json"] = metadata_text(layout_metadata(program, interface, weights))
     return dict(sorted(files.items()))

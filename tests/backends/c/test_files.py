@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +109,56 @@ def test_window_form_is_refused(tmp_path: Path) -> None:
         write_c(sample.program, {}, tmp_path)
     assert not list(tmp_path.iterdir())
     write_c(to_step_form(sample.program), {}, tmp_path)
+
+
+def test_the_code_can_be_called_from_python_alone(tmp_path: Path) -> None:
+    program = closed_sample("preview_driver")
+    vectors = golden(program, COptions(), 20, seed=3)
+    built(program, tmp_path, COptions())
+    calls = {
+        "reset": {name: value.tolist() for name, value in vectors.windows.items()},
+        "steps": [{"road": row.tolist()} for row in vectors.inputs["road"][:-1]],
+    }
+    script = """
+import json, sys
+from preview_driver_ffi import Model
+calls = json.loads(sys.argv[1])
+model = Model("./lib0.so")
+model.reset(calls["reset"])
+print(json.dumps([model.step(inputs) for inputs in calls["steps"]]))
+print(model.selftest())
+"""
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", script, json.dumps(calls)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    steps, selftest = done.stdout.splitlines()
+    for k, (outputs, status) in enumerate(json.loads(steps)):
+        assert outputs == {name: float(vectors.outputs[name][k]) for name in outputs}
+        assert status == vectors.status[k]
+    assert selftest == "0"
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_the_readme_does_what_it_says(name: str, tmp_path: Path) -> None:
+    write_c(closed_sample(name), {}, tmp_path)
+    text = (tmp_path / "README.md").read_text(encoding="utf-8")
+    (tmp_path / "main.c").write_text(text.split("```c\n")[1].split("```")[0])
+    command = next(line for line in text.splitlines() if line.startswith("    cc ")).split()
+    subprocess.run(["gcc", *command[1:], "-Wall", "-Werror"], cwd=tmp_path, check=True)
+    done = subprocess.run(
+        [str(tmp_path / "a.out")], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert len(done.stdout.splitlines()) == 10
+
+
+def test_numbers_beyond_float32_are_infinite(tmp_path: Path) -> None:
+    program = closed_sample("spring_damper_rk4")
+    write_c(program, {"mass": 1e300}, tmp_path)
+    assert "INFINITY" in (tmp_path / "src" / "spring_damper_rk4_params.c").read_text()
 
 
 def test_cmake_builds_and_tests_the_folder(tmp_path: Path) -> None:

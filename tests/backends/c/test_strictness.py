@@ -18,7 +18,7 @@ from tests.backends.c.small_programs import (
     starting_states,
     swapped_states,
 )
-from tests.conditions import require_tool
+from tests.conditions import miss, require_tool
 from tests.programs import SAMPLES
 
 PROGRAMS: dict[str, Callable[[], Program]] = {
@@ -54,6 +54,12 @@ CLANG = [
     "-Wno-pre-c11-compat",
 ]
 CPP = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow"]
+
+
+def _require_fused_arithmetic() -> None:
+    processor = Path("/proc/cpuinfo")
+    if not (processor.is_file() and " fma " in processor.read_text(encoding="utf-8")):
+        miss("this processor cannot run code for x86 with fused multiply-add")
 
 
 def _written(name: str, option: str, folder: Path) -> None:
@@ -106,8 +112,21 @@ def test_the_misra_addon_of_cppcheck_finds_nothing(tmp_path: Path) -> None:
     assert [line for line in findings.splitlines() if "misra-c2012" in line] == []
 
 
+def test_clang_needs_no_flag_to_keep_the_bits(tmp_path: Path) -> None:
+    _require_fused_arithmetic()
+    compiler = require_tool("clang", install="apt install clang")
+    _written("joint_arm", "float", tmp_path)
+    sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
+    include, program = f"-I{tmp_path / 'include'}", str(tmp_path / "program")
+    # haswell has fused multiply-add, which clang uses unless the sources forbid it
+    command = [compiler, "-O2", "-march=haswell", include, *sources, "-o", program, "-lm"]
+    assert _run(command) == ""
+    assert "agree" in _run([program])
+
+
 @pytest.mark.parametrize("flag", ["-ffast-math", "-ffp-contract=fast"])
 def test_a_build_that_changes_numbers_is_found(flag: str, tmp_path: Path) -> None:
+    _require_fused_arithmetic()
     compiler = require_tool("gcc", install="apt install gcc")
     _written("fir_closed_loop", "float", tmp_path)
     sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
