@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,7 +92,8 @@ def validate(
 
     data = read_data(model, data_root, "validation")
     try:
-        return validation.validate(model.program, data, model.spec.checks, weights)
+        report = validation.validate(model.program, data, model.spec.checks, weights)
+        return replace(report, warnings=(*data.warnings, *report.warnings))
     except SpecError as error:
         raise _with_sources(error, model) from None
 

@@ -29,7 +29,7 @@ from spec_schema.spec import Spec
 PROGRAM_SUFFIX = ".program.json"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Model:
     """A program in window form with the spec that says how to train, validate and export it.
 
@@ -48,6 +48,9 @@ class Model:
     @property
     def name(self) -> str:
         return self.program.name
+
+    def __repr__(self) -> str:
+        return f"<Model {self.name} from {self.path}>"
 
     @property
     def folder(self) -> Path:
