@@ -19,11 +19,6 @@ BATCHES_A_CALL = 200
 """Batches between two looks at the keyboard."""
 
 
-def runs_natively(plan: StagePlan) -> bool:
-    """Whether kernels have the stage's optimiser."""
-    return not isinstance(plan.optimizer, Lbfgs)
-
-
 class NativeEngine:
     """Trains the parameters `plan.trained` of one stage; the others keep their values.
 
@@ -118,4 +113,4 @@ def _rule(plan: StagePlan) -> tuple[Rule, float]:
         case Sgd(lr=lr, momentum=momentum):
             return Rule(Method.SGD, momentum, decay=decay, clip=clip), lr
         case Lbfgs():
-            raise AssertionError("kernels have no lbfgs; see runs_natively")
+            raise AssertionError("torch's L-BFGS runs along the kernel's gradient instead")

@@ -13,6 +13,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.training.engine import Engine
 from msnn.training.native_engine import NativeEngine
+from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.stage_plan import StagePlan, plan_stages
 from msnn.training.torch_engine import TorchEngine
 from spec_schema.diagnostics import Findings
@@ -84,6 +85,23 @@ def test_both_engines_train_alike(model: str, optimizer: str) -> None:
         for name, weight in torch_weights.items():
             scale = max(float(np.abs(weight).max()), 1e-2)
             np.testing.assert_allclose(native_weights[name], weight, atol=20 * tolerance * scale)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_lbfgs_along_the_gradient_of_a_kernel(model: str) -> None:
+    require_tool("gcc", install="apt install gcc")
+    text, _ = MODELS[model]
+    program, plan = planned(text, "rollout: 8, dtype: float64, optimizer: {lbfgs: {iterations: 6}}")
+    log = log_of(program)
+    (native, _), (torch, _) = (
+        trained(
+            TorchEngine(plan, log, initial(program), None, None, objective), batches_of(8)[:1], 2
+        )
+        for objective in (KernelObjective, TorchObjective)
+    )
+    for ours, theirs in zip(native, torch, strict=True):
+        # a line search decides on differences of losses, so that rounding grows over iterations
+        assert ours == pytest.approx(theirs, rel=1e-6)
 
 
 @pytest.mark.parametrize("model", MODELS)
