@@ -167,7 +167,6 @@ def test_simulating_given_files(msnn: CommandLine, trained: Path):
 
 
 def test_simulating_with_a_plot(msnn: CommandLine, trained: Path):
-    pytest.importorskip("matplotlib")
     said = msnn("simulate", SPEC, "--plot", "run.png")
     assert said.code == 0
     assert (trained / "run.png").read_bytes().startswith(b"\x89PNG")
@@ -188,7 +187,6 @@ def test_export_writes_what_the_spec_asks_for(msnn: CommandLine, trained: Path):
 
 def test_every_target_agrees_with_the_interpreter(msnn: CommandLine, trained: Path):
     require_tool("gcc", install="apt install gcc")
-    pytest.importorskip("onnxruntime")
     said = msnn("export", SPEC, "--to", "all", "--check", "--format", "json")
     assert said.code == 0, said.err
     record = json.loads(said.out)
