@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from compiler.compile import compile_spec
+from compiler.passes.close_loop import LoopError
 from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray, one_record
 from msnn.model_file import Model, load_model
@@ -114,11 +115,16 @@ def simulate(
     `data` are arrays (rows, *shape) by signal, or files with the columns that the spec names;
     None takes the data of the spec. `horizon` ends each run after so many steps. Raises SpecError.
     """
+    from msnn.exporting import loop_fault
     from msnn.simulation import simulate as run
     from msnn.simulation import simulation_program
     from msnn.simulation_data import file_data, record_data
 
-    program = simulation_program(model.program)
+    try:
+        program = simulation_program(model.program)
+    except LoopError as error:
+        fault = loop_fault(error, "the simulation", None)
+        raise SpecError([fault], model.sources) from None
     match data:
         case None:
             dataset = read_data(model, data_root, "simulation", program)

@@ -14,9 +14,10 @@ from compiler.passes.to_step_form import to_step_form
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.model_file import Model
-from spec_schema.diagnostics import Findings, SpecError
+from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import commands, workflow
 from spec_schema.exports import CasadiExport, CExport, Export, OnnxExport, TorchExport
+from spec_schema.source import Span
 
 TargetName: TypeAlias = Literal["torch", "onnx", "casadi", "c"]
 Dtype: TypeAlias = Literal["float32", "float64"]
@@ -125,10 +126,15 @@ def _closed(program: Program, entry: _TargetEntry, findings: Findings) -> Progra
         return close_loop(program, [name.value for name in entry.close])
     except LoopError as error:
         place = next((name.span for name in entry.close if name.value == error.signal), None)
-        through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
-        reason = f"{error.kind.value}{through}"
-        findings.report(workflow.unclosable(error.signal, reason, place))
+        findings.report(loop_fault(error, "the export", place))
         return None
+
+
+def loop_fault(error: LoopError, what: str, place: Span | None) -> Diagnostic:
+    """Why `what` cannot feed a signal back, at the place that asks for it or where it fails."""
+    through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
+    reason = f"{error.kind.value}{through}"
+    return workflow.unclosable(what, error.signal, reason, place or error.span)
 
 
 def _outputs(program: Program, entry: _TargetEntry | None, findings: Findings) -> list[str]:

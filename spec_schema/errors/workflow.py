@@ -74,8 +74,18 @@ def needless_data(name: str, span: Span) -> Diagnostic:
     )
 
 
-def unclosable(signal: str, reason: str, span: Span | None) -> Diagnostic:
-    """E0955: an export that is to keep an input inside and cannot."""
+def unclosable(what: str, signal: str, reason: str, span: Span | None) -> Diagnostic:
+    """E0955: an export or a simulation that is to feed an input back and cannot."""
     return Diagnostic(
-        "E0955", "error", f"the export cannot close `{signal}`: {reason}", span, "closed here"
+        "E0955", "error", f"{what} cannot close `{signal}`: {reason}", span, "closed here"
+    )
+
+
+def records_too_short(longest: int, needed: int) -> Diagnostic:
+    """E0956: a simulation of records that are shorter than what one step reads."""
+    return Diagnostic(
+        "E0956",
+        "error",
+        f"a simulation needs {needed} rows without a gap, the longest record has {longest}",
+        None,
     )

@@ -104,3 +104,30 @@ def test_exporting_another_target_is_refused(spec: Path, tmp_path: Path):
     with pytest.raises(msnn.SpecError, match="`fmu` is not an export target"):
         msnn.export(msnn.load(spec), "fmu", tmp_path / "out")  # pyright: ignore[reportArgumentType]
     assert not (tmp_path / "out").exists()
+
+
+LOOP = """
+msnn: 1
+name: loop
+sample_time: 1 s
+inputs: {a: m, b: m}
+outputs:
+  y: {expr: a + b, predicts: "a[t]"}
+"""
+
+
+def test_a_loop_that_cannot_be_closed_is_explained(tmp_path: Path):
+    path = tmp_path / "loop.yaml"
+    path.write_text(LOOP)
+    with pytest.raises(msnn.SpecError, match="the simulation cannot close `a`: its value depends"):
+        msnn.simulate(msnn.load(path), {"a": [0.0], "b": [0.0]})
+
+
+def test_a_record_that_is_too_short_is_an_error(spec: Path):
+    text = spec.read_text().replace("F - c*v", "mean(F[t-9:t]) - c*v")
+    spec.write_text(text)
+    arrays = {name: np.zeros(9) for name in ("F", "x", "v")}
+    with pytest.raises(
+        msnn.SpecError, match="needs 10 rows without a gap, the longest record has 9"
+    ):
+        msnn.simulate(msnn.load(spec), arrays)
