@@ -123,8 +123,7 @@ def simulate(
     try:
         program = simulation_program(model.program)
     except LoopError as error:
-        fault = loop_fault(error, "the simulation", None)
-        raise SpecError([fault], model.sources) from None
+        raise SpecError([loop_fault(error, None)], model.sources) from None
     match data:
         case None:
             dataset = read_data(model, data_root, "simulation", program)

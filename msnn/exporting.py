@@ -16,6 +16,7 @@ from msnn.data.dataset import FloatArray
 from msnn.model_file import Model
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import commands, workflow
+from spec_schema.errors.states import not_closable
 from spec_schema.exports import CasadiExport, CExport, Export, OnnxExport, TorchExport
 from spec_schema.source import Span
 
@@ -126,15 +127,14 @@ def _closed(program: Program, entry: _TargetEntry, findings: Findings) -> Progra
         return close_loop(program, [name.value for name in entry.close])
     except LoopError as error:
         place = next((name.span for name in entry.close if name.value == error.signal), None)
-        findings.report(loop_fault(error, "the export", place))
+        findings.report(loop_fault(error, place))
         return None
 
 
-def loop_fault(error: LoopError, what: str, place: Span | None) -> Diagnostic:
-    """Why `what` cannot feed a signal back, at the place that asks for it or where it fails."""
+def loop_fault(error: LoopError, place: Span | None) -> Diagnostic:
+    """Why a signal cannot be fed back, at the place that asks for it or else where it fails."""
     through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
-    reason = f"{error.kind.value}{through}"
-    return workflow.unclosable(what, error.signal, reason, place or error.span)
+    return not_closable(error.signal, place or error.span, f"{error.kind.value}{through}")
 
 
 def _outputs(program: Program, entry: _TargetEntry | None, findings: Findings) -> list[str]:

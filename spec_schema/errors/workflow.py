@@ -74,17 +74,10 @@ def needless_data(name: str, span: Span) -> Diagnostic:
     )
 
 
-def unclosable(what: str, signal: str, reason: str, span: Span | None) -> Diagnostic:
-    """E0955: an export or a simulation that is to feed an input back and cannot."""
-    return Diagnostic(
-        "E0955", "error", f"{what} cannot close `{signal}`: {reason}", span, "closed here"
-    )
-
-
 def records_too_short(longest: int, needed: int) -> Diagnostic:
-    """E0956: a simulation of records that are shorter than what one step reads."""
+    """E0955: a simulation of records that are shorter than what one step reads."""
     return Diagnostic(
-        "E0956",
+        "E0955",
         "error",
         f"a simulation needs {needed} rows without a gap, the longest record has {longest}",
         None,

@@ -119,7 +119,7 @@ outputs:
 def test_a_loop_that_cannot_be_closed_is_explained(tmp_path: Path):
     path = tmp_path / "loop.yaml"
     path.write_text(LOOP)
-    with pytest.raises(msnn.SpecError, match="the simulation cannot close `a`: its value depends"):
+    with pytest.raises(msnn.SpecError, match="`a` cannot be closed: its value depends"):
         msnn.simulate(msnn.load(path), {"a": [0.0], "b": [0.0]})
 
 
