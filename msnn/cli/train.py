@@ -55,6 +55,7 @@ def train(
     from msnn.training.train import TrainingDivergedError, TrainingInterruptedError
     from msnn.training_summary import (
         Recorded,
+        bound_warnings,
         parameters_table,
         stages_table,
         training_record,
@@ -70,6 +71,7 @@ def train(
         note(f"interrupted; its state is kept in {error.result.folder}")
         note(f"this goes on: {_resume_command(spec, data_root, settings, engine, out)}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None
+    report(bound_warnings(model.program, found.weights), model.sources)
     if format is ResultFormat.JSON:
         record = training_record(model.program, found.weights, progress)
         json_result("train", {**record, "folder": str(found.folder)})

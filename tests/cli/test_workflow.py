@@ -99,6 +99,14 @@ def test_training_finds_the_true_values(msnn: CommandLine, trained: Path):
         assert found[name] == pytest.approx(truth, rel=0.02)
 
 
+def test_a_parameter_at_its_bound_is_reported(msnn: CommandLine, project: Path):
+    change(project, "k: {init: 10,", "k: {init: 10, max: 10.001,")
+    said = msnn("train", SPEC)
+    assert said.code == 0
+    assert "warning[W0904]: `k` ended at its bound" in said.err
+    assert re.search(r"^k +N/m +10 .* at its bound$", said.out, re.M)
+
+
 def test_divergence_ends_with_4(msnn: CommandLine, project: Path):
     change(project, "a: (F - c*v - k*x) / m  ", "a: (F - c*v - k*x) / m + 1e9*exp(1e3*x*x)")
     said = msnn("train", SPEC)
@@ -249,3 +257,14 @@ def step_response(time: float) -> float:
     speed = math.sqrt(STIFFNESS / MASS - decay**2)
     swing = math.cos(speed * time) + decay / speed * math.sin(speed * time)
     return (1 - math.exp(-decay * time) * swing) / STIFFNESS
+
+
+@pytest.mark.parametrize(
+    "text", ["time,F,x,v\n0.00,\x1b[31m1,0,0\n", "time,F,\x1b[31mx,v\n0.00,1,0,0\n"]
+)
+def test_data_cannot_steer_the_terminal(msnn: CommandLine, project: Path, text: str):
+    (project / "data" / "test" / "run_01.csv").write_text(text)
+    said = msnn("validate", SPEC, "--initial")
+    assert said.code == 1
+    assert "\x1b" not in said.err
+    assert "�[31m" in said.err
