@@ -1,1 +1,1 @@
-"""A real drone arm: models of it trained and scored by the command line, beside published figures."""
+"""Models of a real drone arm, by the command line, beside published figures."""
