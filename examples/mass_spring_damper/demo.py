@@ -86,10 +86,11 @@ def summary(stories: list[Story]) -> str:
     lines.append("targets written, and their worst deviation from the interpreter")
     for story in stories:
         for target in story.targets:
-            bits = "" if target["bits"] is None else f", {target['bits']} differing bits"
+            name, bits = target["target"], target["bits"]
+            same = "" if bits is None else f", {bits} differing bits"
             lines.append(
-                f"  {story.name:24} {target['target']:7} {len(story.files[target['target']]):2} files, "
-                f"{target['dtype']}, one step {target['one_step']:.1e}{bits}"
+                f"  {story.name:24} {name:7} {len(story.files[name]):2} files, {target['dtype']}, "
+                f"one step {target['one_step']:.1e}{same}"
             )
     return "\n".join(lines)
 
