@@ -46,7 +46,7 @@ infinities, signed zeros) are checked to be what IEEE 754 and C99 annex F say.
 DOUBLE = """
 ## double: samples
 
-Random numbers of every binade and of usual size against mpmath with 140 bits and more.
+Random numbers of every binade and of usual size against mpmath with 200 bits and more.
 
 | kernel | promised ulp | compared | largest ulp | at |
 |---|---|---|---|---|
