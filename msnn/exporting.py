@@ -62,7 +62,10 @@ def plan_exports(
 def write_export(
     plan: ExportPlan, weights: Mapping[str, FloatArray], folder: Path
 ) -> tuple[Path, ...]:
-    """Writes the files of one target into the folder and returns their paths."""
+    """Writes the files of one target into the folder and returns their paths.
+
+    A backend is imported when its target is written: one needs no other one's library.
+    """
     match plan.target:
         case "torch":
             from backends.torch_files import write_torch
