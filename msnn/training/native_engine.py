@@ -59,10 +59,11 @@ class NativeEngine:
                 self._kernel, self._series, self._plan.rollout.skip, batches[0], self.weights()
             )
             self._kernel.is_fresh = False
-        groups = [self._kernel.groups(runs.t0, runs.steps) for runs in batches]
-        bounds = np.cumsum([0, *(len(group) for group in groups)]).astype(np.int64)
+        starts = np.concatenate([runs.t0 for runs in batches])
+        steps = np.concatenate([runs.steps for runs in batches])
+        groups, bounds = self._kernel.batches(starts, steps, [len(runs) for runs in batches])
         done, sums, counts = self._kernel.train(
-            self._train, np.concatenate(groups), bounds, self._variables, self._loss_weights
+            self._train, groups, bounds, self._variables, self._loss_weights
         )
         if done < len(batches):
             raise NonFiniteLossError(batches[done])
