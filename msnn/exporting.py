@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias, assert_never
 
@@ -33,6 +33,8 @@ class ExportPlan:
     program: Program
     prefix: str
     dtype: Dtype
+    c: CExport | None = None
+    """What the spec says of generated C besides."""
 
 
 def target_names(names: Sequence[str], export: Export | None) -> tuple[TargetName, ...]:
@@ -83,6 +85,14 @@ def write_export(
             from backends.c import COptions, write_c
 
             options = COptions(dtype=plan.dtype, prefix=plan.prefix)
+            if plan.c is not None:
+                options = replace(
+                    options,
+                    params=plan.c.params,
+                    math=plan.c.math,
+                    ring=plan.c.ring,
+                    unroll=plan.c.unroll,
+                )
             return write_c(plan.program, weights, folder, options)
         case _:
             assert_never(plan.target)
@@ -122,7 +132,8 @@ def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | 
     if program is None:
         return None
     outputs = _outputs(program, entry, findings)
-    return ExportPlan(target, to_step_form(prune_outputs(program, outputs)), prefix, dtype)
+    step = to_step_form(prune_outputs(program, outputs))
+    return ExportPlan(target, step, prefix, dtype, entry if isinstance(entry, CExport) else None)
 
 
 def _closed(program: Program, entry: _TargetEntry, findings: Findings) -> Program | None:

@@ -131,3 +131,19 @@ def test_a_record_that_is_too_short_is_an_error(spec: Path):
         msnn.SpecError, match="needs 10 rows without a gap, the longest record has 9"
     ):
         msnn.simulate(msnn.load(spec), arrays)
+
+
+@pytest.mark.parametrize("choices", ["params: inline", "math: libm, ring: double, unroll: 0"])
+def test_the_choices_of_the_c_export_reach_the_code(choices: str, tmp_path: Path) -> None:
+    spec = tmp_path / "plant.yaml"
+    spec.write_text(
+        "msnn: 1\nname: plant\nsample_time: 0.1 s\ninputs: {x: m}\nparameters: {k: 2.5}\n"
+        "layers: {h: {fir: {window: 9}}}\n"
+        'outputs: {y: "k * sin(h(x))"}\n'
+        f"export: {{c: {{{choices}}}}}\n"
+    )
+    paths = msnn.export(msnn.load(spec), "c", tmp_path / "out")
+    header = next(path for path in paths if path.suffix == ".h" and "math" not in path.name)
+    assert ("params_t" not in header.read_text()) == ("inline" in choices)
+    source = next(path for path in paths if path.name == "plant.c").read_text()
+    assert ("sinf(" in source) == ("libm" in choices)
