@@ -6,6 +6,8 @@ import ast
 from pathlib import Path
 from typing import get_args
 
+from backends import casadi_function, onnx_draft
+from backends.torch_operations import NATIVE_FUNCTIONS
 from compiler.lowering.builtins import BUILTINS, NOT_YET
 from compiler.ops import Op
 from compiler.scalar_functions import SCALAR_FUNCTIONS, ScalarFunction
@@ -52,7 +54,8 @@ def scalar_functions() -> str:
 
 
 def _function(row: ScalarFunction) -> tuple[str, ...]:
-    spellings = ["own" if name else "expanded" for name in (row.torch, row.casadi, row.onnx)]
+    having = (NATIVE_FUNCTIONS, casadi_function.NATIVE, onnx_draft.NATIVE)
+    spellings = ["own" if row.name in names else "expanded" for names in having]
     kernel = "arithmetic" if row.kernel is None else "kernel"
     return f"`{row.name}`", row.doc, row.units.value, *spellings, kernel
 
