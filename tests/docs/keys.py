@@ -115,7 +115,9 @@ def _said(annotation: Any) -> str:
     if origin is tuple:
         of = "list, each" if _entries(args[0]) else "one or a list of"
         return f"{of}: {_said(args[0])}"
-    assert origin is not None, annotation
+    if origin is None:
+        # a type of the schema's own: its docstring begins with how it is written
+        return paragraph(annotation.__doc__).partition(":")[0]
     assert issubclass(origin, Mapping), annotation
     return f"names, each with: {_said(args[1])}"
 

@@ -15,6 +15,7 @@ from spec_schema.reader import read_spec
 from tests.docs.commands import exit_codes, verbs
 from tests.docs.diagnostics import diagnostics
 from tests.docs.keys import keys
+from tests.docs.layers import layers
 from tests.docs.markdown import block_names, with_blocks
 from tests.docs.operations import (
     LOWERINGS,
@@ -34,6 +35,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "diagnostics": diagnostics,
     "exit codes": exit_codes,
     "keys": keys,
+    "layers": layers,
     "scalar functions": scalar_functions,
     "verbs": verbs,
 }
