@@ -116,8 +116,8 @@ def _said(annotation: Any) -> str:
         of = "list, each" if _entries(args[0]) else "one or a list of"
         return f"{of}: {_said(args[0])}"
     if origin is None:
-        # a type of the schema's own: its docstring begins with how it is written
-        return paragraph(annotation.__doc__).partition(":")[0]
+        # a type of the schema's own: its docstring begins with how it is written, between backticks
+        return paragraph(annotation.__doc__).partition("`: ")[0] + "`"
     assert issubclass(origin, Mapping), annotation
     return f"names, each with: {_said(args[1])}"
 
