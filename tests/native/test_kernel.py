@@ -60,7 +60,16 @@ losses:
   fit: mae(q_next, q[t+1])
   size: {expr: l2(A), weight: 0.05}
 """
+MEMORY = """
+inputs: {x: m, u: N}
+parameters: {a: 0.6, b: 0.3, s0: 0.2}
+layers: {h: {fir: {window: 4}}}
+states: {s: {next: "a * s + b * u - 0.1 * s[t-2]", init: s0, history: x}}
+equations: {e: {expr: "0.5 * e[t-1] + b * s * x", history: 0.1}}
+outputs: {x_next: {expr: "h(s) + e + 0.2 * x", predicts: "x[t+1]"}}
+"""
 MODELS = {
+    "memory": (MEMORY, ("x",)),
     "fir": (FIR, ("x",)),
     "arm": (ARM, ()),
     "vehicle": (VEHICLE, ("v",)),
