@@ -83,8 +83,7 @@ class Kernel:
         self.lanes = LANES[dtype]
         self.group_type = group_type(self.lanes, self.dtype)
         built = compiled_kernel(self.source.text)
-        self.is_fresh = built.fresh
-        """Whether it was compiled just now, so that nobody has checked it yet."""
+        self.built = built
         self._library = built.library
         self._library.msnn_work_lanes.restype = ctypes.c_int64
         self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]

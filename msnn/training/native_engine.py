@@ -54,11 +54,11 @@ class NativeEngine:
 
     def train_batches(self, batches: Sequence[Runs]) -> LossSums:
         """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""
-        if self._kernel.is_fresh:
+        if not self._kernel.built.is_checked:
             check_kernel(
                 self._kernel, self._series, self._plan.rollout.skip, batches[0], self.weights()
             )
-            self._kernel.is_fresh = False
+            self._kernel.built.mark_checked()
         starts = np.concatenate([runs.t0 for runs in batches])
         steps = np.concatenate([runs.steps for runs in batches])
         groups, bounds = self._kernel.batches(starts, steps, [len(runs) for runs in batches])

@@ -94,11 +94,11 @@ class KernelObjective:
 
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""
-        if self._kernel.is_fresh:
+        if not self._kernel.built.is_checked:
             check_kernel(
                 self._kernel, self._series, self._plan.rollout.skip, runs, self._model.weights()
             )
-            self._kernel.is_fresh = False
+            self._kernel.built.mark_checked()
         losses: LossSums = {}
         physical = self._physical()
         total = _KernelTotal.apply(physical, self, self._train, runs, losses)

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from backends.c.c_literals import Dtype
+from backends.native import kernel as kernel_module
+from backends.native.kernel_source import KernelSource
 from compiler.program import Program
+from compiler.training_step import TrainingStep
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.training.engine import Engine
+from msnn.training.kernel_check import WrongKernelError
 from msnn.training.native_engine import NativeEngine
 from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.stage_plan import StagePlan, plan_stages
@@ -153,3 +159,26 @@ def test_a_stage_says_why_it_runs_on_torch(monkeypatch: pytest.MonkeyPatch, tmp_
     _, plan = planned(text, "rollout: 4, engine: native")
     with pytest.raises(SpecError, match="install gcc or clang"):
         open_engine(plan, log_of(program), initial(program), data)
+
+
+def test_a_kernel_that_is_wrong_never_trains(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Not in the run that builds it, and not in the next one, which finds it in the cache."""
+    require_tool("gcc", install="apt install gcc")
+    monkeypatch.setenv("MSNN_CACHE", str(tmp_path))
+    right = kernel_module.kernel_source
+
+    def wrong(step: TrainingStep, dtype: Dtype) -> KernelSource:
+        made = right(step, dtype)
+        text = made.text.replace("collected[i]);", "collected[i]) * (real)0.8;")
+        assert text != made.text
+        return replace(made, text=text)
+
+    monkeypatch.setattr(kernel_module, "kernel_source", wrong)
+    text, _ = MODELS["fir"]
+    program, plan = planned(text, "rollout: 4, dtype: float64")
+    for _ in range(2):
+        engine = NativeEngine(plan, log_of(program), initial(program), None, None)
+        with pytest.raises(WrongKernelError, match="slope"):
+            engine.train_batches(batches_of(4))
