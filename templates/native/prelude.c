@@ -95,17 +95,25 @@ inline_function lanes lane_sqrt(lanes x)
     return r;
 }
 
-/* Sum over the lanes by a tree of fixed shape. */
+typedef real half_lanes __attribute__((vector_size(LANES / 2 * sizeof(real))));
+typedef real quarter_lanes __attribute__((vector_size(LANES / 4 * sizeof(real))));
+
+/* Sum over the lanes by a tree of fixed shape: each half is added to the other. */
 inline_function real sum_lanes(lanes x)
 {
-    real v[LANES];
-    memcpy(v, &x, sizeof v);
-    for (int half = LANES / 2; half > 0; half /= 2) {
-        for (int i = 0; i < half; i++) {
-            v[i] += v[i + half];
-        }
-    }
-    return v[0];
+    half_lanes half[2];
+    quarter_lanes quarter[2];
+    memcpy(half, &x, sizeof half);
+    half[0] += half[1];
+    memcpy(quarter, half, sizeof quarter);
+    quarter[0] += quarter[1];
+    real rest = quarter[0][0];
+#if MSNN_DOUBLE
+    return rest + quarter[0][1];
+#else
+    rest += quarter[0][2];
+    return rest + (quarter[0][1] + quarter[0][3]);
+#endif
 }
 
 /* An entry a lane; lanes that a kernel does not use may hold any index. */
