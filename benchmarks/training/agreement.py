@@ -15,7 +15,7 @@ EPOCHS = 3
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Largest deviations: of the native gradient from float64, of the tools' losses from native's."""
+    """Largest deviations: native gradient from float64, the tools' losses from native's."""
 
     gradient: float
     losses: dict[str, float]

@@ -18,7 +18,7 @@ class Contender(ABC):
 
     @abstractmethod
     def epochs(self, count: int, fixed: bool) -> tuple[float, list[float]]:
-        """Trains: seconds for all epochs, the loss of each. `fixed`: batches in the data's order."""
+        """Trains: all seconds, and the loss of each epoch. `fixed`: batches in the data's order."""
 
     @abstractmethod
     def reset(self) -> None:
