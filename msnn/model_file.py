@@ -71,13 +71,6 @@ def load_model(
     return _compiled(read_spec(path, settings=settings), path, settings, strict_units)
 
 
-def model_of_text(
-    text: str, path: str | Path = "model.yaml", settings: Sequence[str] = ()
-) -> Model:
-    """The model whose spec is `text`, as if it stood in the file `path`."""
-    return _compiled(read_spec(path, text, settings), Path(path), settings, False)
-
-
 def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Model:
     """The model with every stage trained by this engine."""
     stages = tuple(stage.model_copy(update={"engine": engine}) for stage in model.spec.train)
