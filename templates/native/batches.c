@@ -123,8 +123,11 @@ static void move(struct variables *v, struct optimizer *o, const real *restrict 
     real *restrict const raw = v->raw;
     real *restrict const first = v->first;
     real *restrict const second = v->second;
+    /* 1 − β is rounded once: in float32, 1 − 0.999f is off by 1e-5 */
     const real b1 = (real)o->beta1;
     const real b2 = (real)o->beta2;
+    const real c1 = (real)(1.0 - o->beta1);
+    const real c2 = (real)(1.0 - o->beta2);
     const real decay = (real)o->decay;
     if (o->method == SGD) {
         for (int i = 0; i < PARAMETERS; i++) {
@@ -142,8 +145,8 @@ static void move(struct variables *v, struct optimizer *o, const real *restrict 
     for (int i = 0; i < PARAMETERS; i++) {
         const real from = raw[i] - rate[i] * shrunk * raw[i];
         const real g = gradient[i] + added * from;
-        first[i] += (1 - b1) * (g - first[i]);
-        second[i] = b2 * second[i] + (1 - b2) * g * g;
+        first[i] += c1 * (g - first[i]);
+        second[i] = b2 * second[i] + c2 * g * g;
         const real size = square_root(second[i]) * size_scale + epsilon;
         raw[i] = from - rate[i] * rate_scale * (first[i] / size);
     }
