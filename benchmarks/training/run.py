@@ -21,7 +21,7 @@ import numpy as np
 from agreement import agreement
 from machine import fma_peak, load, processor, stay_on_one_core
 from report import Measured, markdown
-from worker import JAX, NATIVE, PEER, TORCH, Worker, open_workers
+from worker import TOOLS, Worker, open_workers
 from workloads import WORKLOADS, log
 
 CASES = {"a": 128, "b": 128, "c": 128, "b32": 32}
@@ -44,7 +44,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("cases", nargs="*", default=list(CASES), help="a b c b32")
     parser.add_argument("--windows", type=int, default=15_000)
     parser.add_argument("--rounds", type=int, default=5, help="timed rounds after the warm one")
-    parser.add_argument("--tools", nargs="*", default=[PEER, NATIVE, TORCH, JAX])
+    parser.add_argument("--tools", nargs="*", default=list(TOOLS))
     return parser.parse_args()
 
 

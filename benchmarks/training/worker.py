@@ -36,11 +36,12 @@ TOOLS = {
     for tool in (
         Tool("nnodely 1.5.4", "nnodely_peer.py", environment="nnodely"),
         Tool("msnn native", "msnn_engine.py", ("native",), epochs_a_round=40),
+        Tool("msnn kernel", "msnn_kernel.py", epochs_a_round=40),
         Tool("msnn torch", "msnn_engine.py", ("torch",)),
         Tool("JAX jit + scan", "jax_scan.py", environment="jax", epochs_a_round=5),
     )
 }
-PEER, NATIVE, TORCH, JAX = TOOLS
+PEER, NATIVE, KERNEL, TORCH, JAX = TOOLS
 
 
 class Worker:
@@ -90,6 +91,4 @@ class Worker:
 
 def open_workers(tools: Sequence[str], settings: dict[str, Any], folder: Path) -> dict[str, Worker]:
     """All contenders with the same workload."""
-    return {
-        name: Worker(TOOLS[name], settings, folder / f"{TOOLS[name].script}.err") for name in tools
-    }
+    return {name: Worker(TOOLS[name], settings, folder / f"{name}.err") for name in tools}

@@ -34,7 +34,7 @@ class MsnnEngine(Contender):
 
     def __init__(self, engine: str, settings: dict[str, Any]) -> None:
         self._name = engine
-        self._settings = settings
+        self.settings = settings
         started = time.perf_counter()
         path = Path(settings["spec"])
         spec = read_spec(str(path), path.read_text(encoding="utf-8")).spec
@@ -42,11 +42,11 @@ class MsnnEngine(Contender):
         findings = Findings()
         (plan,) = plan_stages(program, spec.train, findings)
         findings.raise_errors()
-        self._plan = plan
-        self._series = dict(np.load(settings["data"]))
+        self.plan = plan
+        self.series = dict(np.load(settings["data"]))
         first, starts = settings["first"], settings["starts"]
         t0 = np.arange(first, first + starts)
-        self._runs = Runs(t0, np.full(starts, settings["horizon"]), 0, len(t0))
+        self.runs = Runs(t0, np.full(starts, settings["horizon"]), 0, len(t0))
         self._random = np.random.default_rng(0)
         self._engine = self._opened(plan, initial_weights(program))
         self._engine.train_batches(self._batches(fixed=True)[:1])  # a new kernel is checked here
@@ -57,31 +57,35 @@ class MsnnEngine(Contender):
         if self._name == "native":
             from msnn.training.native_engine import NativeEngine
 
-            return NativeEngine(plan, self._series, weights, None, None)
+            return NativeEngine(plan, self.series, weights, None, None)
         from msnn.training.torch_engine import TorchEngine
 
-        return TorchEngine(plan, self._series, weights, None, None)
+        return TorchEngine(plan, self.series, weights, None, None)
 
     def reset(self) -> None:
-        self._engine = self._opened(self._plan, initial_weights(self._plan.rollout.program))
+        self._engine = self._opened(self.plan, initial_weights(self.plan.rollout.program))
 
     def epochs(self, count: int, fixed: bool) -> tuple[float, list[float]]:
-        losses: list[float] = []
         started = time.perf_counter()
-        for _ in range(count):
-            (summed,) = self._engine.train_batches(self._batches(fixed)).values()
-            losses.append(summed.total / summed.count)
+        losses = [self.epoch(fixed) for _ in range(count)]
         return time.perf_counter() - started, losses
 
-    def _batches(self, fixed: bool) -> list[Runs]:
-        """Whole batches, as the peer takes them."""
-        size, starts = self._settings["batch"], len(self._runs)
+    def epoch(self, fixed: bool) -> float:
+        (summed,) = self._engine.train_batches(self._batches(fixed)).values()
+        return summed.total / summed.count
+
+    def order(self, fixed: bool) -> NDArray[np.int64]:
+        """The starts of an epoch: whole batches only, as the peer takes them."""
+        starts = len(self.runs)
         order = np.arange(starts) if fixed else self._random.permutation(starts)
-        whole = starts - starts % size
-        return [self._runs.take(order[i : i + size]) for i in range(0, whole, size)]
+        return order[: starts - starts % self.settings["batch"]]
+
+    def _batches(self, fixed: bool) -> list[Runs]:
+        size, order = self.settings["batch"], self.order(fixed)
+        return [self.runs.take(order[i : i + size]) for i in range(0, len(order), size)]
 
     def gradient(self, weights: dict[str, list[float]]) -> dict[str, list[float]]:
-        program = self._plan.rollout.program
+        program = self.plan.rollout.program
         shapes = {p.name: tuple(a.size for a in p.axes) for p in program.parameters}
         given = {name: np.array(values).reshape(shapes[name]) for name, values in weights.items()}
         batch = self._batches(fixed=True)[0]
@@ -91,9 +95,9 @@ class MsnnEngine(Contender):
     def _native(self, weights: dict[str, FloatArray], batch: Runs) -> dict[str, FloatArray]:
         from backends.native.kernel import Kernel, by_parameter, flat
 
-        program = self._plan.rollout.program
+        program = self.plan.rollout.program
         kernel = Kernel(program, "float32")
-        data, groups = kernel.data(self._series), kernel.groups(batch.t0, batch.steps)
+        data, groups = kernel.data(self.series), kernel.groups(batch.t0, batch.steps)
         found = kernel.losses(data, groups, flat(program, weights), [1.0])
         return by_parameter(program, found.gradient)
 
@@ -104,13 +108,13 @@ class MsnnEngine(Contender):
         from backends.torch_module import build_module
         from msnn.training.torch_losses import batch_losses, scoring
 
-        program = self._plan.rollout.program
+        program = self.plan.rollout.program
         model = build_module(program, torch.float64)
         model.load_physical(weights)
         raws = {parameter.name: model.raw(parameter.name) for parameter in program.parameters}
         for raw in raws.values():
             raw.requires_grad_(True)
-        sums = batch_losses(model, scoring(self._series, torch.float64, 0, None), batch)
+        sums = batch_losses(model, scoring(self.series, torch.float64, 0, None), batch)
         sums[program.losses[0].name].value(program.losses[0].measure).backward()
         return {name: np.asarray(raw.grad) for name, raw in raws.items()}
 
