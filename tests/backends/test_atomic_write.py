@@ -49,3 +49,10 @@ def test_a_folder_is_no_file_to_write(
     with pytest.raises(IsADirectoryError):
         write_text(Path(name), "text")
     assert [path.name for path in tmp_path.rglob("*")] == ["folder"]
+
+
+def test_an_error_names_the_file_that_was_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / ("x" * 250)  # the temporary name is longer than the 255 bytes of a name
+    with pytest.raises(OSError, match="name too long") as caught:
+        write_text(path, "text")
+    assert caught.value.filename == str(path)
