@@ -173,19 +173,16 @@ class Arrays:
         unit: Unit | None,
         doc: str,
         span: Span,
+        bounds: tuple[float | None, float | None],
     ) -> Type:
         """A learnable array of a layer; a second call of the layer finds the first one's."""
         found = self._parameters.get(name)
         if found is None:
             values = tuple(float(v) for v in initial.ravel())
-            found = Parameter(name, axes, unit, values, doc=doc, span=span)
+            low, high = bounds
+            found = Parameter(name, axes, unit, values, low, high, doc=doc, span=span)
             self._parameters[name] = found
         return Type(found.axes, found.unit)
-
-    def shape_of(self, name: str) -> tuple[Axis, ...] | None:
-        """Axes of a learnable array that is declared already."""
-        found = self._parameters.get(name)
-        return found.axes if found else None
 
     def initial(self, name: str, initializer: Initializer, axes: tuple[Axis, ...]) -> Array:
         """Initial values with the shape of the axes; draws depend on the name only."""

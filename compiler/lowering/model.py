@@ -49,6 +49,8 @@ class Model:
         self.states = States(self)
         self.measured: dict[str, State] = {}
         """States whose log is read somewhere (R6): the data must have them."""
+        self.first_calls: dict[str, str] = {}
+        """Shapes of the arguments of each layer's first call."""
         self.used: set[str] = set()
         """Names that something refers to."""
         self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
@@ -145,6 +147,11 @@ class Model:
         """The value of a layer, function or builtin."""
         function = call.function
         if isinstance(function, Member):
+            owner = self.scope.get(function.base)
+            if owner is not None and isinstance(owner.entry, Layer):
+                self.used.add(function.base)
+                self._forbid_in_constant(function.base, function.span, environment)
+                return lower_layer(self, function.base, owner.entry, call, environment)
             self.findings.report(names.no_member(function.base, function.name, function.span))
             raise LoweringFailed
         name = function.name
