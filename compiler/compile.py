@@ -57,9 +57,10 @@ def compile_spec(spec: Spec, *, strict_units: bool = False, spec_hash: str = "")
     model = Model(spec, findings)
     outputs = _outputs(model)
     state_table = _states(model)
-    _report_log_reads(model, outputs, state_table)
     losses = _losses(model, outputs)
     _unused_equations(model)
+    state_table += model.memories.states
+    _report_log_reads(model, outputs, state_table)
     if not findings.failed:  # what is left unused by a mistake is no news
         _report_unused(model)
     diagnostics = tuple(

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from pydantic import ValidationInfo, model_validator
+from pydantic import PlainValidator, ValidationInfo, model_validator
 
 from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry, RefusedError, Variant, findings_of
@@ -19,6 +19,8 @@ from spec_schema.plain_fields import (
     References,
     Switch,
     choice,
+    number,
+    read_count,
     reads,
     scalar,
 )
@@ -61,6 +63,24 @@ def _read_membership(node: Node, findings: Findings) -> Membership | CustomMembe
                     return word
             findings.report(errors.unknown_choice(found[:60], node.span, words))
             raise RefusedError
+
+
+LARGEST_ORDER = 64
+"""Of a recursive filter: beyond it coefficients in single precision lose their meaning."""
+
+
+def order(least: int) -> PlainValidator:
+    """Validates the order of a recursive filter."""
+
+    def read(node: Node, findings: Findings) -> int:
+        found = read_count(node, findings, least)
+        if found > LARGEST_ORDER:
+            wanted = f"at most {LARGEST_ORDER}"
+            findings.report(errors.out_of_range(str(found), node.span, wanted))
+            raise RefusedError
+        return found
+
+    return reads(read)
 
 
 class Fir(Entry):
@@ -157,6 +177,28 @@ class Normalize(Entry):
     unit: UnitField | None = None
 
 
+class Iir(Entry):
+    """A recursive filter with a numerator of order `num` and a denominator of order `den`."""
+
+    noun: ClassVar[str] = "an iir layer"
+
+    num: Annotated[int, order(0)]
+    den: Annotated[int, order(1)]
+    init: ExpressionField | None = None
+
+
+class StateSpace(Entry):
+    """A linear system with a state vector of `order` elements."""
+
+    noun: ClassVar[str] = "a state_space layer"
+
+    order: Annotated[int, order(1)]
+    out: Reference | None = None
+    feedthrough: Switch = False
+    radius: Annotated[float, number(above=0.0, most=1.0)] = 0.999
+    init: ExpressionField | None = None
+
+
 class Cell(Variant):
     """The layer of which a local model has one copy for each fuzzy set."""
 
@@ -167,6 +209,8 @@ class Cell(Variant):
     mlp: Mlp | None = None
     equation_learner: EquationLearner | None = None
     interpolation: Interpolation | None = None
+    iir: Iir | None = None
+    state_space: StateSpace | None = None
 
 
 class LocalModel(Entry):
@@ -182,7 +226,6 @@ class Layer(Variant):
     """A declared layer."""
 
     noun: ClassVar[str] = "a layer"
-    later: ClassVar[frozenset[str]] = frozenset({"iir", "state_space"})
 
     fir: Fir | None = None
     linear: Linear | None = None
@@ -192,3 +235,5 @@ class Layer(Variant):
     equation_learner: EquationLearner | None = None
     interpolation: Interpolation | None = None
     normalize: Normalize | None = None
+    iir: Iir | None = None
+    state_space: StateSpace | None = None

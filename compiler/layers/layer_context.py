@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NoReturn
@@ -12,12 +13,13 @@ import numpy as np
 from compiler.builder import GraphBuilder
 from compiler.lowering.environment import Argument, Environment
 from compiler.lowering.failure import LoweringFailed
+from compiler.op_rules import LARGEST_SIZE
 from compiler.program import NodeId
 from compiler.scalar_functions import Array
 from compiler.types import WINDOW, Axis, describe_axes
 from spec_schema.diagnostics import Diagnostic
 from spec_schema.entry import Entry
-from spec_schema.errors import shapes
+from spec_schema.errors import names, shapes
 from spec_schema.expression import Call, Name
 from spec_schema.located import Located
 from spec_schema.source import Span
@@ -92,7 +94,7 @@ class LayerContext:
 
         `initial` has the shape of the cells and `axes`, or is repeated to it.
         """
-        full = (*self.cells, *axes)
+        full = self._admitted(axes)
         values = np.broadcast_to(np.asarray(initial, dtype=float), [axis.size for axis in full])
         type = self.model.arrays.declare(
             f"{self.name}.{suffix}", full, values, unit, doc, self.span, (low, high)
@@ -109,7 +111,7 @@ class LayerContext:
         Draws are different for every array and the same on every machine: the generator is
         counter-based (Philox; Salmon et al. 2011), keyed by the array's name.
         """
-        full = (*self.cells, *axes)
+        full = self._admitted(axes)
         name = f"{self.name}.{suffix}"
         if initializer is not None:
             return self.model.arrays.initial(name, initializer, full)
@@ -129,14 +131,23 @@ class LayerContext:
                 for name, node in arguments.items()
             },
         )
-        names = tuple(Name(name, span) for name in arguments)
-        return self.model.call(Call(Name(function.value, span), names, (), span), inner)
+        given = tuple(Name(name, span) for name in arguments)
+        return self.model.call(Call(Name(function.value, span), given, (), span), inner)
 
     def with_arguments(self, nodes: Sequence[NodeId]) -> LayerContext:
         """The context of a call whose arguments are known; the first call's shapes stay known."""
         shapes_of = " and ".join(describe_axes(self.builder.type(node).axes) for node in nodes)
         self.model.first_calls.setdefault(self.name, shapes_of)
         return replace(self, called_with=shapes_of)
+
+    def _admitted(self, axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
+        """The axes of an array after the cells'; refused where it would fill the memory."""
+        full = (*self.cells, *axes)
+        count = math.prod(axis.size for axis in full)
+        if count > LARGEST_SIZE:
+            problem = f"an array of it would have {count} elements"
+            self.refuse(names.unfit_setting(f"`{self.name}`", problem, self.span))
+        return full
 
     def _called_differently(self) -> NoReturn:
         before = self.model.first_calls[self.name]

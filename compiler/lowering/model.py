@@ -12,6 +12,7 @@ from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.layer_calls import lower_layer
 from compiler.lowering.losses import LOSS_FUNCTIONS
+from compiler.lowering.memories import Memories
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declared, Kind, Scope
 from compiler.lowering.states import States
@@ -47,6 +48,7 @@ class Model:
         self._step = GraphBuilder()
         self.arrays = Arrays(self)
         self.states = States(self)
+        self.memories = Memories()
         self.measured: dict[str, State] = {}
         """States whose log is read somewhere (R6): the data must have them."""
         self.first_calls: dict[str, str] = {}

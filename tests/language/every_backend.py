@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from compiler.program import Program
 from tests.every_op.run_c import DOUBLE, run_c
 from tests.every_op.runners import run_casadi, run_interpreter, run_onnx, run_torch
 from tests.language.compiled import compiled
@@ -16,7 +18,7 @@ def assert_backends_agree(text: str, log: Mapping[str, ArrayLike], times: list[i
     """Outputs and next states of one step at each row, in torch, CasADi, ONNX and C."""
     import torch
 
-    program = compiled(text)
+    program = _with_varied_weights(compiled(text))
     rows = np.array(times)
     series = {name: np.asarray(values, dtype=float) for name, values in log.items()}
     judge = run_interpreter(np.float64)(program, series, rows)
@@ -35,3 +37,18 @@ def assert_backends_agree(text: str, log: Mapping[str, ArrayLike], times: list[i
             np.testing.assert_allclose(
                 value, expected, rtol=0, atol=1e-12 * scale, err_msg=f"{backend}: {name}"
             )
+
+
+def _with_varied_weights(program: Program) -> Program:
+    """Initial values that are neither 0 nor equal, still inside the bounds that layers set."""
+    generator = np.random.default_rng(0)
+    return replace(
+        program,
+        parameters=tuple(
+            replace(
+                parameter,
+                initial=tuple(value + generator.uniform(-0.4, 0.4) for value in parameter.initial),
+            )
+            for parameter in program.parameters
+        ),
+    )
