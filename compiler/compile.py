@@ -107,6 +107,7 @@ def _lowered(spec: Spec) -> _Lowered:
     else:
         raise AssertionError("the buffers of a spec do not settle")
     lowered.states.extend(lowered.model.histories.states())
+    lowered.states.extend(lowered.model.memories.states)
     _report_log_reads(lowered.model, lowered.outputs, lowered.states)
     if not lowered.model.findings.failed:  # what is left unused by a mistake is no news
         _report_unused(lowered.model)

@@ -46,7 +46,8 @@ def _read_expression(node: Node, findings: Findings) -> Expression:
     return expression
 
 
-def _read_array(node: Node, findings: Findings) -> Expression:
+def read_array(node: Node, findings: Findings) -> Expression:
+    """Numbers: a list, lists of lists, an expression or `{linspace: …}`."""
     match node:
         case Scalar():
             return _read_expression(node, findings)
@@ -54,7 +55,7 @@ def _read_array(node: Node, findings: Findings) -> Expression:
             findings.report(errors.empty_section("a list of numbers", node.span))
             raise RefusedError
         case Listing(items=items):
-            return ListLiteral(tuple(_read_array(item, findings) for item in items), node.span)
+            return ListLiteral(tuple(read_array(item, findings) for item in items), node.span)
         case Table(entries={"linspace": Listing(items=items)}) if len(node.entries) == 1:
             arguments = tuple(_read_expression(item, findings) for item in items)
             return Call(Name("linspace", node.keys["linspace"]), arguments, (), node.span)
@@ -80,5 +81,5 @@ def _read_prediction(node: Node, findings: Findings) -> Prediction:
 
 
 ExpressionField: TypeAlias = Annotated[Expression, reads(_read_expression)]
-ArrayField: TypeAlias = Annotated[Expression, reads(_read_array)]
+ArrayField: TypeAlias = Annotated[Expression, reads(read_array)]
 PredictionField: TypeAlias = Annotated[Prediction, reads(_read_prediction)]

@@ -1,14 +1,86 @@
 """The layers a spec can declare."""
 
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from spec_schema.entry import Entry, Variant
-from spec_schema.expression_fields import ArrayField, ExpressionField
-from spec_schema.plain_fields import ManyOf, Reference, Switch, choice
-from spec_schema.quantity_fields import PositiveLength
+from pydantic import PlainValidator, ValidationInfo, model_validator
+
+from spec_schema.diagnostics import Findings
+from spec_schema.entry import Entry, RefusedError, Variant, findings_of
+from spec_schema.errors import schema as errors
+from spec_schema.expression import Expression
+from spec_schema.expression_fields import ArrayField, ExpressionField, read_array
+from spec_schema.located import Located
+from spec_schema.names import normalised
+from spec_schema.plain_fields import (
+    ManyOf,
+    PositiveCount,
+    Reference,
+    References,
+    Switch,
+    choice,
+    number,
+    read_count,
+    reads,
+    scalar,
+)
+from spec_schema.quantity_fields import PositiveLength, UnitField
 from spec_schema.values import Initializer
+from spec_schema.yaml_nodes import Node, Scalar, Table
 
 Membership: TypeAlias = Literal["triangular", "rectangular", "gaussian"]
+
+
+@dataclass(frozen=True)
+class CustomMembership:
+    """`{function: f}`: the degree of membership is f of the distance to the centre."""
+
+    function: Located[str]
+
+
+def _read_statistic(node: Node, findings: Findings) -> Expression:
+    if isinstance(node, Scalar) and node.text == "data":
+        now = ("a number", "a list of numbers")
+        findings.report(errors.choice_not_yet("data", node.span, now))
+        raise RefusedError
+    return read_array(node, findings)
+
+
+def _read_membership(node: Node, findings: Findings) -> Membership | CustomMembership:
+    words: tuple[Membership, ...] = ("triangular", "rectangular", "gaussian")
+    match node:
+        case Table(entries={"function": Scalar() as function}) if len(node.entries) == 1:
+            return CustomMembership(Located(normalised(function.text), function.span))
+        case Table():
+            repair = f"write {', '.join(words)} or `{{function: NAME}}`"
+            place = node.key or node.span
+            findings.report(errors.wrong_kind("a membership", "another mapping", place, repair))
+            raise RefusedError
+        case _:
+            found = scalar(node, findings, f"one of {', '.join(words)}").text
+            for word in words:
+                if word == found:
+                    return word
+            findings.report(errors.unknown_choice(found[:60], node.span, words))
+            raise RefusedError
+
+
+LARGEST_ORDER = 64
+"""Of a recursive filter: beyond it coefficients in single precision lose their meaning."""
+
+
+def order(least: int) -> PlainValidator:
+    """Validates the order of a recursive filter."""
+
+    def read(node: Node, findings: Findings) -> int:
+        found = read_count(node, findings, least)
+        if found > LARGEST_ORDER:
+            wanted = f"at most {LARGEST_ORDER}"
+            findings.report(errors.out_of_range(str(found), node.span, wanted))
+            raise RefusedError
+        return found
+
+    return reads(read)
 
 
 class Fir(Entry):
@@ -35,17 +107,96 @@ class Linear(Entry):
 
 
 class Fuzzify(Entry):
-    """Degrees of membership of a value in fuzzy sets around `centers`."""
+    """Degrees of membership of a value in fuzzy sets around `centers`, or a grid `over` others."""
 
     noun: ClassVar[str] = "a fuzzify layer"
-    later: ClassVar[frozenset[str]] = frozenset({"over", "combine"})
 
-    centers: ArrayField
-    membership: Annotated[
-        Membership, choice("triangular", "rectangular", "gaussian", later=("function",))
-    ] = "triangular"
+    centers: ArrayField | None = None
+    membership: Annotated[Membership | CustomMembership, reads(_read_membership)] = "triangular"
     dim: Reference | None = None
     learn: Switch = False
+    over: References = ()
+    combine: Annotated[Literal["product"], choice("product")] = "product"
+
+    @model_validator(mode="after")
+    def _has_sets(self, info: ValidationInfo) -> "Fuzzify":
+        findings = findings_of(info)
+        if self.centers is None and not self.over:
+            findings.report(errors.missing_key("centers", self.place.key, self.noun))
+        given = self.model_fields_set & {"centers", "membership", "dim", "learn"}
+        for key in sorted(given) if self.over else ():
+            findings.report(errors.excluded_key(key, "over", self.place.key, self.noun))
+        return self
+
+
+class Mlp(Entry):
+    """A multilayer perceptron: affine maps with `activation` between them."""
+
+    noun: ClassVar[str] = "an mlp layer"
+    later: ClassVar[frozenset[str]] = frozenset({"dropout"})
+
+    hidden: ManyOf[PositiveCount]
+    activation: Reference | None = None
+    out: Reference | None = None
+    bias: Switch = True
+    init: Initializer | None = None
+
+
+class EquationLearner(Entry):
+    """A weighted sum of `functions` of learned combinations of the argument's elements."""
+
+    noun: ClassVar[str] = "an equation_learner layer"
+
+    functions: ManyOf[Reference]
+    mix: Switch = True
+    out: Reference | None = None
+    bias: Switch = True
+    init: Initializer | None = None
+
+
+class Interpolation(Entry):
+    """A table of values `y` on the knots `x`, or on the grid of the knots `x` and `x2`."""
+
+    noun: ClassVar[str] = "an interpolation layer"
+
+    x: ArrayField
+    x2: ArrayField | None = None
+    y: ArrayField
+    unit: UnitField | None = None
+    learn: Switch = False
+    outside: Annotated[Literal["clamp", "extrapolate"], choice("clamp", "extrapolate")] = "clamp"
+
+
+class Normalize(Entry):
+    """A value less `mean`, divided by `std`; `NAME.inverse(…)` goes back."""
+
+    noun: ClassVar[str] = "a normalize layer"
+
+    mean: Annotated[Expression, reads(_read_statistic)]
+    std: Annotated[Expression, reads(_read_statistic)]
+    unit: UnitField | None = None
+
+
+class Iir(Entry):
+    """A recursive filter with a numerator of order `num` and a denominator of order `den`."""
+
+    noun: ClassVar[str] = "an iir layer"
+
+    num: Annotated[int, order(0)]
+    den: Annotated[int, order(1)]
+    init: ExpressionField | None = None
+
+
+class StateSpace(Entry):
+    """A linear system with a state vector of `order` elements."""
+
+    noun: ClassVar[str] = "a state_space layer"
+
+    order: Annotated[int, order(1)]
+    out: Reference | None = None
+    feedthrough: Switch = False
+    radius: Annotated[float, number(above=0.0, most=1.0)] = 0.999
+    init: ExpressionField | None = None
 
 
 class Cell(Variant):
@@ -55,13 +206,11 @@ class Cell(Variant):
 
     fir: Fir | None = None
     linear: Linear | None = None
-
-    @property
-    def choice(self) -> Fir | Linear:
-        """The one that is given."""
-        given = self.fir or self.linear
-        assert given is not None
-        return given
+    mlp: Mlp | None = None
+    equation_learner: EquationLearner | None = None
+    interpolation: Interpolation | None = None
+    iir: Iir | None = None
+    state_space: StateSpace | None = None
 
 
 class LocalModel(Entry):
@@ -77,18 +226,14 @@ class Layer(Variant):
     """A declared layer."""
 
     noun: ClassVar[str] = "a layer"
-    later: ClassVar[frozenset[str]] = frozenset(
-        {"iir", "state_space", "equation_learner", "interpolation", "mlp", "normalize"}
-    )
 
     fir: Fir | None = None
     linear: Linear | None = None
     fuzzify: Fuzzify | None = None
     local_model: LocalModel | None = None
-
-    @property
-    def choice(self) -> Fir | Linear | Fuzzify | LocalModel:
-        """The one that is given."""
-        given = self.fir or self.linear or self.fuzzify or self.local_model
-        assert given is not None
-        return given
+    mlp: Mlp | None = None
+    equation_learner: EquationLearner | None = None
+    interpolation: Interpolation | None = None
+    normalize: Normalize | None = None
+    iir: Iir | None = None
+    state_space: StateSpace | None = None

@@ -2,33 +2,40 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from compiler.layers.arguments import read_window
 from compiler.layers.layer_context import LayerContext
+from compiler.layers.layer_rule import Arguments, LayerRule
 from compiler.program import NodeId
-from compiler.scalar_functions import Array
-from compiler.types import WINDOW, Axis
+from compiler.types import WINDOW, Axis, describe_axes
+from spec_schema.errors import shapes
+from spec_schema.layers import Fir
 
 
-def fir(
-    context: LayerContext, signal: NodeId, out: Axis | None, bias: bool, initial: Array | None
-) -> NodeId:
+def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:
     """y[o, e] = Σₖ W[o, e, k] · x[e, t−n+1+k] (+ b[o, e]); weights oldest sample first.
 
-    `signal` has a window of n samples; each element e of a vector input has its own row of taps and
-    `out` adds an axis o. The default initial taps are uniform in ±1/(2n): a loop closed over the
+    The argument has a window of n samples, its own or that of `window:`; each element e of a vector
+    input has its own row of taps and `out` adds an axis o. Arrays: `weight`, and `bias` (off unless
+    asked for, initially 0). The default initial taps are uniform in ±1/(2n): a loop closed over the
     filter is stable whatever the draw, since Σ|W| ≤ 1/2.
     """
+    (window,) = arguments
     builder = context.builder
-    type = builder.type(signal)
-    taps = type.window
+    taps = builder.type(window).window
     assert taps is not None
-    elements = tuple(axis for axis in type.axes if axis.name != WINDOW)
-    rows = ((out,) if out else ()) + elements
+    elements, out = context.elements(window), context.out(settings.out)
+    if out and out[0] in elements:
+        wanted, found = f"without `{out[0].name}`, its `out:`", describe_axes(elements)
+        place = context.call.arguments[0].span
+        context.refuse(shapes.wrong_axes(f"the argument of `{context.name}`", wanted, found, place))
+    rows = (*out, *elements)
     axes = (*rows, Axis(WINDOW, taps))
-    start = context.small_random("weight", axes, 0.5 / taps) if initial is None else initial
+    start = context.initial("weight", settings.init, axes, 0.5 / taps)
     weight = context.learned("weight", axes, start, "taps, oldest sample first")
-    result = builder.contract(weight, signal)
-    if bias:
-        result = builder.add(result, context.learned("bias", rows, np.zeros(()), "offset"))
+    result = builder.contract_over(weight, window, WINDOW)
+    if settings.bias:
+        result = builder.add(result, context.learned("bias", rows, 0.0, "offset"))
     return result
+
+
+FIR = LayerRule(Fir, read_window, fir)

@@ -1,96 +1,103 @@
-"""`fuzzify`: how much a scalar belongs to each of several fuzzy sets with ascending centres."""
+"""`fuzzify`: how much a scalar belongs to each of several fuzzy sets, or a grid of them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
+from typing import assert_never
 
-import numpy as np
-
-from compiler.builder import GraphBuilder
-from compiler.ops import Relation
+from compiler.layers.arguments import read_scalars
+from compiler.layers.centers import ascending, learned_centers
+from compiler.layers.fuzzy_sets import (
+    FuzzySets,
+    gaussian,
+    neighbour_widths,
+    rectangular,
+    triangular,
+)
+from compiler.layers.layer_context import LayerContext
+from compiler.layers.layer_rule import Arguments, LayerRule
 from compiler.program import NodeId
-from compiler.scalar_functions import Array
-from compiler.types import Axis
+from compiler.types import UNNAMED, Axis
+from spec_schema.errors import names, shapes
+from spec_schema.layers import CustomMembership, Fuzzify, Layer
 
 
-@dataclass(frozen=True)
-class FuzzySets:
-    """A value spread along the axis of the sets, and numbers of the sets spread likewise.
+def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> NodeId:
+    """μ[i] of a scalar x, one degree of membership for each of the ascending `centers`.
 
-    Axes are fixed before anything is computed: a window as long as there are sets must not be taken
-    for the axis of the sets.
+    `membership:` triangular (hat functions that sum to 1, 1 beyond the ends), rectangular (1
+    between the bounds half-way to the neighbours, the lower one inclusive), gaussian
+    (exp(−((x − cᵢ) / wᵢ)² / 2), wᵢ half the mean distance to the neighbours), or
+    `{function: f}`: f(x − cᵢ) of a function of the spec. With `learn: true` the centres are learned
+    and stay in order; arrays: `first`, `gaps`, and `widths` of gaussian sets.
+
+    `over: [phi, psi]` with `combine: product` makes a grid of other fuzzify layers, called with one
+    value for each of them: φᵢ(x) · ψⱼ(y), with the axes of both.
     """
-
-    builder: GraphBuilder
-    value: NodeId
-    axis: Axis
-
-    @property
-    def axes(self) -> tuple[Axis, ...]:
-        return (self.axis, *self.builder.type(self.value).axes)
-
-    def spread(self) -> NodeId:
-        """The value, the same for every set."""
-        return self.builder.broadcast(self.value, self.axes)
-
-    def numbers(self, values: Array, power: int = 0) -> NodeId:
-        """One number a set, in the value's unit to some power."""
-        unit = self.builder.type(self.value).unit
-        unit = None if unit is None else unit.power(power)
-        return self.builder.broadcast(self.builder.constant(values, (self.axis,), unit), self.axes)
-
-
-def triangular(builder: GraphBuilder, value: NodeId, axis: Axis, centers: Array) -> NodeId:
-    """Hat functions between neighbouring centres, 1 beyond the outermost ones; they sum to 1.
-
-    μᵢ(x) = max((x − cᵢ₋₁) / (cᵢ − cᵢ₋₁), 0) for x < cᵢ, and from cᵢ on
-    max((cᵢ₊₁ − x) / (cᵢ₊₁ − cᵢ), 0); the outermost slopes are 0 and their offset 1. Written so, the
-    slope on a knot is the right-hand one.
-    """
-    sets = FuzzySets(builder, value, axis)
-    inverse = 1.0 / np.diff(centers)
-    before = np.concatenate([centers[:1], centers[:-1]])
-    after = np.concatenate([centers[1:], centers[-1:]])
-    rising = _ramp(sets, before, np.concatenate([[0.0], inverse]))
-    falling = _ramp(sets, after, np.concatenate([-inverse, [0.0]]))
-    zero = builder.broadcast(builder.constant(0.0), sets.axes)
-    below = builder.compare(Relation.LESS, sets.spread(), sets.numbers(centers, 1))
-    return builder.select(below, builder.maximum(rising, zero), builder.maximum(zero, falling))
-
-
-def _ramp(sets: FuzzySets, origin: Array, slope: Array) -> NodeId:
-    """(x − origin) · slope, and 1 for the set whose slope is 0."""
-    builder = sets.builder
-    distance = builder.subtract(sets.spread(), sets.numbers(origin, 1))
-    scaled = builder.multiply(distance, sets.numbers(slope, -1))
-    offset = builder.constant(np.where(slope == 0, 1.0, 0.0), (sets.axis,))
-    return builder.add(scaled, builder.broadcast(offset, sets.axes))
+    if settings.over:
+        return _grid(context, settings, arguments)
+    assert settings.centers is not None
+    (value,) = arguments
+    centers = ascending(context, settings.centers, "fuzzify", "centres")
+    axis = Axis(UNNAMED, len(centers))
+    if settings.dim is not None:
+        axis = context.axis(settings.dim)
+        if axis.size != len(centers):
+            wanted, found = f"{axis.size} centres", f"{len(centers)} centres"
+            place = settings.centers.span
+            context.refuse(shapes.wrong_axes(f"`{axis.name}`", wanted, found, place))
+    builder = context.builder
+    unit = builder.type(value).unit
+    if settings.learn and settings.membership == "rectangular":
+        problem = "rectangular sets have no slope that their centres could be learned from"
+        context.refuse(names.unfit_setting("fuzzify", problem, settings.place.key))
+    if settings.learn:
+        node = learned_centers(context, axis, centers, unit)
+    else:
+        node = builder.constant(centers, (axis,), unit)
+    sets = FuzzySets(builder, value, axis, node)
+    match settings.membership:
+        case "triangular":
+            return triangular(sets)
+        case "rectangular":
+            return rectangular(sets)
+        case "gaussian":
+            widths = neighbour_widths(centers)
+            if settings.learn:
+                doc = "width of each set"
+                width = context.learned("widths", (axis,), widths, doc, unit=unit, low=0.0)
+            else:
+                width = builder.constant(widths, (axis,), unit)
+            return gaussian(sets, width)
+        case CustomMembership(function=function):
+            result = context.apply(function, [sets.distances()])
+            return builder.broadcast(result, sets.axes)
+        case _:
+            assert_never(settings.membership)
 
 
-def rectangular(builder: GraphBuilder, value: NodeId, axis: Axis, centers: Array) -> NodeId:
-    """1 between the bounds half-way to the neighbouring centres, the lower one inclusive."""
-    one = builder.constant(1.0)
-    edge = (Axis(axis.name, 1), *builder.type(value).axes)
-    if len(centers) == 1:
-        return builder.broadcast(one, edge)
-    inner = FuzzySets(builder, value, Axis(axis.name, len(centers) - 1))
-    middles = inner.numbers((centers[1:] + centers[:-1]) / 2, 1)
-    ones = builder.broadcast(one, inner.axes)
-    zeros = builder.broadcast(builder.constant(0.0), inner.axes)
-    above = builder.compare(Relation.GREATER_EQUAL, inner.spread(), middles)
-    reached = builder.select(above, ones, zeros)
-    # The lower bound is reached, the upper one is not: exact differences of 0 and 1.
-    lower = builder.concat([builder.broadcast(one, edge), reached], axis.name)
-    upper = builder.concat([reached, builder.broadcast(builder.constant(0.0), edge)], axis.name)
-    return builder.subtract(lower, upper)
+def _grid(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> NodeId:
+    builder = context.builder
+    result: NodeId | None = None
+    for reference, argument in zip(settings.over, arguments, strict=True):
+        entry = context.model.declared(reference.value, reference.span).entry
+        inner = entry.chosen() if isinstance(entry, Layer) else None
+        if not isinstance(inner, Fuzzify) or inner.over:
+            problem = f"`{reference.value}` is not a fuzzify layer with centers"
+            context.refuse(names.unfit_setting("fuzzify", problem, reference.span))
+        own = replace(context, name=reference.value, span=entry.place.key)
+        degrees = fuzzify(own, inner, (argument,))
+        taken = [axis.name for axis in context.elements(result)] if result is not None else []
+        if inner.dim is None or inner.dim.value in taken:
+            problem = f"`{reference.value}` needs a `dim:` of its own in a grid"
+            context.refuse(names.unfit_setting("fuzzify", problem, reference.span))
+        result = degrees if result is None else builder.multiply(result, degrees)
+    assert result is not None
+    return result
 
 
-def gaussian(
-    builder: GraphBuilder, value: NodeId, axis: Axis, centers: Array, widths: Array
-) -> NodeId:
-    """μᵢ(x) = exp(−((x − cᵢ) / widthᵢ)² / 2), not normalised."""
-    sets = FuzzySets(builder, value, axis)
-    distance = builder.subtract(sets.spread(), sets.numbers(centers, 1))
-    ratio = builder.multiply(distance, sets.numbers(1.0 / widths, -1))
-    half = builder.broadcast(builder.constant(-0.5), sets.axes)
-    return builder.apply("exp", builder.multiply(half, builder.multiply(ratio, ratio)))
+def _read(context: LayerContext, settings: Fuzzify) -> Arguments:
+    return read_scalars(context, len(settings.over) or 1)
+
+
+FUZZIFY = LayerRule(Fuzzify, _read, fuzzify)

@@ -1,34 +1,34 @@
-"""What a layer may do while it expands: build nodes and declare the arrays it learns."""
+"""What a layer has while it expands: the call, the graph, and the arrays that it learns."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Protocol
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
 from compiler.builder import GraphBuilder
+from compiler.lowering.environment import Argument, Environment
+from compiler.lowering.failure import LoweringFailed
+from compiler.op_rules import LARGEST_SIZE
 from compiler.program import NodeId
 from compiler.scalar_functions import Array
-from compiler.types import Axis, Type
+from compiler.types import WINDOW, Axis, describe_axes
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.entry import Entry
+from spec_schema.errors import names, shapes
+from spec_schema.expression import Call, Name
+from spec_schema.located import Located
 from spec_schema.source import Span
 from spec_schema.units import Unit
+from spec_schema.values import Initializer
 
-
-class ParameterTable(Protocol):
-    """Where a layer's learnable arrays are declared; the first call decides their shapes."""
-
-    def declare(
-        self,
-        name: str,
-        axes: tuple[Axis, ...],
-        initial: Array,
-        unit: Unit | None,
-        doc: str,
-        span: Span,
-    ) -> Type: ...
+if TYPE_CHECKING:
+    from compiler.layers.layer_rule import AnyRule
+    from compiler.lowering.model import Model
 
 
 @dataclass(frozen=True)
@@ -37,40 +37,119 @@ class LayerContext:
 
     name: str
     """Name of the layer in the spec; its arrays are called `name.weight` and so on."""
-    builder: GraphBuilder
-    parameters: ParameterTable
+    model: Model
+    call: Call
+    environment: Environment
     span: Span
     """Place of the layer's declaration."""
-    dimension: Callable[[str, Span], Axis]
-    """The axis of a name of `dims:`; reports an unknown one and raises LoweringFailed."""
+    rule_of: Callable[[Entry], AnyRule] = field(repr=False)
+    """The rule of another layer's settings, for layers made of layers."""
     cells: tuple[Axis, ...] = ()
     """Axes of a local model's activations: every cell has weights of its own."""
+    called_with: str = ""
+    """Shapes of the arguments, as messages show them."""
+
+    @property
+    def builder(self) -> GraphBuilder:
+        """The graph that the call's nodes belong to."""
+        return self.model.builder(self.environment)
 
     def in_cells(self, cells: tuple[Axis, ...]) -> LayerContext:
         """The context of a cell of a local model."""
-        return replace(self, cells=cells)
+        return replace(self, cells=(*self.cells, *cells))
+
+    def refuse(self, diagnostic: Diagnostic) -> NoReturn:
+        """Gives the call up after this mistake."""
+        self.model.findings.report(diagnostic)
+        raise LoweringFailed
+
+    def axis(self, dimension: Located[str]) -> Axis:
+        """The axis of a name of `dims:`."""
+        return self.model.dimension(dimension.value, dimension.span)
+
+    def out(self, dimension: Located[str] | None) -> tuple[Axis, ...]:
+        """The axis that `out:` names, none for a scalar."""
+        return (self.axis(dimension),) if dimension else ()
+
+    def own_axis(self, suffix: str, size: int) -> Axis:
+        """An axis inside the layer; a name of `dims:` has no dot."""
+        return Axis(f"{self.name}.{suffix}", size)
+
+    def elements(self, node: NodeId) -> tuple[Axis, ...]:
+        """The axes of a value besides its window."""
+        return tuple(axis for axis in self.builder.type(node).axes if axis.name != WINDOW)
 
     def learned(
         self,
         suffix: str,
         axes: tuple[Axis, ...],
-        initial: Array,
+        initial: Array | float,
         doc: str,
+        *,
         unit: Unit | None = None,
+        low: float | None = None,
+        high: float | None = None,
     ) -> NodeId:
-        """A learnable array of the layer, one for each cell; `initial` has the shape of `axes`."""
-        full = (*self.cells, *axes)
-        shape = tuple(axis.size for axis in full)
-        values = np.broadcast_to(np.asarray(initial, dtype=float), shape)
-        type = self.parameters.declare(f"{self.name}.{suffix}", full, values, unit, doc, self.span)
+        """A learnable array of the layer, one for each cell.
+
+        `initial` has the shape of the cells and `axes`, or is repeated to it.
+        """
+        full = self._admitted(axes)
+        values = np.broadcast_to(np.asarray(initial, dtype=float), [axis.size for axis in full])
+        type = self.model.arrays.declare(
+            f"{self.name}.{suffix}", full, values, unit, doc, self.span, (low, high)
+        )
+        if type.axes != full:
+            self._called_differently()
         return self.builder.parameter(f"{self.name}.{suffix}", type)
 
-    def small_random(self, suffix: str, axes: tuple[Axis, ...], bound: float) -> Array:
-        """Uniform numbers in ±bound, different for every array and the same on every machine.
+    def initial(
+        self, suffix: str, initializer: Initializer | None, axes: tuple[Axis, ...], bound: float
+    ) -> Array:
+        """The values that `init:` gives, else uniform ones in ±bound.
 
-        The generator is counter-based (Philox; Salmon et al. 2011), keyed by the array's name.
+        Draws are different for every array and the same on every machine: the generator is
+        counter-based (Philox; Salmon et al. 2011), keyed by the array's name.
         """
-        digest = hashlib.sha256(f"{self.name}.{suffix}".encode()).digest()
+        full = self._admitted(axes)
+        name = f"{self.name}.{suffix}"
+        if initializer is not None:
+            return self.model.arrays.initial(name, initializer, full)
+        digest = hashlib.sha256(name.encode()).digest()
         generator = np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:8], "little")))
-        shape = tuple(axis.size for axis in (*self.cells, *axes))
-        return generator.uniform(-bound, bound, shape)
+        return generator.uniform(-bound, bound, tuple(axis.size for axis in full))
+
+    def apply(self, function: Located[str], nodes: Sequence[NodeId]) -> NodeId:
+        """The value of a builtin or of a function of the spec at these arguments."""
+        span = function.span
+        # A name of a spec never starts with "_": these are the arguments of this call only.
+        arguments = {f"_{index}": node for index, node in enumerate(nodes)}
+        inner = replace(
+            self.environment,
+            arguments={
+                name: Argument(Name(name, span), self.environment, {self.environment.time: node})
+                for name, node in arguments.items()
+            },
+        )
+        given = tuple(Name(name, span) for name in arguments)
+        return self.model.call(Call(Name(function.value, span), given, (), span), inner)
+
+    def with_arguments(self, nodes: Sequence[NodeId]) -> LayerContext:
+        """The context of a call whose arguments are known; the first call's shapes stay known."""
+        shapes_of = " and ".join(describe_axes(self.builder.type(node).axes) for node in nodes)
+        self.model.first_calls.setdefault(self.name, shapes_of)
+        return replace(self, called_with=shapes_of)
+
+    def _admitted(self, axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
+        """The axes of an array after the cells'; refused where it would fill the memory."""
+        full = (*self.cells, *axes)
+        count = math.prod(axis.size for axis in full)
+        if count > LARGEST_SIZE:
+            problem = f"an array of it would have {count} elements"
+            self.refuse(names.unfit_setting(f"`{self.name}`", problem, self.span))
+        return full
+
+    def _called_differently(self) -> NoReturn:
+        before = self.model.first_calls[self.name]
+        place = self.call.arguments[0].span
+        self.refuse(shapes.layer_called_differently(self.name, before, self.called_with, place))

@@ -2,28 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 from compiler.layers.layer_context import LayerContext
+from compiler.layers.layer_rule import Arguments, LayerRule
+from compiler.lowering.expressions import lower_all
 from compiler.program import NodeId
-from compiler.types import Axis
+from compiler.types import UNNAMED, Axis
+from spec_schema.errors import shapes
+from spec_schema.layers import LocalModel
 
 
-def local_model(
-    context: LayerContext,
-    activations: Sequence[NodeId],
-    axes: Sequence[Axis],
-    cell: Callable[[LayerContext], NodeId],
-) -> NodeId:
+def local_model(context: LayerContext, settings: LocalModel, arguments: Arguments) -> NodeId:
     """y = Σᵢⱼ… φᵢ · ψⱼ · … · cellᵢⱼ…(x): one vectorised operation whatever the number of cells.
 
-    `axes` are the axes of the sets, one for each activation; `cell` expands the layer of a cell in
-    a context whose weights have these axes too.
+    `by` are the activations φ, ψ, …, each with the axes of its sets; `cell` is any layer that has
+    weights, and each of its arrays has the axes of the sets first.
     """
+    cell = settings.cell.chosen()
     builder = context.builder
-    result = cell(context.in_cells((*context.cells, *axes)))
+    activations, cells = _activations(context, settings)
+    result = context.rule_of(cell).expand(context.in_cells(cells), cell, arguments)
     # Innermost first: each contraction removes one axis of the grid.
-    for activation, axis in zip(reversed(activations), reversed(axes), strict=True):
-        along = tuple(a for a in builder.type(activation).axes if a.name != axis.name)
-        result = builder.contract(builder.broadcast(activation, (*along, axis)), result)
+    for activation in reversed(activations):
+        *outer, axis = (a for a in builder.type(activation).axes if a in cells)
+        result = builder.contract_over(activation, result, axis.name)
+        for summed in reversed(outer):
+            result = builder.sum(result, summed.name)
     return result
+
+
+def _activations(
+    context: LayerContext, settings: LocalModel
+) -> tuple[list[NodeId], tuple[Axis, ...]]:
+    """The activations and the axes of their sets, which must be different dims."""
+    builder = context.builder
+    activations: list[NodeId] = []
+    cells: list[Axis] = []
+    nodes = lower_all(context.model, settings.by, context.environment)
+    for index, (expression, node) in enumerate(zip(settings.by, nodes, strict=True)):
+        if not context.elements(node):
+            wanted = "degrees of membership along one axis or several"
+            context.refuse(
+                shapes.wrong_axes(
+                    "an activation of a local model", wanted, "scalar", expression.span
+                )
+            )
+        if builder.type(node).axis(UNNAMED) is not None:
+            node = builder.rename(node, UNNAMED, context.own_axis(f"by{index + 1}", 1).name)
+        for axis in context.elements(node):
+            if axis in cells:
+                what = "the activations of a local model"
+                found = f"twice along `{axis.name}`"
+                context.refuse(
+                    shapes.wrong_axes(what, "along dims of their own", found, expression.span)
+                )
+            cells.append(axis)
+        activations.append(node)
+    return activations, tuple(cells)
+
+
+def _read(context: LayerContext, settings: LocalModel) -> Arguments:
+    cell = settings.cell.chosen()
+    return context.rule_of(cell).read(context, cell)
+
+
+LOCAL_MODEL = LayerRule(LocalModel, _read, local_model)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from compiler.scalar_functions import Array
 from compiler.types import Axis, Type, describe_axes
 from compiler.unit_rules import same_unit
 from spec_schema.errors import names, units
-from spec_schema.expression import Expression, ListLiteral
+from spec_schema.expression import Call, Expression, ListLiteral, Name
 from spec_schema.located import Located
 from spec_schema.quantity import Quantity
 from spec_schema.signals import Equation, Output, Signal, State
@@ -30,6 +30,9 @@ from spec_schema.values import Parameter as ParameterEntry
 
 if TYPE_CHECKING:
     from compiler.lowering.model import Model
+
+
+LARGEST_EYE = 1000
 
 
 @dataclass(frozen=True)
@@ -84,11 +87,35 @@ class Arrays:
             isinstance(element, ListLiteral) for element in expression.elements
         ):
             return self._matrix(expression)
+        if self._is_eye(expression):
+            return self._eye(expression)
         environment = Environment(Part.CONSTANT)
         node = lower(self._model, expression, environment)
         builder = self._model.builder(environment)
         type = builder.type(node)
         return NamedArray(constant_value(builder.graph(), node), type.axes, type.unit)
+
+    def _is_eye(self, expression: Expression) -> TypeGuard[Call]:
+        """Whether this is `eye` of a number; with two names it is a matrix of these dims."""
+        return (
+            isinstance(expression, Call)
+            and isinstance(expression.function, Name)
+            and expression.function.name == "eye"
+            and "eye" not in self._model.scope
+            and len(expression.arguments) == 1
+        )
+
+    def _eye(self, call: Call) -> NamedArray:
+        """`eye(3)`: its axes get their names from `dims:` too."""
+        (argument,) = call.arguments
+        size = self.number(argument, "the size of `eye`")
+        if not (size.is_integer() and 1 <= size <= LARGEST_EYE):
+            problem = f"is no whole number from 1 to {LARGEST_EYE}"
+            report = names.unfit_constant("the size of `eye`", problem, argument.span)
+            self._model.findings.report(report)
+            raise LoweringFailed
+        axis = Axis("", int(size))
+        return NamedArray(np.eye(axis.size), (axis, axis), ONE)
 
     def _matrix(self, rows: ListLiteral) -> NamedArray:
         parts = [self.evaluate(row).values for row in rows.elements]
@@ -173,19 +200,16 @@ class Arrays:
         unit: Unit | None,
         doc: str,
         span: Span,
+        bounds: tuple[float | None, float | None],
     ) -> Type:
         """A learnable array of a layer; a second call of the layer finds the first one's."""
         found = self._parameters.get(name)
         if found is None:
             values = tuple(float(v) for v in initial.ravel())
-            found = Parameter(name, axes, unit, values, doc=doc, span=span)
+            low, high = bounds
+            found = Parameter(name, axes, unit, values, low, high, doc=doc, span=span)
             self._parameters[name] = found
         return Type(found.axes, found.unit)
-
-    def shape_of(self, name: str) -> tuple[Axis, ...] | None:
-        """Axes of a learnable array that is declared already."""
-        found = self._parameters.get(name)
-        return found.axes if found else None
 
     def initial(self, name: str, initializer: Initializer, axes: tuple[Axis, ...]) -> Array:
         """Initial values with the shape of the axes; draws depend on the name only."""

@@ -12,6 +12,12 @@ from compiler.builder import GraphBuilder
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.matrix_builtins import (
+    lower_eye,
+    lower_outer,
+    lower_smooth_sign,
+    lower_softmax,
+)
 from compiler.ops import Relation
 from compiler.program import NodeId
 from compiler.scalar_functions import SCALAR_FUNCTIONS
@@ -307,6 +313,10 @@ BUILTINS: dict[str, Builtin] = {
     "concat": Builtin(1, None, _concat, doc="Scalars, lists and windows one after the other."),
     "stack": Builtin(1, None, _stack, ("dim",), "The arguments side by side along a new axis."),
     "part": Builtin(2, 2, _part, doc="One element of an axis, by label or index."),
+    "softmax": Builtin(1, 1, lower_softmax, ("over",), "Shares that sum to 1 along an axis."),
+    "outer": Builtin(2, 2, lower_outer, doc="outer(a, b): all products of an element of each."),
+    "eye": Builtin(1, 2, lower_eye, doc="eye(a, b) of two dims; eye(3) in `constants:`."),
+    "smooth_sign": Builtin(1, 2, lower_smooth_sign, doc="smooth_sign(x, width) = tanh(x / width)."),
     "linspace": Builtin(3, 3, _numbers("linspace"), doc="linspace(first, last, count)."),
     "arange": Builtin(1, 3, _numbers("arange"), doc="arange(start, stop, step), stop excluded."),
     "zeros": Builtin(1, 1, _numbers("zeros"), doc="zeros(count)."),
@@ -314,5 +324,5 @@ BUILTINS: dict[str, Builtin] = {
 }
 """By name; `next`, `flow` and `der` are in `states.py`, losses in `losses.py`."""
 
-NOT_YET = frozenset(["smooth_sign", "softmax", "dropout", "outer", "grad", "integral", "eye"])
+NOT_YET = frozenset(["dropout", "grad", "integral"])
 """Builtins of the language that this version names but does not have."""

@@ -13,6 +13,7 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.histories import Histories, Remembered
 from compiler.lowering.layer_calls import lower_layer
 from compiler.lowering.losses import LOSS_FUNCTIONS
+from compiler.lowering.memories import Memories
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declared, Kind, Scope
 from compiler.lowering.states import States
@@ -51,8 +52,11 @@ class Model:
         self.arrays = Arrays(self)
         self.states = States(self)
         self.histories = Histories(self, remembered)
+        self.memories = Memories()
         self.measured: dict[str, State] = {}
         """States whose log is read somewhere (R6): the data must have them."""
+        self.first_calls: dict[str, str] = {}
+        """Shapes of the arguments of each layer's first call."""
         self.used: set[str] = set()
         """Names that something refers to."""
         self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
@@ -178,6 +182,11 @@ class Model:
         """The value of a layer, function or builtin."""
         function = call.function
         if isinstance(function, Member):
+            owner = self.scope.get(function.base)
+            if owner is not None and isinstance(owner.entry, Layer):
+                self.used.add(function.base)
+                self._forbid_in_constant(function.base, function.span, environment)
+                return lower_layer(self, function.base, owner.entry, call, environment)
             self.findings.report(names.no_member(function.base, function.name, function.span))
             raise LoweringFailed
         name = function.name

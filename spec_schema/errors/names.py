@@ -93,6 +93,20 @@ def no_member(base: str, member: str, span: Span) -> Diagnostic:
     )
 
 
+def no_layer_member(layer: str, member: str, span: Span, members: Iterable[str]) -> Diagnostic:
+    """E0319: something after the dot that a layer of this kind does not have."""
+    known = tuple(members)
+    repair = f"it has `.{'`, `.'.join(known)}`" if known else f"call the layer: `{layer}(…)`"
+    return Diagnostic(
+        "E0319",
+        "error",
+        f"the layer `{layer}` has no `.{member}(…)`",
+        span,
+        "no member of this kind of layer",
+        help=repair,
+    )
+
+
 def builtin_not_yet(name: str, span: Span) -> Diagnostic:
     """E0308: a builtin of the language that this version does not have."""
     return Diagnostic(

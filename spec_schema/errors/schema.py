@@ -255,3 +255,15 @@ def repeated_item(text: str, span: Span, first: Span) -> Diagnostic:
         "again here",
         secondary=((first, "first here"),),
     )
+
+
+def excluded_key(key: str, other: str, span: Span, owner: str) -> Diagnostic:
+    """E0228: two keys of which only one can be given."""
+    return Diagnostic(
+        "E0228",
+        "error",
+        f"{owner} has `{key}` beside `{other}`",
+        span,
+        "only one of the two",
+        help=f"remove `{key}:` or `{other}:`",
+    )

@@ -4,18 +4,20 @@ import numpy as np
 import pytest
 
 from tests.language.compiled import Array, codes, evaluated
+from tests.language.every_backend import assert_backends_agree
 
 GENERATOR = np.random.default_rng(3)
 Q = GENERATOR.normal(size=(20, 3))
 S = GENERATOR.normal(size=20)
 HEAD = """
-dims: {joint: [a, b, c], ch: 2, past: 4}
+dims: {joint: [a, b, c], row: 3, ch: 2, twin: 2, past: 4}
 inputs: {q: {unit: m, dims: joint}, s: m}
 constants:
   w: [1, 10, 100, 1000]
   d: {value: [2, 5], dims: ch}
   M: {value: [[1, 2, 3], [4, 5, 6]], dims: [ch, joint]}
   P: {value: [1, 2, 3, 4], dims: past}
+  I: {value: eye(3), dims: [row, joint]}
   K: {value: [[1, 2, 3, 4], [5, 6, 7, 8]], dims: [ch, past]}
 """
 
@@ -73,6 +75,15 @@ K = np.array([[1.0, 2, 3, 4], [5, 6, 7, 8]])
         ("abs(q)**0.5", np.abs(NOW) ** 0.5),
         ("abs(q)**1.7", np.abs(NOW) ** 1.7),
         ("relu(q)", np.maximum(NOW, 0)),
+        ("softmax(q)", np.exp(NOW) / np.exp(NOW).sum()),
+        ("softmax(1000 * M, over=ch)", np.array([[0.0] * 3, [1.0] * 3])),
+        ("softmax(q.past(4))", np.exp(PAST_Q) / np.exp(PAST_Q).sum(axis=0)),
+        ("outer(q, d)", np.outer(NOW, D)),
+        ("outer(w, s.past(4))", np.outer(W, PAST_S)),
+        ("eye(twin, ch) @ d", D),
+        ("I @ q", NOW),
+        ("smooth_sign(q, 0.1)", np.tanh(NOW / 0.1)),
+        ("smooth_sign(q)", np.tanh(NOW)),
         ("elu(q)", np.where(NOW > 0, NOW, np.expm1(NOW))),
     ],
 )
@@ -93,7 +104,30 @@ def test_r3_value(expression: str, expected: Array) -> None:
         ("[q, 1]", "E0402"),
         ("sum(q, over=ch)", "E0406"),
         ("part(q, 3)", "E0406"),
+        ("softmax(s)", "E0402"),
+        ("softmax(q, over=ch)", "E0406"),
+        ("outer(q, q)", "E0402"),
+        ("eye(ch, joint) @ q", "E0402"),
+        ("eye(ch, 3)", "E0402"),
+        ("eye(3)", "E0402"),
+        ("eye(ch)", "E0312"),
     ],
 )
 def test_r3_mistake(expression: str, code: str) -> None:
     assert code in codes(HEAD + f'outputs: {{y: "{expression}"}}')
+
+
+def test_softmax_reference_case_8() -> None:
+    found = value("softmax([-1, 0, 1])")
+    # the case is given with seven digits
+    np.testing.assert_allclose(found, [0.0900306, 0.2447285, 0.6652409], atol=5e-8)
+
+
+def test_backends_agree_on_functions_of_axes() -> None:
+    outputs = """
+outputs:
+  a: softmax(q.past(3))
+  b: outer(q, d) + smooth_sign(s, 0.3)
+  c: eye(twin, ch) @ d
+"""
+    assert_backends_agree(HEAD + outputs, {"q": Q, "s": S}, [5, 11])

@@ -1,0 +1,45 @@
+"""A learned affine map of one axis of a value, the part that several layers are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from compiler.layers.layer_context import LayerContext
+from compiler.program import NodeId
+from compiler.types import Axis, describe_axes
+from spec_schema.errors import shapes
+from spec_schema.values import Initializer
+
+
+@dataclass(frozen=True)
+class Affine:
+    """y[o] = Σᵢ W[o, i] · x[i] (+ b[o]) for every sample and every other axis of x."""
+
+    weight: str
+    """Name of W within the layer."""
+    bias: str | None
+    """Name of b, None for a map without one."""
+    out: tuple[Axis, ...]
+    init: Initializer | None
+    """Initial weights; by default uniform in ±`bound`."""
+    bound: float
+
+    def of(self, context: LayerContext, value: NodeId, summed: Axis) -> NodeId:
+        """The map of a value along one of its axes."""
+        builder = context.builder
+        if summed in self.out:  # from a dimension to itself: the inner one gets another name
+            inner = context.own_axis(f"{self.weight}.in", summed.size)
+            value, summed = builder.rename(value, summed.name, inner.name), inner
+        others = [axis for axis in context.elements(value) if axis in self.out]
+        if others:
+            what, wanted = f"the argument of `{context.name}`", f"without `{others[0].name}`"
+            found = describe_axes(context.elements(value))
+            place = context.call.arguments[0].span
+            context.refuse(shapes.wrong_axes(what, wanted, found, place))
+        axes = (*self.out, summed)
+        start = context.initial(self.weight, self.init, axes, self.bound)
+        weight = context.learned(self.weight, axes, start, "one row of weights for each output")
+        result = builder.contract_over(weight, value, summed.name)
+        if self.bias is not None:
+            result = builder.add(result, context.learned(self.bias, self.out, 0.0, "offset"))
+        return result

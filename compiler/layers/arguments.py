@@ -1,0 +1,117 @@
+"""How layers read their arguments: one value, a time window, or several values side by side."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from compiler.layers.layer_context import LayerContext
+from compiler.layers.layer_rule import Arguments
+from compiler.lowering.expressions import lower, lower_all, window_of
+from compiler.program import NodeId
+from compiler.types import UNNAMED, WINDOW, Axis, describe_axes
+from spec_schema.entry import Entry
+from spec_schema.errors import names, shapes, time
+from spec_schema.expression import Future, Length, Past, Window
+
+
+class Windowed(Protocol):
+    """Settings of a layer that runs over a window."""
+
+    @property
+    def window(self) -> Length | None: ...
+
+
+def read_values(context: LayerContext, count: int) -> Arguments:
+    """Exactly so many values."""
+    wanted = f"{count} argument{'s' if count > 1 else ''}"
+    _check_count(context, wanted, len(context.call.arguments) == count)
+    return tuple(lower_all(context.model, context.call.arguments, context.environment))
+
+
+def read_value(context: LayerContext, settings: Entry) -> Arguments:
+    """One value."""
+    del settings
+    return read_values(context, 1)
+
+
+def read_scalars(context: LayerContext, count: int) -> Arguments:
+    """Exactly so many values without axes besides a window."""
+    nodes = read_values(context, count)
+    for node, argument in zip(nodes, context.call.arguments, strict=True):
+        others = context.elements(node)
+        if others:
+            context.refuse(
+                shapes.wrong_axes(
+                    f"the argument of `{context.name}`",
+                    "a scalar",
+                    describe_axes(others),
+                    argument.span,
+                )
+            )
+    return nodes
+
+
+def read_elements(context: LayerContext, settings: Entry) -> Arguments:
+    """One value whose last axis is summed over, or several whose elements are put side by side.
+
+    The value has such an axis: a scalar is one element.
+    """
+    del settings
+    _check_count(context, "1 or more arguments", bool(context.call.arguments))
+    nodes = lower_all(context.model, context.call.arguments, context.environment)
+    builder = context.builder
+    if len(nodes) == 1 and context.elements(nodes[0]):
+        return tuple(nodes)
+    # Windows of one length stay the last axis; a value without one is the same at all samples.
+    windows = {builder.type(node).window for node in nodes} - {None}
+    if len(windows) > 1:
+        found = " and ".join(f"{window} samples" for window in sorted(filter(None, windows)))
+        place = context.call.span
+        context.refuse(
+            shapes.wrong_axes(f"the windows of `{context.name}`", "equally long", found, place)
+        )
+    time_axis = tuple(Axis(WINDOW, window) for window in windows if window is not None)
+    return (_joined(context, nodes, time_axis),)
+
+
+def read_window(context: LayerContext, settings: Windowed) -> Arguments:
+    """The window that a filter runs over: its own of the argument, or the argument's (R1)."""
+    _check_count(context, "1 argument", len(context.call.arguments) == 1)
+    model, argument = context.model, context.call.arguments[0]
+    is_window = isinstance(argument, Past | Future) or (
+        isinstance(argument, Window) and argument.last is not None
+    )
+    if settings.window is not None and not is_window:
+        taps = model.sampling.samples(settings.window)
+        if model.sampling.sample_time is None:
+            context.refuse(time.needs_sample_time("a `window:`", argument.span))
+        return (window_of(model, argument, context.environment, 1 - taps, 0),)
+    node = lower(model, argument, context.environment)
+    found = context.builder.type(node).window
+    if found is None:
+        context.refuse(shapes.window_needed(context.name, argument.span))
+    if settings.window is not None and model.sampling.samples(settings.window) != found:
+        wanted = f"{model.sampling.samples(settings.window)} samples"
+        what = f"the window of `{context.name}`"
+        context.refuse(shapes.wrong_axes(what, wanted, f"{found} samples", argument.span))
+    return (node,)
+
+
+def _joined(context: LayerContext, nodes: list[NodeId], time_axis: tuple[Axis, ...]) -> NodeId:
+    """All elements of several values along one unnamed axis."""
+    builder = context.builder
+    parts: list[NodeId] = []
+    for node in nodes:
+        elements = context.elements(node)
+        count = math.prod(axis.size for axis in elements)
+        spread = builder.broadcast(node, (*elements, *time_axis))
+        parts.append(builder.reshape(spread, (Axis(UNNAMED, count), *time_axis)))
+    return builder.concat(parts, UNNAMED) if len(parts) > 1 else parts[0]
+
+
+def _check_count(context: LayerContext, wanted: str, fits: bool) -> None:
+    call = context.call
+    found = len(call.arguments) + len(call.keywords)
+    if call.keywords or not fits:
+        context.refuse(names.wrong_argument_count(context.name, wanted, found, call.span))

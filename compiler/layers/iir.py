@@ -1,0 +1,92 @@
+"""`iir`: a recursive filter that is stable whatever its weights."""
+
+from __future__ import annotations
+
+from compiler.builder import GraphBuilder
+from compiler.layers.layer_context import LayerContext
+from compiler.layers.layer_rule import Arguments, LayerRule
+from compiler.layers.memory import Memory, initial_value, read_signal, starting
+from compiler.program import NodeId
+from compiler.types import Axis
+from spec_schema.layers import Iir
+
+
+def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:
+    """y[t] = Σₖ b[k] w[t−k], k = 0 … num, with w[t] = x[t] − Σⱼ a[j] w[t−j], j = 1 … den.
+
+    So Y/X = (b₀ + b₁z⁻¹ + …) / (1 + a₁z⁻¹ + …). a follows from the reflection coefficients r by
+    a⁽ⁱ⁾[j] = a⁽ⁱ⁻¹⁾[j] + rᵢ a⁽ⁱ⁻¹⁾[i−j], a⁽ⁱ⁾[i] = rᵢ (Levinson's recursion): every stable filter
+    has |rᵢ| < 1 and the other way round (Schur and Cohn), and training keeps those bounds. Each
+    element of a vector has its own filter. Arrays: `num`, b from k = 0, initially uniform in
+    ±1/(2 (num + 1)); `reflection`, r, initially 0. The state `state`, w[t−1] first, starts at 0;
+    with `init: e` as if x had been e for ever.
+    """
+    (signal,) = arguments
+    builder = context.builder
+    unit = builder.type(signal).unit
+    elements = context.elements(signal)
+    depth = max(settings.num, settings.den)
+    delays = context.own_axis("delay", depth)
+    memory = Memory.of(context, arguments, (*elements, delays), unit)
+    past = memory.value()
+    coefficients = _denominator(context, settings, elements)
+    feedback = _sum_of_past(builder, coefficients, past, delays.name)
+    now = builder.subtract(signal, feedback)
+    axes = (*elements, context.own_axis("tap", settings.num + 1))
+    start = context.initial("num", None, axes, 0.5 / (settings.num + 1))
+    taps = context.learned("num", axes, start, "numerator, the newest sample first")
+    result = builder.multiply(builder.element(taps, axes[-1].name, 0), now)
+    if settings.num:
+        older = [builder.element(taps, axes[-1].name, k) for k in range(1, settings.num + 1)]
+        result = builder.add(result, _sum_of_past(builder, older, past, delays.name))
+    rest = memory.type.axes[:-1]
+    newest = builder.reshape(builder.broadcast(now, rest), (*rest, Axis(delays.name, 1)))
+    kept = [newest]
+    if depth > 1:
+        kept.append(builder.slice(past, delays.name, 0, depth - 1))
+    following = builder.concat(kept, delays.name) if depth > 1 else newest
+    memory.becomes(following, _start(context, settings, elements), "past of the filter")
+    return result
+
+
+def _denominator(context: LayerContext, settings: Iir, elements: tuple[Axis, ...]) -> list[NodeId]:
+    """a₁ … aₙ out of the reflection coefficients."""
+    builder = context.builder
+    axes = (*elements, context.own_axis("section", settings.den))
+    doc = "reflection coefficients of the denominator"
+    reflection = context.learned("reflection", axes, 0.0, doc, low=-1.0, high=1.0)
+    found: list[NodeId] = []
+    for order in range(settings.den):
+        r = builder.element(reflection, axes[-1].name, order)
+        mirrored = reversed(found)
+        found = [
+            builder.add(a, builder.multiply(r, b)) for a, b in zip(found, mirrored, strict=True)
+        ]
+        found.append(r)
+    return found
+
+
+def _sum_of_past(
+    builder: GraphBuilder, coefficients: list[NodeId], past: NodeId, axis: str
+) -> NodeId:
+    """c₁ w[t−1] + c₂ w[t−2] + …."""
+    axes = builder.type(coefficients[0]).axes
+    columns = [builder.reshape(c, (*axes, Axis(axis, 1))) for c in coefficients]
+    row = builder.concat(columns, axis) if len(columns) > 1 else columns[0]
+    return builder.contract_over(row, builder.slice(past, axis, 0, len(columns)), axis)
+
+
+def _start(context: LayerContext, settings: Iir, elements: tuple[Axis, ...]) -> NodeId:
+    """w at rest: w (1 + Σ a) = e."""
+    value = initial_value(context, settings.init, elements)
+    if settings.init is None:
+        return value
+    start = starting(context)
+    builder = start.builder
+    gain = builder.constant(1.0)
+    for coefficient in _denominator(start, settings, elements):
+        gain = builder.add(gain, coefficient)
+    return builder.divide(value, gain)
+
+
+IIR = LayerRule(Iir, read_signal, iir)

@@ -1,0 +1,80 @@
+"""`interpolation`: a table of values on knots, linear between them, fixed or learned."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compiler.layers.arguments import read_scalars
+from compiler.layers.centers import ascending
+from compiler.layers.fuzzy_sets import FuzzySets, beyond, triangular
+from compiler.layers.layer_context import LayerContext
+from compiler.layers.layer_rule import Arguments, LayerRule
+from compiler.program import NodeId
+from compiler.scalar_functions import Array
+from spec_schema.errors import names, shapes
+from spec_schema.expression import Expression
+from spec_schema.layers import Interpolation
+from spec_schema.units import ONE, Unit
+
+
+def interpolation(context: LayerContext, settings: Interpolation, arguments: Arguments) -> NodeId:
+    """y = Σᵢ μᵢ(x) · Yᵢ, or Σᵢⱼ μᵢ(x) · νⱼ(x₂) · Yᵢⱼ: (bi)linear between the knots, Yᵢ on them.
+
+    μ are the hat functions on the ascending knots `x` (`x2` for the second argument of a table in
+    two dimensions, whose `y` has one row for each knot of `x`). Outside the knots `outside: clamp`
+    keeps the value at the end, `extrapolate` continues the last line. The slope on a knot is the
+    right-hand one. With `learn: true` the values are learned, array `y`; `unit` is theirs, knots
+    are in the argument's unit.
+    """
+    builder = context.builder
+    knots = [_knots(context, settings.x)]
+    if settings.x2 is not None:
+        knots.append(_knots(context, settings.x2))
+    axes = tuple(
+        context.own_axis(f"knot{number}", len(values)) for number, values in enumerate(knots, 1)
+    )
+    table = context.model.arrays.evaluate(settings.y)
+    shape = tuple(len(values) for values in knots)
+    if table.values.shape != shape:
+        wanted, found = list(shape), list(table.values.shape)
+        what, place = f"`y` of `{context.name}`", settings.y.span
+        context.refuse(shapes.wrong_axes(what, f"{wanted} values", f"{found} values", place))
+    if not np.all(np.isfinite(table.values)):
+        context.refuse(names.unfit_setting("interpolation", "`y` is not finite", settings.y.span))
+    unit = _unit(settings, table.unit)
+    if settings.learn or context.cells:
+        doc = "values on the knots"
+        result = context.learned("y", axes, table.values, doc, unit=unit)
+    else:
+        result = builder.constant(table.values, axes, unit)
+    # Last axis first: neighbours in memory are added first.
+    for value, axis, points in reversed(list(zip(arguments, axes, knots, strict=True))):
+        centers = builder.constant(points, (axis,), builder.type(value).unit)
+        sets = FuzzySets(builder, value, axis, centers)
+        degrees = triangular(sets)
+        if settings.outside == "extrapolate":
+            degrees = builder.add(degrees, beyond(sets))
+        result = builder.contract_over(degrees, result, axis.name)
+    return result
+
+
+def _knots(context: LayerContext, expression: Expression) -> Array:
+    values = ascending(context, expression, "interpolation", "knots")
+    if len(values) < 2:
+        problem = "a table needs two knots or more"
+        context.refuse(names.unfit_setting("interpolation", problem, expression.span))
+    return values
+
+
+def _unit(settings: Interpolation, own: Unit | None) -> Unit | None:
+    """The declared unit, else that of a named constant; plain numbers say nothing."""
+    if settings.unit is not None:
+        return settings.unit.value
+    return own if own is not None and not own.same_as(ONE) else None
+
+
+def _read(context: LayerContext, settings: Interpolation) -> Arguments:
+    return read_scalars(context, 1 if settings.x2 is None else 2)
+
+
+INTERPOLATION = LayerRule(Interpolation, _read, interpolation)

@@ -1,0 +1,68 @@
+"""`state_space`: a linear system with a state vector that is stable whatever its weights."""
+
+from __future__ import annotations
+
+from compiler.layers.affine import Affine
+from compiler.layers.layer_context import LayerContext
+from compiler.layers.layer_rule import Arguments, LayerRule
+from compiler.layers.memory import Memory, initial_value, read_vector, starting
+from compiler.program import NodeId
+from compiler.types import UNNAMED, Axis
+from spec_schema.layers import StateSpace
+
+
+def state_space(context: LayerContext, settings: StateSpace, arguments: Arguments) -> NodeId:
+    """x[t+1] = A x[t] + B u[t], y[t] = C x[t] (+ D u[t] with `feedthrough: true`).
+
+    u is one value with one axis, a scalar, or several arguments side by side; `order` is the length
+    of x and `out` the axis of y. A = `radius` times the normalised lattice of reflection
+    coefficients r (Gray and Markel 1975): every set of poles inside that radius has |rᵢ| < 1 and
+    the other way round, and ‖A x‖ ≤ radius ‖x‖. Arrays: `reflection`, r, initially 0 (then A is a
+    delay line); `B`, `C`, `D`, initially uniform in ±1/n for n summed elements. The state starts
+    at 0 or at `init:`, one number or a list of `order`.
+    """
+    (value,) = arguments
+    builder = context.builder
+    order = context.own_axis("order", settings.order)
+    memory = Memory.of(context, arguments, (order,), None)
+    state = memory.value()
+    (source,) = context.elements(value)
+    out = context.out(settings.out)
+    result = Affine("C", None, out, None, 1.0 / order.size).of(context, state, order)
+    if settings.feedthrough:
+        direct = Affine("D", None, out, None, 1.0 / source.size).of(context, value, source)
+        result = builder.add(result, direct)
+    driven = Affine("B", None, (order,), None, 1.0 / source.size).of(context, value, source)
+    following = builder.add(_turned(context, settings, state, order), driven)
+    start = starting(context).builder
+    initial = initial_value(context, settings.init, (Axis(UNNAMED, order.size),))
+    if start.type(initial).axes:
+        initial = start.rename(initial, UNNAMED, order.name)
+    memory.becomes(following, initial, "state of the linear system")
+    return result
+
+
+def _turned(context: LayerContext, settings: StateSpace, state: NodeId, order: Axis) -> NodeId:
+    """A x: one rotation of neighbouring elements for each reflection coefficient."""
+    builder = context.builder
+    axis = context.own_axis("section", order.size)
+    doc = "reflection coefficients of the poles"
+    reflection = context.learned("reflection", (axis,), 0.0, doc, low=-1.0, high=1.0)
+    one = builder.constant(1.0)
+    last = order.size - 1
+    r = [builder.element(reflection, axis.name, i) for i in range(order.size)]
+    x = [builder.element(state, order.name, i) for i in range(order.size)]
+    forward = builder.negate(builder.multiply(r[last], x[last]))
+    turned: list[NodeId] = []
+    for i in reversed(range(last)):
+        cosine = builder.apply("sqrt", builder.subtract(one, builder.multiply(r[i], r[i])))
+        turned.append(builder.add(builder.multiply(r[i], forward), builder.multiply(cosine, x[i])))
+        forward = builder.subtract(builder.multiply(cosine, forward), builder.multiply(r[i], x[i]))
+    turned.append(forward)
+    axes = builder.type(forward).axes
+    rows = [builder.reshape(row, (*axes, Axis(order.name, 1))) for row in reversed(turned)]
+    joined = builder.concat(rows, order.name) if len(rows) > 1 else rows[0]
+    return builder.multiply(builder.constant(settings.radius), joined)
+
+
+STATE_SPACE = LayerRule(StateSpace, read_vector, state_space)
