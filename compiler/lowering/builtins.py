@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from compiler.builder import GraphBuilder
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import aligning, lower, lower_all
@@ -18,17 +16,17 @@ from compiler.lowering.matrix_builtins import (
     lower_smooth_sign,
     lower_softmax,
 )
+from compiler.lowering.number_lists import number_list
+from compiler.lowering.reductions import lower_mean, lower_sum
 from compiler.ops import Relation
 from compiler.program import NodeId
 from compiler.scalar_functions import SCALAR_FUNCTIONS
 from compiler.types import UNNAMED, WINDOW, Axis, describe_axes
-from spec_schema.errors import names, shapes, time
-from spec_schema.expression import Call, Expression, ListLiteral, Name
+from spec_schema.errors import names, shapes
+from spec_schema.expression import Call, Expression, Name
 
 if TYPE_CHECKING:
     from compiler.lowering.model import Model
-
-LONGEST_LIST = 100_000
 
 
 @dataclass(frozen=True)
@@ -142,53 +140,6 @@ def _where(model: Model, call: Call, environment: Environment) -> NodeId:
         return builder.select(condition, then, otherwise)
 
 
-def _reduced_axes(
-    model: Model, name: str, call: Call, environment: Environment, axes: tuple[Axis, ...]
-) -> list[str]:
-    """Names of the axes that `sum(x, over=…)` removes; all of them without `over`."""
-    over = _keyword(call, "over")
-    if over is None:
-        if environment.window is not None:
-            model.findings.report(time.window_not_yet("a reduction", call.span))
-            raise LoweringFailed
-        return [axis.name for axis in axes]
-    chosen = over.elements if isinstance(over, ListLiteral) else (over,)
-    found: list[str] = []
-    for item in chosen:
-        label = item.name if isinstance(item, Name) else ""
-        if label not in {axis.name for axis in axes} or not label:
-            model.findings.report(
-                shapes.no_such_axis(name, label or "?", describe_axes(axes), item.span)
-            )
-            raise LoweringFailed
-        found.append(label)
-    return found
-
-
-def reduce_axes(builder: GraphBuilder, node: NodeId, removed: list[str]) -> NodeId:
-    """Sum over several axes, the last one first, so that neighbours in memory are added first."""
-    for axis in reversed(builder.type(node).axes):
-        if axis.name in removed:
-            node = builder.sum(node, axis.name)
-    return node
-
-
-def _sum(model: Model, call: Call, environment: Environment) -> NodeId:
-    builder = model.builder(environment)
-    node = lower(model, call.arguments[0], environment)
-    axes = builder.type(node).axes
-    return reduce_axes(builder, node, _reduced_axes(model, "sum", call, environment, axes))
-
-
-def _mean(model: Model, call: Call, environment: Environment) -> NodeId:
-    builder = model.builder(environment)
-    node = lower(model, call.arguments[0], environment)
-    axes = builder.type(node).axes
-    removed = _reduced_axes(model, "mean", call, environment, axes)
-    count = float(np.prod([axis.size for axis in axes if axis.name in removed]))
-    return builder.divide(reduce_axes(builder, node, removed), builder.constant(count))
-
-
 def _concat(model: Model, call: Call, environment: Environment) -> NodeId:
     builder = model.builder(environment)
     parts: list[NodeId] = []
@@ -264,39 +215,6 @@ def _part(model: Model, call: Call, environment: Environment) -> NodeId:
     return builder.element(node, spatial[0].name, index)
 
 
-def _numbers(name: str) -> Callable[[Model, Call, Environment], NodeId]:
-    """`linspace`, `arange`, `zeros`, `ones`: a list of numbers fixed by the compiler."""
-
-    def lower_numbers(model: Model, call: Call, environment: Environment) -> NodeId:
-        given = [model.number(a, environment, f"an argument of `{name}`") for a in call.arguments]
-        count = int(given[-1]) if name != "arange" else _arange_count(given)
-        if not 1 <= count <= LONGEST_LIST:
-            model.findings.report(
-                names.unfit_constant(f"`{name}`", f"would have {count} elements", call.span)
-            )
-            raise LoweringFailed
-        match name:
-            case "linspace":
-                values = np.linspace(given[0], given[1], count)
-            case "arange":
-                step = given[2] if len(given) > 2 else 1.0
-                start = given[0] if len(given) > 1 else 0.0
-                values = start + step * np.arange(count)
-            case _:
-                values = np.full(count, 1.0 if name == "ones" else 0.0)
-        return model.builder(environment).constant(values, (Axis(UNNAMED, count),))
-
-    return lower_numbers
-
-
-def _arange_count(given: list[float]) -> int:
-    start, stop = (0.0, given[0]) if len(given) == 1 else (given[0], given[1])
-    step = given[2] if len(given) > 2 else 1.0
-    if step == 0 or not np.isfinite((stop - start) / step):
-        return 0
-    return max(0, int(np.ceil((stop - start) / step)))
-
-
 BUILTINS: dict[str, Builtin] = {
     row.name: Builtin(row.arity, row.arity, _scalar(row.name), doc=row.doc)
     for row in SCALAR_FUNCTIONS.values()
@@ -308,8 +226,10 @@ BUILTINS: dict[str, Builtin] = {
     "max": Builtin(2, None, _extreme("max"), doc="The largest argument, element by element."),
     "clip": Builtin(3, 3, _clip, doc="clip(x, low, high)."),
     "where": Builtin(3, 3, _where, doc="where(condition, then, otherwise)."),
-    "sum": Builtin(1, 1, _sum, ("over",), "Sum of everything, or over the axes named by `over=`."),
-    "mean": Builtin(1, 1, _mean, ("over",), "Mean of everything, or over the axes of `over=`."),
+    "sum": Builtin(1, 1, lower_sum, ("over",), "Sum of everything, or over the axes of `over=`."),
+    "mean": Builtin(
+        1, 1, lower_mean, ("over",), "Mean of everything, or over the axes of `over=`."
+    ),
     "concat": Builtin(1, None, _concat, doc="Scalars, lists and windows one after the other."),
     "stack": Builtin(1, None, _stack, ("dim",), "The arguments side by side along a new axis."),
     "part": Builtin(2, 2, _part, doc="One element of an axis, by label or index."),
@@ -317,10 +237,10 @@ BUILTINS: dict[str, Builtin] = {
     "outer": Builtin(2, 2, lower_outer, doc="outer(a, b): all products of an element of each."),
     "eye": Builtin(1, 2, lower_eye, doc="eye(a, b) of two dims; eye(3) in `constants:`."),
     "smooth_sign": Builtin(1, 2, lower_smooth_sign, doc="smooth_sign(x, width) = tanh(x / width)."),
-    "linspace": Builtin(3, 3, _numbers("linspace"), doc="linspace(first, last, count)."),
-    "arange": Builtin(1, 3, _numbers("arange"), doc="arange(start, stop, step), stop excluded."),
-    "zeros": Builtin(1, 1, _numbers("zeros"), doc="zeros(count)."),
-    "ones": Builtin(1, 1, _numbers("ones"), doc="ones(count)."),
+    "linspace": Builtin(3, 3, number_list("linspace"), doc="linspace(first, last, count)."),
+    "arange": Builtin(1, 3, number_list("arange"), doc="arange(start, stop, step), stop excluded."),
+    "zeros": Builtin(1, 1, number_list("zeros"), doc="zeros(count)."),
+    "ones": Builtin(1, 1, number_list("ones"), doc="ones(count)."),
 }
 """By name; `next`, `flow` and `der` are in `states.py`, losses in `losses.py`."""
 

@@ -67,6 +67,14 @@ class Environment:
         part = Part.STEP if self.part is Part.LOSS else self.part
         return replace(self, part=part, arguments={}, functions=())
 
+    def inside(self, function: str, arguments: Mapping[str, Argument]) -> Environment:
+        """The environment of a function's formula that is inlined here."""
+        return replace(self, arguments=arguments, functions=(*self.functions, function))
+
+    def at_time_of(self, other: Environment) -> Environment:
+        """This place at another place's time."""
+        return replace(self, shift=other.shift, window=other.window)
+
     def without_stage(self) -> Environment:
         """Windows are held over a step of the integrator (R6): the states as they are at t."""
         return replace(self, stage=None)

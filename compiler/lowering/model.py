@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 from compiler.builder import GraphBuilder
 from compiler.lowering.arrays import Arrays
 from compiler.lowering.builtins import BUILTINS, NOT_YET, lower_builtin
-from compiler.lowering.environment import Argument, Environment, Part, Stage, Time
+from compiler.lowering.environment import Environment, Part, Stage, Time
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.functions import argument_value, inlined
 from compiler.lowering.histories import Histories, Remembered
 from compiler.lowering.layer_calls import lower_layer
 from compiler.lowering.losses import LOSS_FUNCTIONS
@@ -61,6 +62,8 @@ class Model:
         """Names that something refers to."""
         self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
         self._active: list[str] = []
+        self._loops: list[set[str]] = []
+        """Algebraic loops that are reported: entered elsewhere, it is the same loop."""
 
     def builder(self, environment: Environment) -> GraphBuilder:
         """The graph that the environment's nodes belong to."""
@@ -72,7 +75,7 @@ class Model:
         """The node of a bare name."""
         argument = environment.arguments.get(name.name)
         if argument is not None:
-            return self._argument(argument, environment)
+            return argument_value(self, argument, environment)
         builder = self.builder(environment)
         if name.name == "pi":
             return builder.constant(_PI)
@@ -142,12 +145,13 @@ class Model:
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
         """The node, or None where lowering fails; nothing is reported and nothing remembered."""
-        mark = self.findings.mark()
+        mark, loops = self.findings.mark(), len(self._loops)
         known = set(self._entries)
         try:
             return lower_it()
         except LoweringFailed:
             self.findings.forget(mark)
+            del self._loops[loops:]
             for key in set(self._entries) - known:
                 if self._entries[key] is None:
                     del self._entries[key]
@@ -156,8 +160,10 @@ class Model:
     def _lowered(self, name: str, entry: Equation | Output, own: Environment, span: Span) -> NodeId:
         key = (name, own.part, own.time, own.stage)
         if name in self._active:
-            loop = (*self._active[self._active.index(name) :], name)
-            self.findings.report(states.algebraic_loop(loop, span))
+            loop = self._active[self._active.index(name) :]
+            if not any(set(loop) == known for known in self._loops):
+                self.findings.report(states.algebraic_loop((*loop, name), span))
+                self._loops.append(set(loop))
             raise LoweringFailed
         if key in self._entries:
             node = self._entries[key]
@@ -215,59 +221,10 @@ class Model:
                 self._forbid_in_constant(name, function.span, environment)
                 return lower_layer(self, name, layer, call, environment)
             case Function() as entry:
-                return self._inline(name, entry, call, environment)
+                return inlined(self, name, entry, call, environment)
             case _:
                 self.findings.report(names.not_callable(name, declared.kind.value, function.span))
                 raise LoweringFailed
-
-    def _inline(
-        self, name: str, function: Function, call: Call, environment: Environment
-    ) -> NodeId:
-        parameters = tuple(argument.value for argument in function.args)
-        given: dict[str, Expression] = dict(zip(parameters, call.arguments, strict=False))
-        for keyword in call.keywords:
-            if keyword.name not in parameters or keyword.name in given:
-                self.findings.report(
-                    names.unknown_keyword(name, keyword.name, keyword.span, parameters)
-                )
-                raise LoweringFailed
-            given[keyword.name] = keyword.value
-        found = len(call.arguments) + len(call.keywords)
-        if found != len(parameters):
-            plural = "s" if len(parameters) != 1 else ""
-            wanted = f"{len(parameters)} argument{plural} ({', '.join(parameters)})"
-            self.findings.report(names.wrong_argument_count(name, wanted, found, call.span))
-            raise LoweringFailed
-        if name in environment.functions:
-            self.findings.report(names.recursive_function(name, call.function.span))
-            raise LoweringFailed
-        arguments: Mapping[str, Argument] = {
-            key: Argument(expression, environment) for key, expression in given.items()
-        }
-        inner = Environment(
-            environment.part,
-            environment.shift,
-            environment.window,
-            environment.stage,
-            arguments,
-            (*environment.functions, name),
-        )
-        return lower(self, function.expr, inner)
-
-    def _argument(self, argument: Argument, environment: Environment) -> NodeId:
-        known = argument.lowered.get(environment.time)
-        if known is None:
-            outer = argument.environment
-            there = Environment(
-                outer.part,
-                environment.shift,
-                environment.window,
-                outer.stage,
-                outer.arguments,
-                outer.functions,
-            )
-            known = argument.lowered[environment.time] = lower(self, argument.expression, there)
-        return known
 
     # ---- compile-time values and dimensions
 

@@ -67,6 +67,7 @@ def future_of(what: str, span: Span) -> Diagnostic:
         span,
         "reads ahead of t",
         notes=("only logged signals can be read ahead of t",),
+        help="in outputs and losses `next(x)` is a state's next value, `x.meas[t+1]` its log",
     )
 
 
