@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -15,6 +14,7 @@ from compiler.interpreter import physical_weights
 from compiler.program import Declared, History, Origin, Output, Parameter, Program, State, Tape
 from compiler.types import Axis
 from spec_schema.units import Unit
+from spec_schema.version import __version__
 
 FORMAT = 1
 """Version of the data's layout, raised when a reader of the former one would misread it."""
@@ -34,7 +34,7 @@ def interface_metadata(
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
     return {
         "format": FORMAT,
-        "made_by": f"msnn {product_version()}",
+        "made_by": f"msnn {__version__}",
         "model": program.name,
         "doc": program.doc,
         "spec_sha256": program.spec_hash,
@@ -58,14 +58,6 @@ def interface_metadata(
 def metadata_text(metadata: Mapping[str, Any]) -> str:
     """The data as JSON, the same bytes for the same data."""
     return json.dumps(metadata, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def product_version() -> str:
-    """The version of msnn that runs, `unknown` in a checkout that was not installed."""
-    try:
-        return version("msnn")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _port(port: Port, name: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import onnx
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from onnx import TensorProto, helper
 
-from backends.interface_metadata import interface_metadata, metadata_text, product_version
+from backends.interface_metadata import interface_metadata, metadata_text
 from backends.onnx_lowering import Sources, lower_nodes
 from backends.onnx_nodes import OnnxNodes
 from backends.step_interface import PortNames, StepInterface, port_names, step_interface
@@ -21,6 +21,7 @@ from compiler.program import Parameter, Program
 from compiler.scalar_functions import SCALAR_FUNCTIONS
 from compiler.types import Axis
 from spec_schema.units import Unit
+from spec_schema.version import __version__
 
 OPSET = 17
 """Operators as most runtimes of the last years know them; nothing here needs a newer set."""
@@ -161,7 +162,7 @@ class Draft:
             opset_imports=[helper.make_opsetid("", OPSET)],
             ir_version=IR_VERSION,
             producer_name="msnn",
-            producer_version=product_version(),
+            producer_version=__version__,
             doc_string=self.program.doc,
         )
         metadata = interface_metadata(self.program, self.interface, self.names, self.weights)

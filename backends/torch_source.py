@@ -13,7 +13,6 @@ import torch
 
 import templates
 from backends.identifiers import c_identifier
-from backends.interface_metadata import product_version
 from backends.step_interface import Port, StepInterface, step_interface
 from backends.torch_lowering import Leaf, LoweredGraph, lower_graph, static_nodes
 from compiler.ops import ReadLog, ReadParameter, ReadSignal, ReadState
@@ -21,6 +20,7 @@ from compiler.passes.guard_untaken import guard_untaken
 from compiler.program import Graph, NodeId, Parameter, Program
 from compiler.types import Axis
 from spec_schema.units import Unit
+from spec_schema.version import __version__
 
 # What the generated file uses itself.
 _OWN_NAMES = {"inputs", "state", "windows", "batch", "torch", "self", "load_weights"}
@@ -53,7 +53,7 @@ def torch_source(program: Program, prefix: str, dtype: str) -> str:
     return environment.get_template("torch/module.py.j2").render(
         model=_quoted(program.name),
         doc=_quoted(program.doc),
-        version=product_version(),
+        version=__version__,
         prefix=prefix,
         dtype=dtype,
         sample_time=program.sample_time,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -9,6 +10,7 @@ from compiler.builder import GraphBuilder
 from compiler.liveness import needed
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.histories import Remembered
 from compiler.lowering.losses import default_loss, lower_loss
 from compiler.lowering.model import Model
 from compiler.lowering.scope import Kind
@@ -53,16 +55,8 @@ def compile_spec(spec: Spec, *, strict_units: bool = False, spec_hash: str = "")
 
     Raises SpecError with every mistake found; with `strict_units` units that do not fit are errors.
     """
-    findings = Findings()
-    model = Model(spec, findings)
-    outputs = _outputs(model)
-    state_table = _states(model)
-    losses = _losses(model, outputs)
-    _unused_equations(model)
-    state_table += model.memories.states
-    _report_log_reads(model, outputs, state_table)
-    if not findings.failed:  # what is left unused by a mistake is no news
-        _report_unused(model)
+    lowered = _lowered(spec)
+    model, findings = lowered.model, lowered.model.findings
     diagnostics = tuple(
         replace(d, severity="error") if strict_units and d.code in ("W0504", "W0505") else d
         for d in findings.in_order
@@ -74,17 +68,59 @@ def compile_spec(spec: Spec, *, strict_units: bool = False, spec_hash: str = "")
         sample_time=model.sampling.sample_time,
         signals=_signals(model),
         parameters=model.arrays.parameters,
-        states=tuple(state_table),
+        states=tuple(lowered.states),
         step=model.builder(_STEP).graph(),
         start=model.builder(_START).graph(),
-        outputs=tuple(outputs),
-        losses=tuple(losses),
+        outputs=tuple(lowered.outputs),
+        losses=tuple(lowered.losses),
         dimensions=tuple(Dimension(name, d.size, d.labels) for name, d in spec.dims.items()),
         doc=spec.doc or "",
         spec_hash=spec_hash,
     )
     verify(program)
     return Compiled(run_passes(program), diagnostics)
+
+
+@dataclass(frozen=True)
+class _Lowered:
+    """Everything of a spec as nodes of the model's graphs."""
+
+    model: Model
+    outputs: list[Output]
+    states: list[State]
+    losses: list[Loss]
+
+
+_MOST_LOWERINGS = 100
+"""Lengths and axes of buffers settle in two or three, later by at most one equation a lowering."""
+
+
+def _lowered(spec: Spec) -> _Lowered:
+    """The spec lowered until the buffers that it needs are those that it has."""
+    remembered: dict[str, Remembered] = {}
+    for _ in range(_MOST_LOWERINGS):
+        lowered = _lowered_once(spec, remembered)
+        found = lowered.model.histories.found()
+        if found == remembered:
+            break
+        remembered = found
+    else:
+        raise AssertionError("the buffers of a spec do not settle")
+    lowered.states.extend(lowered.model.histories.states())
+    lowered.states.extend(lowered.model.memories.states)
+    _report_log_reads(lowered.model, lowered.outputs, lowered.states)
+    if not lowered.model.findings.failed:  # what is left unused by a mistake is no news
+        _report_unused(lowered.model)
+    return lowered
+
+
+def _lowered_once(spec: Spec, remembered: Mapping[str, Remembered]) -> _Lowered:
+    model = Model(spec, Findings(), remembered)
+    outputs = _outputs(model)
+    states = _states(model)
+    losses = _losses(model, outputs)
+    _unused_equations(model)
+    return _Lowered(model, outputs, states, losses)
 
 
 def _outputs(model: Model) -> list[Output]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal
 
-from compiler.ops import Op, ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ops import Op, ReadLog, ReadParameter, ReadSignal
 from compiler.types import Axis, Type
 from spec_schema.source import Span
 from spec_schema.units import Unit
@@ -219,15 +219,6 @@ class Program:
 
     def output(self, name: str) -> Output:
         return next(output for output in self.outputs if output.name == name)
-
-    def state_names_read(self) -> frozenset[str]:
-        """States whose value the step uses, directly or through a window."""
-        ops = (node.op for node in self.step.nodes)
-        return frozenset(
-            op.name if isinstance(op, ReadState) else op.state
-            for op in ops
-            if isinstance(op, ReadState | Window)
-        )
 
 
 @dataclass(frozen=True, slots=True)

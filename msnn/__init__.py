@@ -38,7 +38,7 @@ _HOMES = {"Model": "msnn.model_file", "SpecError": "spec_schema.diagnostics"}
 def __getattr__(name: str) -> Any:
     """Imports a public name when it is first used, so that `import msnn` costs nothing."""
     if name == "__version__":
-        return import_module("backends.interface_metadata").product_version()
+        return import_module("spec_schema.version").__version__
     if name not in __all__:
         raise AttributeError(f"module `msnn` has no attribute `{name}`")
     return getattr(import_module(_HOMES.get(name, "msnn.api")), name)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
 from compiler.compile import compile_spec
+from compiler.passes.close_loop import LoopError
 from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray, one_record
 from msnn.model_file import Model, load_model
@@ -91,7 +93,8 @@ def validate(
 
     data = read_data(model, data_root, "validation")
     try:
-        return validation.validate(model.program, data, model.spec.checks, weights)
+        report = validation.validate(model.program, data, model.spec.checks, weights)
+        return replace(report, warnings=(*data.warnings, *report.warnings))
     except SpecError as error:
         raise _with_sources(error, model) from None
 
@@ -112,11 +115,15 @@ def simulate(
     `data` are arrays (rows, *shape) by signal, or files with the columns that the spec names;
     None takes the data of the spec. `horizon` ends each run after so many steps. Raises SpecError.
     """
+    from msnn.exporting import loop_fault
     from msnn.simulation import simulate as run
     from msnn.simulation import simulation_program
     from msnn.simulation_data import file_data, record_data
 
-    program = simulation_program(model.program)
+    try:
+        program = simulation_program(model.program)
+    except LoopError as error:
+        raise SpecError([loop_fault(error, None)], model.sources) from None
     match data:
         case None:
             dataset = read_data(model, data_root, "simulation", program)

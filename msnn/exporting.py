@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias, assert_never
 
@@ -14,9 +14,11 @@ from compiler.passes.to_step_form import to_step_form
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.model_file import Model
-from spec_schema.diagnostics import Findings, SpecError
+from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import commands, workflow
+from spec_schema.errors.states import not_closable
 from spec_schema.exports import CasadiExport, CExport, Export, OnnxExport, TorchExport
+from spec_schema.source import Span
 
 TargetName: TypeAlias = Literal["torch", "onnx", "casadi", "c"]
 Dtype: TypeAlias = Literal["float32", "float64"]
@@ -31,6 +33,8 @@ class ExportPlan:
     program: Program
     prefix: str
     dtype: Dtype
+    c: CExport | None = None
+    """What the spec says of generated C besides."""
 
 
 def target_names(names: Sequence[str], export: Export | None) -> tuple[TargetName, ...]:
@@ -60,7 +64,10 @@ def plan_exports(
 def write_export(
     plan: ExportPlan, weights: Mapping[str, FloatArray], folder: Path
 ) -> tuple[Path, ...]:
-    """Writes the files of one target into the folder and returns their paths."""
+    """Writes the files of one target into the folder and returns their paths.
+
+    A backend is imported when its target is written: one needs no other one's library.
+    """
     match plan.target:
         case "torch":
             from backends.torch_files import write_torch
@@ -78,6 +85,14 @@ def write_export(
             from backends.c import COptions, write_c
 
             options = COptions(dtype=plan.dtype, prefix=plan.prefix)
+            if plan.c is not None:
+                options = replace(
+                    options,
+                    params=plan.c.params,
+                    math=plan.c.math,
+                    ring=plan.c.ring,
+                    unroll=plan.c.unroll,
+                )
             return write_c(plan.program, weights, folder, options)
         case _:
             assert_never(plan.target)
@@ -117,7 +132,8 @@ def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | 
     if program is None:
         return None
     outputs = _outputs(program, entry, findings)
-    return ExportPlan(target, to_step_form(prune_outputs(program, outputs)), prefix, dtype)
+    step = to_step_form(prune_outputs(program, outputs))
+    return ExportPlan(target, step, prefix, dtype, entry if isinstance(entry, CExport) else None)
 
 
 def _closed(program: Program, entry: _TargetEntry, findings: Findings) -> Program | None:
@@ -125,10 +141,14 @@ def _closed(program: Program, entry: _TargetEntry, findings: Findings) -> Progra
         return close_loop(program, [name.value for name in entry.close])
     except LoopError as error:
         place = next((name.span for name in entry.close if name.value == error.signal), None)
-        through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
-        reason = f"{error.kind.value}{through}"
-        findings.report(workflow.unclosable(error.signal, reason, place))
+        findings.report(loop_fault(error, place))
         return None
+
+
+def loop_fault(error: LoopError, place: Span | None) -> Diagnostic:
+    """Why a signal cannot be fed back, at the place that asks for it or else where it fails."""
+    through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
+    return not_closable(error.signal, place or error.span, f"{error.kind.value}{through}")
 
 
 def _outputs(program: Program, entry: _TargetEntry | None, findings: Findings) -> list[str]:

@@ -29,7 +29,7 @@ from spec_schema.spec import Spec
 PROGRAM_SUFFIX = ".program.json"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Model:
     """A program in window form with the spec that says how to train, validate and export it.
 
@@ -49,6 +49,9 @@ class Model:
     def name(self) -> str:
         return self.program.name
 
+    def __repr__(self) -> str:
+        return f"<Model {self.name} from {self.path}>"
+
     @property
     def folder(self) -> Path:
         return self.path.parent
@@ -66,13 +69,6 @@ def load_model(
     if path.name.endswith(PROGRAM_SUFFIX):
         return _from_program_file(path, settings)
     return _compiled(read_spec(path, settings=settings), path, settings, strict_units)
-
-
-def model_of_text(
-    text: str, path: str | Path = "model.yaml", settings: Sequence[str] = ()
-) -> Model:
-    """The model whose spec is `text`, as if it stood in the file `path`."""
-    return _compiled(read_spec(path, text, settings), Path(path), settings, False)
 
 
 def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Model:

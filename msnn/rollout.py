@@ -96,7 +96,8 @@ def _sum(
     if target is not None:
         there = ~np.isnan(target)
         prediction, target = prediction[there], target[there]
-    return LossSum(float(np.sum(cost(measure, prediction, target))), prediction.size)
+    with np.errstate(over="ignore"):  # a sum that overflows is infinite, and said to diverge
+        return LossSum(float(np.sum(cost(measure, prediction, target))), prediction.size)
 
 
 def cost(measure: Measure, prediction: FloatArray, target: FloatArray | None) -> FloatArray:

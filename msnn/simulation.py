@@ -19,6 +19,8 @@ from msnn.data.dataset import Dataset, FloatArray, Record
 from msnn.data.reads import reads
 from msnn.data.starts import reach, rollouts
 from msnn.rollout import moments
+from spec_schema.diagnostics import SpecError
+from spec_schema.errors.workflow import records_too_short
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +61,16 @@ def simulate(
     """Free runs over all stretches of the data, each from its first possible row.
 
     `program` is in window form; what it closes is fed back, what it leaves open is read from the
-    data. `horizon` ends every run after so many steps. Runs in float64.
+    data. `horizon` ends every run after so many steps. Runs in float64. Raises SpecError where
+    every stretch is too short.
     """
     judge = Interpreter(program, weights)
     # targets of `predicts` need not be there: a simulation may run past the last of them
     unscored = replace(program, outputs=tuple(replace(o, predicts=None) for o in program.outputs))
-    runs = rollouts(data.stretches(), reach(unscored), "record", 1)
+    far = reach(unscored)
+    runs = rollouts(data.stretches(), far, "record", 1)
+    if not len(runs):
+        raise SpecError([records_too_short(runs.longest, far.rows(1))])
     if horizon is not None:
         runs = replace(runs, steps=np.minimum(runs.steps, horizon))
     outputs = {

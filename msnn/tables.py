@@ -14,8 +14,9 @@ def table_text(
     """The header and the rows as lines; columns whose indices are in `numbers` end at the right.
 
     Columns that are empty in every row are left out. No line ends in blanks; there is no line end
-    after the last one.
+    after the last one. What cannot be printed (a spec's doc may hold any character) is a blank.
     """
+    rows = [tuple(_printable(cell) for cell in row) for row in rows]
     kept = [i for i in range(len(header)) if any(row[i] for row in rows)]
     lines = [[line[i] for i in kept] for line in (header, *rows)]
     widths = [max(_width(line[column]) for line in lines) for column in range(len(kept))]
@@ -32,6 +33,10 @@ def table_text(
 def count(number: int, noun: str) -> str:
     """`1 input`, `2 inputs`."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _printable(cell: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in cell)
 
 
 def _padded(cell: str, width: int, right: bool) -> str:

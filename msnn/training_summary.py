@@ -10,6 +10,7 @@ from msnn.data.dataset import FloatArray
 from msnn.tables import table_text
 from msnn.training.progress import EpochEnd, Progress, StageEnd, StageStart
 from spec_schema.diagnostics import Diagnostic
+from spec_schema.errors.training import at_bound
 
 _AT_BOUND = 1e-3
 """Part of the range within which a value counts as at its bound."""
@@ -72,6 +73,15 @@ def parameters_table(program: Program, weights: Mapping[str, FloatArray]) -> str
     return table_text(("parameter", "unit", "initial", "learned", "remark"), rows)
 
 
+def bound_warnings(program: Program, weights: Mapping[str, FloatArray]) -> list[Diagnostic]:
+    """A warning for every learned parameter that ended at a bound."""
+    return [
+        at_bound(parameter.name, parameter.span)
+        for parameter in program.parameters
+        if parameter.learn and _at_bound(parameter, weights[parameter.name])
+    ]
+
+
 def training_record(
     program: Program, weights: Mapping[str, FloatArray], recorded: Recorded
 ) -> dict[str, Any]:
@@ -110,8 +120,12 @@ def _values(values: tuple[float, ...] | list[float]) -> str:
 def _remark(parameter: Parameter, value: FloatArray) -> str:
     if not parameter.learn:
         return "fixed"
+    return "at its bound" if _at_bound(parameter, value) else ""
+
+
+def _at_bound(parameter: Parameter, value: FloatArray) -> bool:
     low, high = parameter.minimum, parameter.maximum
     span = high - low if low is not None and high is not None else abs(parameter.scale)
     near_low = low is not None and bool((value - low < _AT_BOUND * span).any())
     near_high = high is not None and bool((high - value < _AT_BOUND * span).any())
-    return "at its bound" if near_low or near_high else ""
+    return near_low or near_high

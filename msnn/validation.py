@@ -171,6 +171,7 @@ def _rows_text(data: Dataset, rows: IntArray) -> str:
     """Which rows were scored, so that off-by-ones between tools are visible."""
     if not len(rows):
         return "no rows"
+    rows = np.unique(rows)  # rollouts that overlap score a row more than once
     touched = [r for r in data.records if np.any((rows >= r.start) & (rows < r.stop))]
     if len(touched) > 1:
         total = sum(record.stop - record.start for record in touched)

@@ -53,8 +53,8 @@ def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Progra
 def read_weights(path: Path, program: Program) -> LoadedWeights:
     """The weights of a program (rule R12).
 
-    A missing name and a wrong shape are errors, raised together as SpecError; extra names are a
-    warning.
+    A missing name, a wrong shape and a value that is not finite are errors, raised together as
+    SpecError; extra names are a warning.
     """
     shown = str(path)
     try:
@@ -79,6 +79,9 @@ def read_weights(path: Path, program: Program) -> LoadedWeights:
             )
         elif array is not None:
             found[parameter.name] = array.astype(np.float64)
+    wild = [name for name, array in found.items() if not np.all(np.isfinite(array))]
+    if wild:
+        faults.append(errors.weights_not_finite(shown, wild))
     if faults:
         raise SpecError(faults)
     extra = sorted(set(arrays) - set(found))

@@ -59,6 +59,15 @@ class Findings:
         """Adds diagnostics; one that is there already (an alias read twice) is not repeated."""
         self._diagnostics.update(dict.fromkeys(diagnostics))
 
+    def mark(self) -> int:
+        """How many there are now; `forget` goes back to it."""
+        return len(self._diagnostics)
+
+    def forget(self, mark: int) -> None:
+        """Drops what came after a mark: an attempt that failed and does not matter."""
+        for diagnostic in list(self._diagnostics)[mark:]:
+            del self._diagnostics[diagnostic]
+
     @property
     def in_order(self) -> tuple[Diagnostic, ...]:
         """All diagnostics in the order of their places in the file; those without one come last."""

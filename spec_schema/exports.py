@@ -1,9 +1,9 @@
 """The `export` section: which targets are written, and of what."""
 
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal
 
 from spec_schema.entry import Entry
-from spec_schema.plain_fields import Dtype, NewName, References
+from spec_schema.plain_fields import Dtype, NewName, NonNegativeCount, References, choice
 
 
 class Target(Entry):
@@ -35,14 +35,22 @@ class CasadiExport(Target):
 
 
 class CExport(Target):
-    """C sources; names start with `prefix`, by default the name of the spec."""
+    """C sources; names start with `prefix`, by default the name of the spec.
+
+    `params: inline` writes parameters into the code, the others give the step a pointer to them.
+    `ring` says how windows move, `unroll` up to how many elements loops are written out.
+    """
 
     noun: ClassVar[str] = "the c export"
-    later: ClassVar[frozenset[str]] = frozenset(
-        {"params", "ring", "unroll", "constant_time", "math"}
-    )
+    later: ClassVar[frozenset[str]] = frozenset({"constant_time"})
 
     prefix: NewName | None = None
+    params: Annotated[
+        Literal["const", "tunable", "inline"], choice("const", "tunable", "inline")
+    ] = "const"
+    math: Annotated[Literal["own", "libm"], choice("own", "libm")] = "own"
+    ring: Annotated[Literal["auto", "shift", "double"], choice("auto", "shift", "double")] = "auto"
+    unroll: NonNegativeCount = 4
 
 
 class Export(Entry):

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TypeAlias, assert_never
 
 from spec_schema.diagnostics import Diagnostic, describe
+from spec_schema.printable import printable_diagnostic, printable_source
 from spec_schema.render_full import full_text
 from spec_schema.source import SourceText, Span
 
@@ -21,11 +22,14 @@ def render(
     """The text of all diagnostics, without a line end after the last line.
 
     `sources` are the files whose lines `full` shows; a place in another file is only named.
-    Colours are used by `full` alone.
+    Colours are used by `full` alone. Control characters of files are shown as `�`.
     """
+    if format != "json":  # which escapes them
+        diagnostics = [printable_diagnostic(diagnostic) for diagnostic in diagnostics]
     match format:
         case "full":
-            texts = {source.path: source for source in sources}
+            shown = map(printable_source, sources)
+            texts = {source.path: source for source in shown}
             return "\n\n".join(full_text(diagnostic, texts, color) for diagnostic in diagnostics)
         case "concise":
             return "\n".join(describe(diagnostic) for diagnostic in diagnostics)

@@ -53,12 +53,12 @@ class Equation(Entry):
     """A named expression."""
 
     noun: ClassVar[str] = "an equation"
+    later: ClassVar[frozenset[str]] = frozenset({"range"})
     shorthand: ClassVar[str | None] = "expr"
 
     expr: ExpressionField
     unit: UnitField | None = None
     history: ExpressionField | None = None
-    range: RangeField | None = None
     doc: Text | None = None
 
 

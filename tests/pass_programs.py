@@ -69,6 +69,23 @@ def twins() -> Program:
     return Program("twins", None, signals, (), (), Graph(nodes), Graph(), outputs)
 
 
+def branches() -> Program:
+    """A root and a quotient that only one branch takes, and a root that another output needs."""
+    b = GraphBuilder()
+    x, y = b.signal("x", 0, 0, Type()), b.signal("y", 0, 0, Type())
+    zero, one = b.constant(0.0), b.constant(1.0)
+    positive = b.compare(Relation.GREATER, x, zero)
+    shared = b.apply("sqrt", y)
+    taken = b.add(b.apply("sqrt", x), b.divide(one, x))
+    outputs = (
+        Output("guarded", b.select(positive, taken, zero)),
+        Output("open", b.select(positive, shared, zero)),
+        Output("root", shared),
+    )
+    signals = (Signal("x", Role.INPUT), Signal("y", Role.INPUT))
+    return Program("branches", None, signals, (), (), b.graph(), Graph(), outputs)
+
+
 def leftovers() -> Program:
     """A state, a parameter, an input and nodes that no output needs; a target that a loss needs."""
     b, starts = GraphBuilder(), GraphBuilder()
@@ -113,6 +130,7 @@ def functions() -> Program:
 
 PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "numbers": numbers,
+    "branches": branches,
     "twins": twins,
     "leftovers": leftovers,
     "functions": functions,

@@ -14,8 +14,8 @@ from backends.c.rendering import render
 from backends.c.status import MEANING, SelfTest, Status, status_macro
 from backends.c.status_bits import selftest_bits, step_bits
 from backends.c.structs import Struct, StructField, structs
-from backends.interface_metadata import product_version
 from compiler.program import Program
+from spec_schema.version import __version__
 
 
 def header_text(
@@ -34,7 +34,7 @@ def header_text(
         "Interface",
         doc=comment(program.doc) if program.doc else "",
         guard=f"{interface.prefix.upper()}_H",
-        made_by=_text(f"msnn {product_version()}"),
+        made_by=_text(f"msnn {__version__}"),
         spec_sha256=_text(program.spec_hash),
         sample_time=program.sample_time and real_literal(program.sample_time, "float64"),
         c_real="float" if interface.options.dtype == "float32" else "double",
@@ -54,7 +54,7 @@ def about_text(program: Program, interface: Interface) -> str:
         "about.c.j2",
         interface,
         "Origin",
-        made_by=_text(f"msnn {product_version()}"),
+        made_by=_text(f"msnn {__version__}"),
         spec_sha256=_text(program.spec_hash),
         sample_time=sample_time and real_literal(sample_time, interface.options.dtype),
     )

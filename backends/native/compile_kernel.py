@@ -67,10 +67,19 @@ def cache_folder() -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """A loaded kernel, and whether it was compiled just now."""
+    """A loaded kernel and the file that says it was found right."""
 
     library: ctypes.CDLL
-    fresh: bool
+    seal: Path
+
+    @property
+    def is_checked(self) -> bool:
+        """Whether somebody compared this kernel with the interpreter."""
+        return self.seal.exists()
+
+    def mark_checked(self) -> None:
+        """Remembers that the comparison went well."""
+        self.seal.touch()
 
 
 def compiled_kernel(source: str) -> Built:
@@ -83,10 +92,9 @@ def compiled_kernel(source: str) -> Built:
     described = "\n".join((source, *FLAGS, *compiler.command, compiler.version, _processor()))
     key = hashlib.sha256(described.encode()).hexdigest()[:32]
     path = cache_folder() / f"{key}.so"
-    fresh = not path.exists()
-    if fresh:
+    if not path.exists():
         _compile(compiler, source, path)
-    return Built(ctypes.CDLL(str(path)), fresh)
+    return Built(ctypes.CDLL(str(path)), path.with_suffix(".checked"))
 
 
 def _compile(compiler: Compiler, source: str, path: Path) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from backends.c.c_literals import Dtype
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_source import KernelSource, kernel_source
+from backends.native.lane_groups import Groups, Rows, group_type, lane_groups
 from backends.raw_parameters import mapping_of, raw_value
 from compiler.program import Parameter, Program
 from compiler.training_step import training_step
@@ -80,38 +81,21 @@ class Kernel:
         self.program = program
         self.dtype = np.dtype(dtype)
         self.lanes = LANES[dtype]
-        truth = np.int32 if dtype == "float32" else np.int64
-        self.group_type = np.dtype(
-            [
-                ("steps", np.int64),
-                ("start", np.int64, (self.lanes,)),
-                ("used", truth, (self.lanes,)),
-            ],
-            align=True,
-        )
+        self.group_type = group_type(self.lanes, self.dtype)
         built = compiled_kernel(self.source.text)
-        self.is_fresh = built.fresh
-        """Whether it was compiled just now, so that nobody has checked it yet."""
+        self.built = built
         self._library = built.library
         self._library.msnn_work_lanes.restype = ctypes.c_int64
         self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
         self._library.msnn_train.restype = ctypes.c_int64
 
-    def groups(self, starts: NDArray[np.int64], steps: NDArray[np.int64]) -> NDArray[Any]:
+    def groups(self, starts: Rows, steps: Rows) -> Groups:
         """Lane groups of rollouts that begin at rows `starts`; each group has one length."""
-        found: list[NDArray[Any]] = []
-        for length in np.unique(steps)[::-1]:
-            members = starts[steps == length]
-            count = -(-len(members) // self.lanes)
-            padded = np.full(count * self.lanes, members[-1])
-            padded[: len(members)] = members
-            groups = np.zeros(count, self.group_type)
-            groups["steps"] = length
-            groups["start"] = padded.reshape(count, self.lanes)
-            used = np.arange(count * self.lanes) < len(members)
-            groups["used"] = -used.reshape(count, self.lanes).astype(int)
-            found.append(groups)
-        return np.concatenate(found)
+        return lane_groups(self.group_type, starts, steps, [len(starts)])[0]
+
+    def batches(self, starts: Rows, steps: Rows, sizes: Sequence[int]) -> tuple[Groups, Rows]:
+        """Groups of several batches one after the other, and the bounds that `train` takes."""
+        return lane_groups(self.group_type, starts, steps, sizes)
 
     def data(
         self,
@@ -130,7 +114,7 @@ class Kernel:
     def losses(
         self,
         data: Data,
-        groups: NDArray[Any],
+        groups: Groups,
         physical: FloatArray,
         weights: Sequence[float],
         *,
@@ -160,8 +144,8 @@ class Kernel:
     def train(
         self,
         data: Data,
-        groups: NDArray[Any],
-        bounds: NDArray[np.int64],
+        groups: Groups,
+        bounds: Rows,
         variables: Variables,
         weights: Sequence[float],
     ) -> tuple[int, FloatArray, FloatArray]:

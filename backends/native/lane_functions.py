@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import assert_never
 
 from backends.c.c_language import Argument, Binary, Function, Name, Statement
@@ -14,6 +15,8 @@ from backends.c.scope import LocalNames, Scope
 from backends.c.spec_notes import SpecNotes
 from backends.c.values import copy_value
 from backends.native.lane_memory import Memory, read_of
+from backends.native.phases import ROW
+from backends.native.tiled_sums import HORIZON, TIME, Factor
 from compiler.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
 from compiler.program import Graph, NodeId, State
 from compiler.training_step import ADJOINT, SCALE, STORED
@@ -35,6 +38,8 @@ class LaneWriter:
     def __init__(self, memory: Memory, graph: Graph, functions: FunctionTable) -> None:
         self.memory = memory
         self.graph = graph
+        self.time = Index()
+        """The time of what is read, in samples after the rows that the function is given."""
         self.scope = Scope(LocalNames("msnn"))
         for tape in (*memory.signals.values(), *memory.buffers.values()):
             self.scope.reserve(tape.name)
@@ -42,7 +47,9 @@ class LaneWriter:
         for name, _ in memory.plain.values():
             for prefix in ("", "d_", "next_"):
                 self.scope.reserve(f"{prefix}{name}")
-        for name in (PARAMETERS, GRADIENT, "scale", "total", "count"):
+        for tape in memory.rows.values():
+            self.scope.reserve(tape.name)
+        for name in (PARAMETERS, GRADIENT, "scale", "total", "count", TIME, HORIZON):
             self.scope.reserve(name)
         self.locals = LocalValues(functions, SpecNotes(graph), UNROLL, PARALLEL_SUMS)
 
@@ -53,7 +60,8 @@ class LaneWriter:
             case ReadParameter(name):
                 return self._parameter(name, type)
             case ReadSignal(name) | ReadLog(name):
-                return read_of(self.memory.signals[name], op, type.axes)
+                tape = self.memory.signals[name]
+                return self._now(read_of(tape, op, type.axes), tape.elements)
             case ReadState(name):
                 return self._state(name, type)
             case _:
@@ -63,10 +71,10 @@ class LaneWriter:
         """The newest sample is stored behind the others, unless it stands there already."""
         tape = self.memory.buffers[op.state]
         count = tape.last + 1
-        row = tape.place(newest.shape, tape.last, None)
+        row = self._now(tape.place(newest.shape, tape.last, None), tape.elements)
         if row != newest:
             copy_value(newest, row, scope, UNROLL)
-        return tape.place((*newest.shape, count), 0, count)
+        return self._now(tape.place((*newest.shape, count), 0, count), tape.elements)
 
     def _parameter(self, name: str, type: Type) -> Place:
         if name.startswith(SCALE):
@@ -78,19 +86,30 @@ class LaneWriter:
 
     def _state(self, name: str, type: Type) -> Place:
         buffers, plain = self.memory.buffers, self.memory.plain
+        if name.startswith(ROW):
+            tape = self.memory.rows[name]
+            return self._now(array(tape.name, type.shape), tape.elements)
         if name.startswith(STORED):
             tape = buffers[name.removeprefix(STORED)]
-            return tape.place(type.shape, tape.last, None)
+            return self._now(tape.place(type.shape, tape.last, None), tape.elements)
         if name.startswith(ADJOINT):
-            name = name.removeprefix(ADJOINT)
-            if name in plain:
-                return array(f"d_next_{plain[name][0]}", type.shape)
-            if type.window is not None:  # at t0 all samples of a buffer have adjoints
-                return adjoint_of(buffers[name].place(type.shape, 0, type.window))
-            return adjoint_of(buffers[name].place(type.shape, buffers[name].last, None))
+            return self._adjoint(name.removeprefix(ADJOINT), type)
         if name in plain:
-            return array(plain[name][0], type.shape)
-        return buffers[name].place(type.shape, 0, type.axes[-1].size)
+            return self._now(array(plain[name][0], type.shape), type.size)
+        tape = buffers[name]
+        return self._now(tape.place(type.shape, 0, type.axes[-1].size), tape.elements)
+
+    def _adjoint(self, name: str, type: Type) -> Place:
+        if name in self.memory.plain:
+            return array(f"d_next_{self.memory.plain[name][0]}", type.shape)
+        tape = self.memory.buffers[name]
+        if type.window is not None:  # at t0 all samples of a buffer have adjoints
+            return adjoint_of(tape.place(type.shape, 0, type.window))
+        return adjoint_of(tape.place(type.shape, tape.last, None))
+
+    def _now(self, place: Place, elements: int) -> Place:
+        """The place where the row of `elements` stands that belongs to the time of the function."""
+        return replace(place, offset=place.offset.plus(self.time.times(elements)))
 
     def state_place(self, state: State) -> Place:
         """Where a state stands."""
@@ -117,6 +136,21 @@ class LaneWriter:
             inner.assign(element, Binary("+", element, term))
 
         self.scope.each(target.shape, UNROLL, one)
+
+    def factors(self, node: NodeId) -> list[Factor]:
+        """The operands of a product or contraction, views of what stands in rows over time."""
+        args = self.graph[node].args
+        until = Graph(self.graph.nodes[: node + 1])
+        moved: list[list[Place]] = []
+        for time in (0, 1):
+            self.time = Index(time)
+            lowered = GraphLowering(until, args, self, self.scope, self.locals)
+            moved.append([lowered.place(arg, "factor") for arg in args])
+        self.time = Index()
+        return [
+            Factor(first, second, self.graph[arg].type.axis_names)
+            for arg, first, second in zip(args, *moved, strict=True)
+        ]
 
     def function(self, name: str, arguments: Sequence[Argument], doc: str) -> Function:
         body: tuple[Statement, ...] = (*self.locals.tables, *self.scope.statements)

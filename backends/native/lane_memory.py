@@ -8,6 +8,7 @@ from functools import cached_property
 from backends.c.c_language import Name
 from backends.c.places import Index, Place, c_strides
 from backends.identifiers import c_identifier
+from backends.native.phases import ROW, Phases, phases
 from compiler.ops import ReadLog, ReadSignal
 from compiler.program import Extent, Program, State, extents
 from compiler.training_step import TrainingStep
@@ -113,6 +114,19 @@ class Memory:
             state.name: (c_identifier(f"state_{state.name}", taken), state)
             for state in self.program.states
             if state.name not in self.step.newest
+        }
+
+    @cached_property
+    def phases(self) -> Phases:
+        return phases(self.step)
+
+    @cached_property
+    def rows(self) -> dict[str, Tape]:
+        """The values over time of nodes that are kept, by the names that reads of them have."""
+        reverse = self.step.reverse_step.graph
+        return {
+            f"{ROW}{node}": Tape(f"row_{node}", reverse[node].type.size, 0, 0)
+            for node in self.phases.rows
         }
 
     @cached_property

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
-from backends.c.c_language import Conditional, CType, Expression, Real, Table, Truth
+from collections.abc import Iterable
+
+from backends.c.c_language import (
+    Conditional,
+    CType,
+    Expression,
+    Loop,
+    Real,
+    Statement,
+    Table,
+    Truth,
+)
 from backends.c.c_literals import real_literal
 from backends.c.c_printer import Printer
+from backends.native.tiled_sums import HORIZON, TimeLoop
 
 
 class LanePrinter(Printer):
@@ -41,6 +53,23 @@ class LanePrinter(Printer):
                 return self.expression(expression)
             case _:
                 return super().operand(expression)
+
+    def statement(self, statement: Statement) -> Iterable[str]:
+        match statement:
+            case TimeLoop(time, _, step, body, rest):
+                begin = f"{HORIZON} - ({HORIZON} % {step}U)" if rest else "0"
+                stop = (
+                    f"{time} < {HORIZON}" if rest or step == 1 else f"{time} + {step} <= {HORIZON}"
+                )
+                by = 1 if rest else step
+                yield f"for (size_t {time} = {begin}; {stop}; {time} += {by}) {{"
+            case Loop(variable, start, stop, body):
+                yield f"for (size_t {variable} = {start}; {variable} < {stop}; {variable}++) {{"
+            case _:
+                yield from super().statement(statement)
+                return
+        yield from self._block(body, 1)
+        yield "}"
 
     def table(self, table: Table) -> str:
         """A constant array, every number in all lanes."""

@@ -146,7 +146,7 @@ _ENVIRONMENT = """\
 #endif
 
 #ifdef FLT_EVAL_METHOD
-#if FLT_EVAL_METHOD != 0
+#if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16
 #error these functions need every operation rounded to the type of its operands
 #endif
 #endif

@@ -67,6 +67,20 @@ class Environment:
         part = Part.STEP if self.part is Part.LOSS else self.part
         return replace(self, part=part, arguments={}, functions=())
 
+    def without_stage(self) -> Environment:
+        """Windows are held over a step of the integrator (R6): the states as they are at t."""
+        return replace(self, stage=None)
+
+    @property
+    def is_elsewhere(self) -> bool:
+        """Whether anything but the one sample at t is meant."""
+        return self.shift != 0 or self.window is not None
+
+    @property
+    def latest(self) -> int:
+        """Samples after t of the last one that is meant."""
+        return self.shift + (self.window[1] if self.window is not None else 0)
+
     @property
     def time(self) -> Time:
         """The time part, for remembering what was lowered already."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from compiler.builder import GraphBuilder
 from compiler.lowering.arrays import Arrays
@@ -10,6 +10,7 @@ from compiler.lowering.builtins import BUILTINS, NOT_YET, lower_builtin
 from compiler.lowering.environment import Argument, Environment, Part, Stage, Time
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.histories import Histories, Remembered
 from compiler.lowering.layer_calls import lower_layer
 from compiler.lowering.losses import LOSS_FUNCTIONS
 from compiler.lowering.memories import Memories
@@ -38,7 +39,9 @@ _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 class Model:
     """A spec being lowered: its names, the graphs that grow, and what was found on the way."""
 
-    def __init__(self, spec: Spec, findings: Findings) -> None:
+    def __init__(
+        self, spec: Spec, findings: Findings, remembered: Mapping[str, Remembered]
+    ) -> None:
         self.spec = spec
         self.findings = findings
         self.scope = Scope(spec, findings)
@@ -49,6 +52,7 @@ class Model:
         self.arrays = Arrays(self)
         self.states = States(self)
         self.memories = Memories()
+        self.histories = Histories(self, remembered)
         self.measured: dict[str, State] = {}
         """States whose log is read somewhere (R6): the data must have them."""
         self.first_calls: dict[str, str] = {}
@@ -119,8 +123,37 @@ class Model:
     def entry(
         self, name: str, entry: Equation | Output, environment: Environment, span: Span
     ) -> NodeId:
-        """The value of an equation or output, lowered once a time and stage."""
+        """The value of an equation or output, lowered once a time and stage.
+
+        At another time than t every signal in it is read at that time (R1). Where that cannot be,
+        because it depends on a state or on itself, its past values are kept.
+        """
         own = environment.of_entry()
+        if own.is_elsewhere and own.part is Part.STEP:
+            own = own.without_stage()
+            recomputed = None
+            if name not in self._active and entry.history is None:
+                recomputed = self.tried(lambda: self._lowered(name, entry, own, span))
+            if recomputed is not None:
+                return recomputed
+            if own.latest <= 0:
+                return self.histories.read(name, entry, span, own)
+        return self._lowered(name, entry, own, span)
+
+    def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
+        """The node, or None where lowering fails; nothing is reported and nothing remembered."""
+        mark = self.findings.mark()
+        known = set(self._entries)
+        try:
+            return lower_it()
+        except LoweringFailed:
+            self.findings.forget(mark)
+            for key in set(self._entries) - known:
+                if self._entries[key] is None:
+                    del self._entries[key]
+            return None
+
+    def _lowered(self, name: str, entry: Equation | Output, own: Environment, span: Span) -> NodeId:
         key = (name, own.part, own.time, own.stage)
         if name in self._active:
             loop = (*self._active[self._active.index(name) :], name)

@@ -10,7 +10,7 @@ from compiler.lowering.environment import Environment, Part, Stage
 from compiler.lowering.expressions import lower, report_unit_conflicts
 from compiler.lowering.failure import LoweringFailed
 from compiler.program import NodeId
-from compiler.types import Type, describe_axes
+from compiler.types import Axis, Type, describe_axes
 from spec_schema.errors import names, shapes, time
 from spec_schema.errors import states as errors
 from spec_schema.expression import Call, Expression, Name
@@ -56,13 +56,8 @@ class States:
         if environment.part is Part.START:
             findings.report(errors.simulation_in_init(name, span))
             raise LoweringFailed
-        if environment.window is not None or environment.shift:
-            ahead = environment.window[1] if environment.window else 0
-            if environment.shift + ahead > 0:
-                findings.report(time.future_of(f"the state `{name}`", span))
-            else:
-                findings.report(time.window_not_yet("a state", span))
-            raise LoweringFailed
+        if environment.is_elsewhere:
+            return self._model.histories.read(name, entry, span, environment)
         if environment.stage is not None and name in environment.stage.values:
             return environment.stage.values[name]
         return self._model.builder(environment).state(name, self.type(entry))
@@ -134,6 +129,13 @@ class States:
         builder = self._model.builder(_STEP)
         node = lower(self._model, entry.next, _STEP)
         return self._fitted(f"`next` of `{name}`", node, self.type(entry), entry.next, builder)
+
+    def fitted(
+        self, what: str, node: NodeId, axes: tuple[Axis, ...], expression: Expression
+    ) -> NodeId:
+        """A value of the start with exactly these axes; one without some of them is repeated."""
+        builder = self._model.builder(Environment(Part.START))
+        return self._fitted(what, node, Type(axes), expression, builder)
 
     def _fitted(
         self, what: str, node: NodeId, type: Type, expression: Expression, builder: GraphBuilder

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,17 +21,25 @@ from msnn.failures import MissingExtraError
 
 
 @contextmanager
-def built_c(folder: Path, plan: ExportPlan) -> Generator[CModel]:
-    """The model in `folder`, ready to run. Raises MissingExtraError without a C compiler."""
+def built_c(files: Sequence[Path], folder: Path, plan: ExportPlan) -> Generator[CModel]:
+    """The model in the files that were written into `folder`, ready to run.
+
+    What else lies in the folder is not looked at. Raises MissingExtraError without a C compiler.
+    """
     with tempfile.TemporaryDirectory() as place:
+        alone = Path(place) / "model"
+        for file in files:
+            copy = alone / file.relative_to(folder)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, copy)
         try:
-            library = build_library(folder, Path(place) / "model.so")
+            library = build_library(alone, Path(place) / "model.so")
         except CompilerMissingError:
             raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
         except CompilerFailedError as error:
             raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
         options = COptions(dtype=plan.dtype, prefix=plan.prefix)
-        yield CModel(CStep(folder, library), c_interface(plan.program, options))
+        yield CModel(CStep(alone, library), c_interface(plan.program, options))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import assert_never
@@ -43,9 +43,13 @@ class Agreement:
 
 
 def compare(
-    plan: ExportPlan, weights: Mapping[str, FloatArray], folder: Path, record: Record
+    plan: ExportPlan,
+    weights: Mapping[str, FloatArray],
+    files: Sequence[Path],
+    folder: Path,
+    record: Record,
 ) -> Agreement:
-    """Runs what `write_export` wrote into `folder` along the record.
+    """Runs the `files` that `write_export` wrote into `folder` along the record.
 
     Raises MissingExtraError where onnxruntime or a C compiler is needed and not there.
     """
@@ -68,7 +72,7 @@ def compare(
             artefact = OnnxArtefact(folder, plan.prefix, tables)
             return _explicit(plan, weights, record, artefact)
         case "c":
-            return _c(plan, weights, record, folder)
+            return _c(plan, weights, record, files, folder)
         case _:
             assert_never(plan.target)
 
@@ -96,12 +100,16 @@ def _free_run(artefact: Artefact, wanted: Judgement, record: Record) -> Arrays:
 
 
 def _c(
-    plan: ExportPlan, weights: Mapping[str, FloatArray], record: Record, folder: Path
+    plan: ExportPlan,
+    weights: Mapping[str, FloatArray],
+    record: Record,
+    files: Sequence[Path],
+    folder: Path,
 ) -> Agreement:
     """Each step from the judge's states, and a free run; in float32 against its bits."""
     wanted = judge(plan.program, weights, record, np.float64)
     same = wanted if plan.dtype == "float64" else judge(plan.program, weights, record, np.float32)
-    with built_c(folder, plan) as model:
+    with built_c(files, folder, plan) as model:
         model.reset(same)
         free, _ = model.step.run(same.inputs, record.steps)
         outputs, following = model.steps(wanted)

@@ -34,10 +34,12 @@ def check_exports(
     model: Model,
     plans: Sequence[ExportPlan],
     weights: Mapping[str, FloatArray],
-    folders: Mapping[str, Path],
+    written: Mapping[str, tuple[Path, Sequence[Path]]],
     data_folder: Path,
 ) -> AgreementReport:
-    """Runs what was written for every plan, `folders` by target, along a record of the model.
+    """Runs what was written for every plan along a record of the model.
+
+    `written` has the folder and the files of each target.
 
     Relative data paths start in `data_folder`. A target that needs something which is not
     installed is left out and named.
@@ -49,7 +51,8 @@ def check_exports(
         record = agreement_record(model, plan.program, data_folder)
         origins[record.origin] = None
         try:
-            rows.append(compare(plan, weights, folders[plan.target], record))
+            folder, files = written[plan.target]
+            rows.append(compare(plan, weights, files, folder, record))
         except MissingExtraError as error:
             missing.append(error)
     return AgreementReport(", ".join(origins), tuple(rows), tuple(missing))

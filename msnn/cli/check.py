@@ -29,7 +29,11 @@ def check(
     ] = False,
     format: Annotated[Format, typer.Option(help="How diagnostics are printed.")] = Format.FULL,
 ) -> None:
-    """Check specs: names, shapes, units, time, and the sections that train, validate, export."""
+    """Say what is wrong with specs.
+
+    Names, shapes, units and time of the model; then whether data, train, validate and export fit
+    it. Reads no data.
+    """
     from msnn.cli.console import json_result, report, result
     from msnn.show import summary_line
     from msnn.workflow_checks import checked_model

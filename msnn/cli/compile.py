@@ -19,7 +19,10 @@ def compile_(
         bool, typer.Option("--strict-units", help="Units that do not fit are errors.")
     ] = False,
 ) -> None:
-    """Compile a spec to build/NAME.program.json, which every other verb accepts."""
+    """Write the compiled program.
+
+    To build/NAME.program.json, which every other verb takes instead of the spec.
+    """
     from msnn.cli.console import report, result
     from msnn.model_file import load_model, write_program_file
 

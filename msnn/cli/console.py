@@ -60,6 +60,11 @@ def wants_color(stream: TextIO) -> bool:
     forced = os.environ.get("FORCE_COLOR")
     if forced is not None and forced != "":
         return forced != "0"
+    return is_live(stream)
+
+
+def is_live(stream: TextIO) -> bool:
+    """Whether somebody watches the stream: a terminal that can do more than print lines."""
     return stream.isatty() and not os.environ.get("CI") and os.environ.get("TERM") != "dumb"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -41,7 +42,11 @@ def export(
     data_root: DataRoot = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Export the model: C99, ONNX, CasADi, torch; each into a folder of its own."""
+    """Write C, ONNX, CasADi and torch.
+
+    Each target into a folder of its own, as the spec's `export` section says. With --check exit
+    code 3 when one of them computes something else than the interpreter.
+    """
     from msnn.cli.console import json_result, note, report, result
     from msnn.exporting import plan_exports, target_names, write_export
     from msnn.model_file import load_model
@@ -59,17 +64,19 @@ def export(
     chosen = choose_weights(model.program, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
-    folders = {plan.target: out / plan.target for plan in plans}
-    written = {p.target: write_export(p, chosen.weights, folders[p.target]) for p in plans}
-    if format is ResultFormat.TEXT:
-        for target, paths in written.items():
-            result(f"{target}: {count(len(paths), 'file')} in {folders[target]}")
-    record: dict[str, Any] = {"files": {t: [str(p) for p in ps] for t, ps in written.items()}}
+    written: dict[str, tuple[Path, Sequence[Path]]] = {}
+    for plan in plans:
+        folder = out / plan.target
+        paths = write_export(plan, chosen.weights, folder)
+        written[plan.target] = folder, paths
+        if format is ResultFormat.TEXT:
+            result(f"{plan.target}: {count(len(paths), 'file')} in {folder}")
+    record: dict[str, Any] = {"files": {t: [str(p) for p in ps] for t, (_, ps) in written.items()}}
     found = None
     if check:
         from msnn.agreement.report import agreement_table, agreement_values, check_exports
 
-        found = check_exports(model, plans, chosen.weights, folders, data_root or model.folder)
+        found = check_exports(model, plans, chosen.weights, written, data_root or model.folder)
         record["agreement"] = agreement_values(found)
         if format is ResultFormat.TEXT:
             result(f"\n{agreement_table(found)}")

@@ -13,7 +13,11 @@ def init(
         Path, typer.Argument(metavar="NAME", help="The folder to make; its name is the model's.")
     ],
 ) -> None:
-    """Make a folder with a spec, a little simulated data and a README that shows the next steps."""
+    """Make a project that works.
+
+    A folder with a spec, a little simulated data and a README that shows the next steps. Nothing
+    that exists is overwritten.
+    """
     from msnn.cli.console import result
     from msnn.new_project import new_project
 

@@ -42,9 +42,9 @@ for _verb in (
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from backends.interface_metadata import product_version
+        from spec_schema.version import __version__
 
-        print(f"msnn {product_version()}")
+        print(f"msnn {__version__}")
         raise typer.Exit
 
 

@@ -19,7 +19,10 @@ def show(
     ] = False,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Show the interface: inputs with unit and window, outputs, states, parameters, dimensions."""
+    """Print interface and parameters.
+
+    Inputs with unit and window, outputs, states, parameters, dimensions, losses.
+    """
     from msnn.cli.console import json_result, report, result
     from msnn.model_file import load_model
 

@@ -31,7 +31,11 @@ def simulate(
         typer.Option("--plot", metavar="FILE", help="Also draw it: .png, .svg or .pdf."),
     ] = None,
 ) -> None:
-    """Run the model freely over whole records: every input that an output predicts is fed back."""
+    """Run the model freely over records.
+
+    Every input that an output predicts is fed back, the others are read from the record. Writes a
+    row a step: outputs, and beside them what was measured.
+    """
     from msnn import api
     from msnn.cli.console import note, report, result
     from msnn.model_file import load_model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -35,8 +36,12 @@ def train(
     ] = RUNS,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Train the parameters on the data, stage after stage."""
-    from msnn.cli.console import json_result, note, report, result
+    """Train the parameters on data.
+
+    Stage after stage, each from the best weights of the one before. Weights, metrics and the spec
+    are kept in a folder of their own; a training that was interrupted can go on.
+    """
+    from msnn.cli.console import is_live, json_result, note, report, result
     from msnn.model_file import load_model, with_engine
 
     model = load_model(spec, settings or ())
@@ -50,12 +55,13 @@ def train(
     from msnn.training.train import TrainingDivergedError, TrainingInterruptedError
     from msnn.training_summary import (
         Recorded,
+        bound_warnings,
         parameters_table,
         stages_table,
         training_record,
     )
 
-    progress = Recorded(Lines(sys.stderr, terminal=sys.stderr.isatty()))
+    progress = Recorded(Lines(sys.stderr, terminal=is_live(sys.stderr)))
     try:
         found = api.train(model, data_root=data_root, runs=out, resume=resume, progress=progress)
     except TrainingDivergedError as error:
@@ -63,8 +69,9 @@ def train(
         raise typer.Exit(ExitCode.DIVERGED) from None
     except TrainingInterruptedError as error:
         note(f"interrupted; its state is kept in {error.result.folder}")
-        note(f"`msnn train {spec} --resume` goes on")
+        note(f"this goes on: {_resume_command(spec, data_root, settings, engine, out)}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None
+    report(bound_warnings(model.program, found.weights), model.sources)
     if format is ResultFormat.JSON:
         record = training_record(model.program, found.weights, progress)
         json_result("train", {**record, "folder": str(found.folder)})
@@ -74,3 +81,19 @@ def train(
     result(parameters_table(model.program, found.weights))
     result("")
     result(f"kept in {found.folder}")
+
+
+def _resume_command(
+    spec: Path,
+    data_root: Path | None,
+    settings: list[str] | None,
+    engine: EngineName | None,
+    out: Path,
+) -> str:
+    """The command line that goes on with this training, as a shell takes it."""
+    words = ["msnn", "train", str(spec), "--resume"]
+    words += [] if data_root is None else ["--data-root", str(data_root)]
+    words += [word for setting in settings or () for word in ("--set", setting)]
+    words += [] if engine is None else ["--engine", engine.value]
+    words += [] if out == RUNS else ["--out", str(out)]
+    return shlex.join(words)

@@ -34,7 +34,11 @@ def validate(
     ] = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Measure the model on data that it was not trained on; exit 3 when a limit is broken."""
+    """Measure the trained model.
+
+    What the spec's `validate` section asks for, by default on the set `test`. Exit code 3 when a
+    limit is broken.
+    """
     from msnn import api
     from msnn.cli.console import json_result, note, report, result
     from msnn.model_file import load_model

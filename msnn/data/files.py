@@ -57,14 +57,19 @@ def data_of_files(data: Data, files: Sequence[Path]) -> Data:
 def _matches(folder: Path, pattern: str) -> list[Path]:
     plain = folder / pattern
     if plain.is_dir():
-        return sorted(plain.glob("*.csv"))
+        return sorted(filter(_is_data, plain.glob("*.csv")))
     if plain.is_file():
         return [plain]
     wild = next((i for i, part in enumerate(plain.parts) if set(part) & set("*?[")), None)
     if wild is None:
         return []
     base = Path(*plain.parts[:wild])
-    return sorted(path for path in base.glob("/".join(plain.parts[wild:])) if path.is_file())
+    return sorted(filter(_is_data, base.glob("/".join(plain.parts[wild:]))))
+
+
+def _is_data(path: Path) -> bool:
+    """A file, or a link that leads nowhere: reading that says so, skipping it would lose data."""
+    return path.is_file() or (path.is_symlink() and not path.exists())
 
 
 def _shown(path: Path, folder: Path) -> str:

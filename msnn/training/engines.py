@@ -7,15 +7,26 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from backends.native.compile_kernel import NoCompilerError
-from msnn.data.dataset import FloatArray
-from msnn.training.native_engine import NativeEngine, runs_natively
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.training.native_engine import NativeEngine
 from msnn.training.stage_data import StageData
 from msnn.training.stage_plan import StagePlan
 from spec_schema.diagnostics import Diagnostic, SpecError
 from spec_schema.errors import training as errors
+from spec_schema.optimizers import Lbfgs
 
 if TYPE_CHECKING:
     from msnn.training.torch_engine import TorchEngine
+
+
+RowsByLoss = Mapping[str, BoolArray]
+EngineArguments = tuple[
+    StagePlan,
+    Mapping[str, FloatArray],
+    Mapping[str, FloatArray],
+    RowsByLoss | None,
+    RowsByLoss | None,
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,19 +47,27 @@ def open_engine(
 
     Raises SpecError where `engine: native` cannot be had.
     """
-    notes: tuple[Diagnostic, ...] = ()
     arguments = (plan, series, weights, data.train_rows, data.watched_rows)
+    notes: tuple[Diagnostic, ...] = ()
     if plan.engine != "torch":
-        reason = None if runs_natively(plan) else "kernels have no lbfgs"
-        if reason is None:
-            try:
-                return OpenedEngine(NativeEngine(*arguments), ())
-            except NoCompilerError as error:
-                reason = str(error)
-        if plan.engine == "native":
-            raise SpecError((errors.no_native_engine(plan.name, reason, plan.span),))
-        notes = (errors.torch_instead(plan.name, reason, plan.span),)
+        try:
+            return OpenedEngine(_native(plan, arguments), ())
+        except NoCompilerError as error:
+            if plan.engine == "native":
+                found = errors.no_native_engine(plan.name, str(error), plan.span)
+                raise SpecError((found,)) from None
+            notes = (errors.torch_instead(plan.name, str(error), plan.span),)
     # torch takes seconds to import: only where it trains
     from msnn.training.torch_engine import TorchEngine
 
     return OpenedEngine(TorchEngine(*arguments), notes)
+
+
+def _native(plan: StagePlan, arguments: EngineArguments) -> NativeEngine | TorchEngine:
+    """Whole epochs in the kernel, or torch's L-BFGS along the kernel's gradient."""
+    if not isinstance(plan.optimizer, Lbfgs):
+        return NativeEngine(*arguments)
+    from msnn.training.objectives import KernelObjective
+    from msnn.training.torch_engine import TorchEngine
+
+    return TorchEngine(*arguments, KernelObjective)

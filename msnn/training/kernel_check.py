@@ -61,9 +61,11 @@ def check_kernel(
         message = f"a training kernel computes the loss {value:.9g} instead of {expected:.9g}"
         raise WrongKernelError(message)
     length = float(np.linalg.norm(found.gradient))
-    if not np.isfinite(length) or length == 0.0:
+    # A step that changes the loss by 1e-4 of it: little enough to be straight, far above rounding.
+    reach = min(1e-4 * abs(expected) / length, float(np.linalg.norm(physical))) if length else 0.0
+    if not np.isfinite(length) or length * reach <= 1e-9 * abs(expected):
         return
-    step = 1e-5 * max(1.0, float(np.linalg.norm(physical))) * found.gradient / length
+    step = reach * found.gradient / length
     slope = (judged(physical + step) - judged(physical - step)) / (2 * np.linalg.norm(step))
     if np.isfinite(slope) and abs(slope - length) > slope_tolerance * max(length, abs(slope)):
         message = f"a training kernel computes the slope {length:.6g} instead of {slope:.6g}"

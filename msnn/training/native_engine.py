@@ -19,11 +19,6 @@ BATCHES_A_CALL = 200
 """Batches between two looks at the keyboard."""
 
 
-def runs_natively(plan: StagePlan) -> bool:
-    """Whether kernels have the stage's optimiser."""
-    return not isinstance(plan.optimizer, Lbfgs)
-
-
 class NativeEngine:
     """Trains the parameters `plan.trained` of one stage; the others keep their values.
 
@@ -59,15 +54,16 @@ class NativeEngine:
 
     def train_batches(self, batches: Sequence[Runs]) -> LossSums:
         """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""
-        if self._kernel.is_fresh:
+        if not self._kernel.built.is_checked:
             check_kernel(
                 self._kernel, self._series, self._plan.rollout.skip, batches[0], self.weights()
             )
-            self._kernel.is_fresh = False
-        groups = [self._kernel.groups(runs.t0, runs.steps) for runs in batches]
-        bounds = np.cumsum([0, *(len(group) for group in groups)]).astype(np.int64)
+            self._kernel.built.mark_checked()
+        starts = np.concatenate([runs.t0 for runs in batches])
+        steps = np.concatenate([runs.steps for runs in batches])
+        groups, bounds = self._kernel.batches(starts, steps, [len(runs) for runs in batches])
         done, sums, counts = self._kernel.train(
-            self._train, np.concatenate(groups), bounds, self._variables, self._loss_weights
+            self._train, groups, bounds, self._variables, self._loss_weights
         )
         if done < len(batches):
             raise NonFiniteLossError(batches[done])
@@ -118,4 +114,4 @@ def _rule(plan: StagePlan) -> tuple[Rule, float]:
         case Sgd(lr=lr, momentum=momentum):
             return Rule(Method.SGD, momentum, decay=decay, clip=clip), lr
         case Lbfgs():
-            raise AssertionError("kernels have no lbfgs; see runs_natively")
+            raise AssertionError("torch's L-BFGS runs along the kernel's gradient instead")

@@ -1,4 +1,4 @@
-"""The torch engine: unrolls the program's module and moves its raw variables with torch.optim."""
+"""The torch engine: a torch optimiser moves raw variables along the slopes of an objective."""
 
 from __future__ import annotations
 
@@ -10,14 +10,12 @@ import torch
 from torch import Tensor
 
 from backends.torch_module import build_module
-from compiler.program import Measure
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
-from msnn.rollout import LossSum
 from msnn.training.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.optimizer_state import flattened, rebuilt
 from msnn.training.stage_plan import StagePlan
-from msnn.training.torch_losses import TorchLossSum, batch_losses, scoring
 from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd
 
 _DTYPES = {"float32": torch.float32, "float64": torch.float64}
@@ -36,6 +34,7 @@ class TorchEngine:
         weights: Mapping[str, FloatArray],
         train_rows: Mapping[str, BoolArray] | None,
         evaluation_rows: Mapping[str, BoolArray] | None,
+        objective: type[TorchObjective | KernelObjective] = TorchObjective,
     ) -> None:
         dtype = _DTYPES[plan.dtype]
         self._plan = plan
@@ -44,8 +43,7 @@ class TorchEngine:
         self.moved = self._model.load_physical(weights)
         self._variables = self._select()
         self._optimizer = _optimizer(plan, self._variables)
-        self._train = scoring(series, dtype, plan.rollout.skip, train_rows)
-        self._evaluation = scoring(series, dtype, plan.rollout.skip, evaluation_rows)
+        self._objective = objective(self._model, plan, series, train_rows, evaluation_rows)
 
     def _select(self) -> dict[str, Tensor]:
         variables: dict[str, Tensor] = {}
@@ -76,13 +74,13 @@ class TorchEngine:
         def closure() -> Tensor:
             nonlocal before, height
             self._optimizer.zero_grad()
-            sums = batch_losses(self._model, self._train, runs)
-            total = self._total(sums)
+            found = self._objective.scored(runs)
+            total = found.total
             finite = math.isfinite(total.item())
             if not before:
                 if not finite:
                     raise NonFiniteLossError(runs)
-                before, height = _sums(sums), _WALL * (1.0 + abs(total.item()))
+                before, height = found.losses, _WALL * (1.0 + abs(total.item()))
             elif not finite:  # a trial step of a line search went too far: a wall sends it back
                 return total.new_tensor(height)
             if total.requires_grad:
@@ -98,8 +96,8 @@ class TorchEngine:
 
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of these rollouts at the current weights, on the rows that count."""
-        with torch.no_grad(), _one_thread():
-            return _sums(batch_losses(self._model, self._evaluation, runs))
+        with _one_thread():
+            return self._objective.evaluate(runs)
 
     def state(self) -> EngineState:
         """Raw variables and optimiser as they are now."""
@@ -113,21 +111,6 @@ class TorchEngine:
             for name, raw in self._variables.items():
                 raw.copy_(content["variables"][name])
         self._optimizer.load_state_dict(content["optimizer"])
-
-    def _total(self, sums: Mapping[str, TorchLossSum]) -> Tensor:
-        measures: dict[str, Measure] = {
-            loss.name: loss.measure for loss in self._plan.rollout.program.losses
-        }
-        terms = [
-            weight * sums[name].value(measures[name])
-            for name, weight in self._plan.loss_weights.items()
-            if weight
-        ]
-        return torch.stack(terms).sum()
-
-
-def _sums(sums: Mapping[str, TorchLossSum]) -> LossSums:
-    return {name: LossSum(s.total.item(), s.count) for name, s in sums.items()}
 
 
 def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.Optimizer:

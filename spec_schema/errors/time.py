@@ -55,7 +55,6 @@ def window_not_yet(what: str, span: Span) -> Diagnostic:
         f"a window of {what} is not in this version of msnn",
         span,
         "planned, not available yet",
-        notes=("windows of inputs and of memoryless expressions of inputs are available",),
     )
 
 
@@ -97,4 +96,17 @@ def target_in_step(name: str, output: str, span: Span) -> Diagnostic:
         span,
         "read here",
         help=f"declare `{name}` under `inputs:`, or use it in `losses:` only",
+    )
+
+
+def history_needed(name: str, span: Span) -> Diagnostic:
+    """E0610: past values of something that has none at the start of a run."""
+    return Diagnostic(
+        "E0610",
+        "error",
+        f"the values of `{name}` before the start are not known",
+        span,
+        "reads its past",
+        notes=("they are neither logged nor do they follow from logged inputs alone",),
+        help=f"give `{name}` a `history:`, for example `history: 0`",
     )

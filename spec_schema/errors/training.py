@@ -130,6 +130,12 @@ def misshapen_weights(
     )
 
 
+def weights_not_finite(file: str, names: Sequence[str]) -> Diagnostic:
+    """E0923: weights that are NaN or infinite."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    return Diagnostic("E0923", "error", f"{file} has values that are not finite in {listed}", None)
+
+
 def diverged(stage: str, epoch: int, what: str, place: str, span: Span | None) -> Diagnostic:
     """E0913: training that produced a value that is not finite."""
     return Diagnostic(

@@ -74,8 +74,11 @@ def needless_data(name: str, span: Span) -> Diagnostic:
     )
 
 
-def unclosable(signal: str, reason: str, span: Span | None) -> Diagnostic:
-    """E0955: an export that is to keep an input inside and cannot."""
+def records_too_short(longest: int, needed: int) -> Diagnostic:
+    """E0955: a simulation of records that are shorter than what one step reads."""
     return Diagnostic(
-        "E0955", "error", f"the export cannot close `{signal}`: {reason}", span, "closed here"
+        "E0955",
+        "error",
+        f"a simulation needs {needed} rows without a gap, the longest record has {longest}",
+        None,
     )

@@ -38,27 +38,32 @@ void msnn_physical(struct variables *v)
 {
     for (int i = 0; i < PARAMETERS; i++) {
         const double raw = (double)v->raw[i];
-        switch (v->rate[i] == 0 ? -1 : v->kind[i]) {
-        case LINEAR: v->physical[i] = (real)(raw * v->scale[i]); break;
+        if (v->rate[i] == 0) {
+            continue;
+        }
+        switch (v->kind[i]) {
         case BETWEEN: v->physical[i] = (real)(v->low[i] + (v->high[i] - v->low[i]) * sigmoid(raw)); break;
         case ABOVE: v->physical[i] = (real)(v->low[i] + v->scale[i] * softplus(raw)); break;
         case BELOW: v->physical[i] = (real)(v->high[i] - v->scale[i] * softplus(-raw)); break;
-        default: break;
+        default: v->physical[i] = (real)(raw * v->scale[i]); break;
         }
     }
 }
 
+/* d physical / d raw of one number. */
 static double slope(const struct variables *v, int i)
 {
     const double raw = (double)v->raw[i];
-    const double s = v->kind[i] == LINEAR ? 0.0 : sigmoid(raw);
     switch (v->kind[i]) {
-    case BETWEEN: return (v->high[i] - v->low[i]) * s * (1.0 - s);
-    case ABOVE: return v->scale[i] * s;
-    case BELOW: return v->scale[i] * (1.0 - s);
+    case BETWEEN: return (v->high[i] - v->low[i]) * sigmoid(raw) * sigmoid(-raw);
+    case ABOVE: return v->scale[i] * sigmoid(raw);
+    case BELOW: return v->scale[i] * sigmoid(-raw);
     default: return v->scale[i];
     }
 }
+
+/* Groups whose gradients are added lane by lane before the lanes are: fixed, whatever the batch. */
+#define GROUPS_ADDED 4
 
 /* Sums and counts of every loss over the groups, and the gradient in physical values if wanted. */
 int msnn_losses(const struct problem *p, const struct group *groups, int64_t n, const real *physical,
@@ -87,7 +92,7 @@ int msnn_losses(const struct problem *p, const struct group *groups, int64_t n, 
                 used += groups[k].used[i] ? 1.0 : 0.0;
             }
             for (int l = 0; l < LOSSES; l++) {
-                counts[l] += used * (double)(groups[k].steps - p->skip) * ELEMENTS[l];
+                counts[l] += used * fmax((double)(groups[k].steps - p->skip), 0.0) * ELEMENTS[l];
             }
         }
     }
@@ -98,10 +103,11 @@ int msnn_losses(const struct problem *p, const struct group *groups, int64_t n, 
     }
     memset(gradient, 0, PARAMETERS * sizeof *gradient);
     memset(sums, 0, LOSSES * sizeof *sums);
-    memset(counts, 0, LOSSES * sizeof *counts);
-    for (int64_t k = 0; k < n; k++) {
+    for (int64_t k = 0; k < n; k += GROUPS_ADDED) {
         memset(collected, 0, sizeof collected);
-        run_group(p, &groups[k], theta, scale, (lanes *)work, collected, sums, counts);
+        for (int64_t m = k; m < n && m < k + GROUPS_ADDED; m++) {
+            run_group(p, &groups[m], theta, scale, (lanes *)work, collected, sums, NULL);
+        }
         for (int i = 0; i < PARAMETERS; i++) {
             gradient[i] += sum_lanes(collected[i]);
         }
@@ -109,34 +115,40 @@ int msnn_losses(const struct problem *p, const struct group *groups, int64_t n, 
     return 0;
 }
 
-/* One step of the optimiser along the gradient in raw variables. */
-static void move(struct variables *v, struct optimizer *o, const real *gradient)
+/* One step of the optimiser along the gradient in raw variables; numbers of rate 0 stay. */
+static void move(struct variables *v, struct optimizer *o, const real *restrict gradient)
 {
     o->steps += 1;
+    const real *restrict const rate = v->rate;
+    real *restrict const raw = v->raw;
+    real *restrict const first = v->first;
+    real *restrict const second = v->second;
+    /* 1 − β is rounded once: in float32, 1 − 0.999f is off by 1e-5 */
     const real b1 = (real)o->beta1;
     const real b2 = (real)o->beta2;
-    const double correction1 = 1.0 - pow(o->beta1, (double)o->steps);
-    const real correction2 = (real)sqrt(1.0 - pow(o->beta2, (double)o->steps));
+    const real c1 = (real)(1.0 - o->beta1);
+    const real c2 = (real)(1.0 - o->beta2);
+    const real decay = (real)o->decay;
+    if (o->method == SGD) {
+        for (int i = 0; i < PARAMETERS; i++) {
+            const real g = gradient[i] + decay * raw[i];
+            first[i] = o->steps == 1 ? g : b1 * first[i] + g;
+            raw[i] -= rate[i] * first[i];
+        }
+        return;
+    }
+    const real shrunk = o->method == ADAMW ? decay : 0;
+    const real added = o->method == ADAMW ? 0 : decay;
+    const real rate_scale = (real)(1.0 / (1.0 - pow(o->beta1, (double)o->steps)));
+    const real size_scale = (real)(1.0 / sqrt(1.0 - pow(o->beta2, (double)o->steps)));
+    const real epsilon = (real)o->epsilon;
     for (int i = 0; i < PARAMETERS; i++) {
-        const real rate = v->rate[i];
-        real g = gradient[i];
-        if (rate == 0) {
-            continue;
-        }
-        if (o->method == ADAMW) {
-            v->raw[i] *= (real)(1.0 - (double)rate * o->decay);
-        } else {
-            g += (real)o->decay * v->raw[i];
-        }
-        if (o->method == SGD) {
-            v->first[i] = o->steps == 1 ? g : b1 * v->first[i] + g;
-            v->raw[i] -= rate * v->first[i];
-        } else {
-            v->first[i] += (1 - b1) * (g - v->first[i]);
-            v->second[i] = b2 * v->second[i] + (1 - b2) * g * g;
-            const real size = (real)sqrt((double)v->second[i]) / correction2 + (real)o->epsilon;
-            v->raw[i] -= (real)((double)rate / correction1) * (v->first[i] / size);
-        }
+        const real from = raw[i] - rate[i] * shrunk * raw[i];
+        const real g = gradient[i] + added * from;
+        first[i] += c1 * (g - first[i]);
+        second[i] = b2 * second[i] + c2 * g * g;
+        const real size = square_root(second[i]) * size_scale + epsilon;
+        raw[i] = from - rate[i] * rate_scale * (first[i] / size);
     }
 }
 

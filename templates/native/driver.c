@@ -12,44 +12,47 @@ struct group {
     truth used[LANES];              /* -1 in lanes with a sample of their own; others repeat one */
 };
 
+/* Samples start+first … of one lane; rows outside the log belong to samples that nothing reads. */
+static void gather_lane(const struct problem *p, const real *series, int64_t start, int64_t count,
+                        int64_t elements, real *out)
+{
+    for (int64_t i = 0; i < count * elements; i++) {
+        const int64_t row = start + i / elements;
+        out[i * LANES] = row < 0 || row >= p->rows ? 0 : series[start * elements + i];
+    }
+}
+
 /* Samples start+first … of every lane, a row a time. */
 static void gather(const struct problem *p, int signal, const struct group *g, int64_t first,
                    int64_t count, int64_t elements, lanes *rows)
 {
     const real *const series = p->series[signal];
-    real *const out = (real *)rows;
+    const real *from[LANES];
+    int inside = count * elements >= TILE;
     for (int l = 0; l < LANES; l++) {
         const int64_t start = g->start[l] + first;
-        const real *const from = series + start * elements;
-        /* rows outside the log belong to samples that nothing reads */
-        const int64_t low = start < 0 ? -start : 0;
-        const int64_t high = start + count > p->rows ? p->rows - start : count;
-        for (int64_t i = 0; i < low * elements; i++) {
-            out[i * LANES + l] = 0;
-        }
-        for (int64_t i = low * elements; i < high * elements; i++) {
-            out[i * LANES + l] = from[i];
-        }
-        for (int64_t i = high * elements; i < count * elements; i++) {
-            out[i * LANES + l] = 0;
-        }
+        inside &= start >= 0 && start + count <= p->rows;
+        from[l] = series + start * elements;
     }
+    if (!inside) {
+        for (int l = 0; l < LANES; l++) {
+            gather_lane(p, series, g->start[l] + first, count, elements, (real *)rows + l);
+        }
+        return;
+    }
+    const int64_t last = count * elements - TILE;
+    for (int64_t i = 0; i < last; i += TILE) {
+        transpose(from, i, rows + i);
+    }
+    transpose(from, last, rows + last);
 }
 
-/* Lanes whose loss l counts at step t of the rollout. */
-inline_function mask scored_lanes(const struct problem *p, const struct group *g, int l, int64_t t)
+/* Lanes whose loss l counts at step t of the rollout, by the table of rows. */
+inline_function mask scored_lanes(const struct problem *p, const struct group *g, int l, size_t t)
 {
-    if (t < p->skip) {
-        return no_lane;
-    }
-    if (p->scored == NULL || p->scored[l] == NULL) {
-        mask used;
-        memcpy(&used, g->used, sizeof used);
-        return used;
-    }
     mask found = no_lane;
     for (int i = 0; i < LANES; i++) {
-        found[i] = p->scored[l][g->start[i] + t] ? g->used[i] : 0;
+        found[i] = p->scored[l][g->start[i] + (int64_t)t] ? g->used[i] : 0;
     }
     return found;
 }

@@ -81,26 +81,39 @@ inline_function lanes lane_sign(lanes x)
     return choose(x > splat(0), splat(1), choose(x < splat(0), splat(-1), x));
 }
 
+inline_function real square_root(real x)
+{
+    return sizeof(real) == sizeof(double) ? (real)sqrt((double)x) : (real)sqrtf((float)x);
+}
+
 inline_function lanes lane_sqrt(lanes x)
 {
     lanes r;
     for (int i = 0; i < LANES; i++) {
-        r[i] = sizeof(real) == sizeof(double) ? (real)sqrt((double)x[i]) : (real)sqrtf((float)x[i]);
+        r[i] = square_root(x[i]);
     }
     return r;
 }
 
-/* Sum over the lanes by a tree of fixed shape. */
+typedef real half_lanes __attribute__((vector_size(LANES / 2 * sizeof(real))));
+typedef real quarter_lanes __attribute__((vector_size(LANES / 4 * sizeof(real))));
+
+/* Sum over the lanes by a tree of fixed shape: each half is added to the other. */
 inline_function real sum_lanes(lanes x)
 {
-    real v[LANES];
-    memcpy(v, &x, sizeof v);
-    for (int half = LANES / 2; half > 0; half /= 2) {
-        for (int i = 0; i < half; i++) {
-            v[i] += v[i + half];
-        }
-    }
-    return v[0];
+    half_lanes half[2];
+    quarter_lanes quarter[2];
+    memcpy(half, &x, sizeof half);
+    half[0] += half[1];
+    memcpy(quarter, half, sizeof quarter);
+    quarter[0] += quarter[1];
+    real rest = quarter[0][0];
+#if MSNN_DOUBLE
+    return rest + quarter[0][1];
+#else
+    rest += quarter[0][2];
+    return rest + (quarter[0][1] + quarter[0][3]);
+#endif
 }
 
 /* An entry a lane; lanes that a kernel does not use may hold any index. */
@@ -116,3 +129,83 @@ inline_function real sum_lanes(lanes x)
 LOOK_UP(look_up, lanes, real)
 LOOK_UP(look_up_word, words, uint32_t)
 LOOK_UP(look_up_wide, wides, uint64_t)
+
+/* TILE samples of every lane, from rows that lie apart to one vector a sample. */
+#define TILE (16 / (int)sizeof(real))
+typedef real part1 __attribute__((vector_size(16), aligned(sizeof(real))));
+typedef real part2 __attribute__((vector_size(32)));
+#if defined(__has_builtin)
+#if __has_builtin(__builtin_shufflevector)
+#define HAS_SHUFFLE 1
+#endif
+#endif
+#if !defined(HAS_SHUFFLE)
+inline_function void transpose(const real *const *from, int64_t at, lanes *out)
+{
+    for (int i = 0; i < TILE; i++) {
+        for (int l = 0; l < LANES; l++) {
+            out[i][l] = from[l][at + i];
+        }
+    }
+}
+#elif MSNN_DOUBLE
+/* In each 16 bytes of the result: the same 16 bytes of lanes l, l+2, l+4, l+6. */
+inline_function lanes beside(const real *const *from, int64_t at, int l)
+{
+    const part1 a = *(const part1 *)(from[l] + at);
+    const part1 b = *(const part1 *)(from[l + 2] + at);
+    const part1 c = *(const part1 *)(from[l + 4] + at);
+    const part1 d = *(const part1 *)(from[l + 6] + at);
+    const part2 low = __builtin_shufflevector(a, b, 0, 1, 2, 3);
+    const part2 high = __builtin_shufflevector(c, d, 0, 1, 2, 3);
+    return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+}
+
+inline_function void transpose(const real *const *from, int64_t at, lanes *out)
+{
+    const lanes even = beside(from, at, 0);
+    const lanes odd = beside(from, at, 1);
+    out[0] = __builtin_shufflevector(even, odd, 0, 8, 2, 10, 4, 12, 6, 14);
+    out[1] = __builtin_shufflevector(even, odd, 1, 9, 3, 11, 5, 13, 7, 15);
+}
+#else
+/* In each 16 bytes of the result: the same 16 bytes of lanes l, l+4, l+8, l+12. */
+inline_function lanes beside(const real *const *from, int64_t at, int l)
+{
+    const part1 a = *(const part1 *)(from[l] + at);
+    const part1 b = *(const part1 *)(from[l + 4] + at);
+    const part1 c = *(const part1 *)(from[l + 8] + at);
+    const part1 d = *(const part1 *)(from[l + 12] + at);
+    const part2 low = __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7);
+    const part2 high = __builtin_shufflevector(c, d, 0, 1, 2, 3, 4, 5, 6, 7);
+    return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+}
+
+/* Every 16 bytes: the first two numbers of a and b in turn, then the last two. */
+inline_function lanes first_two(lanes a, lanes b)
+{
+    return __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
+}
+
+inline_function lanes last_two(lanes a, lanes b)
+{
+    return __builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
+}
+
+inline_function void transpose(const real *const *from, int64_t at, lanes *out)
+{
+    const lanes a = beside(from, at, 0);
+    const lanes b = beside(from, at, 1);
+    const lanes c = beside(from, at, 2);
+    const lanes d = beside(from, at, 3);
+    /* twice in turn: (a, c) and (b, d) first, so that the lanes end in their order */
+    const lanes ac_low = first_two(a, c);
+    const lanes ac_high = last_two(a, c);
+    const lanes bd_low = first_two(b, d);
+    const lanes bd_high = last_two(b, d);
+    out[0] = first_two(ac_low, bd_low);
+    out[1] = last_two(ac_low, bd_low);
+    out[2] = first_two(ac_high, bd_high);
+    out[3] = last_two(ac_high, bd_high);
+}
+#endif

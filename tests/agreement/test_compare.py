@@ -41,9 +41,9 @@ def test_every_sample_agrees(sample: str, target: TargetName, dtype: Dtype, tmp_
     require_tool("gcc", install="apt install gcc")
     plan = plan_of(sample, target, dtype)
     weights = initial_weights(plan.program)
-    write_export(plan, weights, tmp_path)
+    files = write_export(plan, weights, tmp_path)
     record = drawn_record(plan.program, "drawn")
-    found = compare(plan, weights, tmp_path, record)
+    found = compare(plan, weights, files, tmp_path, record)
     assert found.agrees, found
     assert found.steps == record.steps > 100
 
@@ -54,9 +54,9 @@ def test_other_weights_do_not_agree(target: TargetName, tmp_path: Path):
     plan = plan_of("fir_closed_loop", target, "float32" if target == "c" else "float64")
     weights = initial_weights(plan.program)
     others = {name: value * (1 + 1e-6) for name, value in weights.items()}
-    write_export(plan, others, tmp_path)
+    files = write_export(plan, others, tmp_path)
     record = drawn_record(plan.program, "drawn")
-    found = compare(plan, weights, tmp_path, record)
+    found = compare(plan, weights, files, tmp_path, record)
     assert not found.agrees
 
 

@@ -104,3 +104,46 @@ def test_exporting_another_target_is_refused(spec: Path, tmp_path: Path):
     with pytest.raises(msnn.SpecError, match="`fmu` is not an export target"):
         msnn.export(msnn.load(spec), "fmu", tmp_path / "out")  # pyright: ignore[reportArgumentType]
     assert not (tmp_path / "out").exists()
+
+
+LOOP = """
+msnn: 1
+name: loop
+sample_time: 1 s
+inputs: {a: m, b: m}
+outputs:
+  y: {expr: a + b, predicts: "a[t]"}
+"""
+
+
+def test_a_loop_that_cannot_be_closed_is_explained(tmp_path: Path):
+    path = tmp_path / "loop.yaml"
+    path.write_text(LOOP)
+    with pytest.raises(msnn.SpecError, match="`a` cannot be closed: its value depends"):
+        msnn.simulate(msnn.load(path), {"a": [0.0], "b": [0.0]})
+
+
+def test_a_record_that_is_too_short_is_an_error(spec: Path):
+    text = spec.read_text().replace("F - c*v", "mean(F[t-9:t]) - c*v")
+    spec.write_text(text)
+    arrays = {name: np.zeros(9) for name in ("F", "x", "v")}
+    with pytest.raises(
+        msnn.SpecError, match="needs 10 rows without a gap, the longest record has 9"
+    ):
+        msnn.simulate(msnn.load(spec), arrays)
+
+
+@pytest.mark.parametrize("choices", ["params: inline", "math: libm, ring: double, unroll: 0"])
+def test_the_choices_of_the_c_export_reach_the_code(choices: str, tmp_path: Path) -> None:
+    spec = tmp_path / "plant.yaml"
+    spec.write_text(
+        "msnn: 1\nname: plant\nsample_time: 0.1 s\ninputs: {x: m}\nparameters: {k: 2.5}\n"
+        "layers: {h: {fir: {window: 9}}}\n"
+        'outputs: {y: "k * sin(h(x))"}\n'
+        f"export: {{c: {{{choices}}}}}\n"
+    )
+    paths = msnn.export(msnn.load(spec), "c", tmp_path / "out")
+    header = next(path for path in paths if path.suffix == ".h" and "math" not in path.name)
+    assert ("params_t" not in header.read_text()) == ("inline" in choices)
+    source = next(path for path in paths if path.name == "plant.c").read_text()
+    assert ("sinf(" in source) == ("libm" in choices)

@@ -38,3 +38,21 @@ def _write_half(path: Path) -> None:
     with replacing(path) as temporary:
         temporary.write_bytes(b"half")
         raise OSError("disk full")
+
+
+@pytest.mark.parametrize("name", [".", "folder"])
+def test_a_folder_is_no_file_to_write(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_text(Path(name), "text")
+    assert [path.name for path in tmp_path.rglob("*")] == ["folder"]
+
+
+def test_an_error_names_the_file_that_was_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / ("x" * 250)  # the temporary name is longer than the 255 bytes of a name
+    with pytest.raises(OSError, match="name too long") as caught:
+        write_text(path, "text")
+    assert caught.value.filename == str(path)

@@ -117,7 +117,11 @@ def test_strict_units_makes_warnings_errors(msnn: CommandLine, project: Path):
         ("time: time", "time: time\n  columns: {G: F}", "error[E0952]: a column for `G`"),
         ("train: data/train", "learn: data/train", "error[E0953]: `data:` makes no set `train`"),
         ("{dtype: float32}", "{outputs: [y]}", "error[E0950]: unknown output `y`"),
-        ("{dtype: float32}", "{close: [F]}", "the export cannot close `F`: no output predicts it"),
+        (
+            "{dtype: float32}",
+            "{close: [F]}",
+            "error[E0706]: `F` cannot be closed: no output predicts it",
+        ),
         ("c: {dtype: float32}", "casadi: {dtype: float32}", "error[E0951]: CasADi computes"),
     ],
 )

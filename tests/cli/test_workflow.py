@@ -99,6 +99,14 @@ def test_training_finds_the_true_values(msnn: CommandLine, trained: Path):
         assert found[name] == pytest.approx(truth, rel=0.02)
 
 
+def test_a_parameter_at_its_bound_is_reported(msnn: CommandLine, project: Path):
+    change(project, "k: {init: 10,", "k: {init: 10, max: 10.001,")
+    said = msnn("train", SPEC)
+    assert said.code == 0
+    assert "warning[W0904]: `k` ended at its bound" in said.err
+    assert re.search(r"^k +N/m +10 .* at its bound$", said.out, re.M)
+
+
 def test_divergence_ends_with_4(msnn: CommandLine, project: Path):
     change(project, "a: (F - c*v - k*x) / m  ", "a: (F - c*v - k*x) / m + 1e9*exp(1e3*x*x)")
     said = msnn("train", SPEC)
@@ -167,7 +175,6 @@ def test_simulating_given_files(msnn: CommandLine, trained: Path):
 
 
 def test_simulating_with_a_plot(msnn: CommandLine, trained: Path):
-    pytest.importorskip("matplotlib")
     said = msnn("simulate", SPEC, "--plot", "run.png")
     assert said.code == 0
     assert (trained / "run.png").read_bytes().startswith(b"\x89PNG")
@@ -179,7 +186,8 @@ def test_a_bad_horizon_is_a_usage_error(msnn: CommandLine, trained: Path):
 
 
 def test_export_writes_what_the_spec_asks_for(msnn: CommandLine, trained: Path):
-    assert msnn("export", SPEC).out == "c: 10 files in build/export/c\n"
+    assert re.fullmatch(r"c: \d+ files in build/export/c\n", msnn("export", SPEC).out)
+    assert [path.name for path in (trained / "build" / "export").iterdir()] == ["c"]
     said = msnn("export", SPEC, "--to", "fmi")
     assert said.code == 1
     assert "the targets are torch, onnx, casadi, c and all" in said.err
@@ -187,7 +195,6 @@ def test_export_writes_what_the_spec_asks_for(msnn: CommandLine, trained: Path):
 
 def test_every_target_agrees_with_the_interpreter(msnn: CommandLine, trained: Path):
     require_tool("gcc", install="apt install gcc")
-    pytest.importorskip("onnxruntime")
     said = msnn("export", SPEC, "--to", "all", "--check", "--format", "json")
     assert said.code == 0, said.err
     record = json.loads(said.out)
@@ -196,6 +203,32 @@ def test_every_target_agrees_with_the_interpreter(msnn: CommandLine, trained: Pa
     assert found["c"]["bits"] == 0
     assert all(row["agrees"] for row in found.values())
     assert not list((trained / "build").rglob("__pycache__"))
+
+
+def test_what_an_older_export_left_does_not_matter(msnn: CommandLine, trained: Path):
+    require_tool("gcc", install="apt install gcc")
+    assert msnn("export", SPEC, "--to", "c").code == 0
+    change(trained, "dtype: float32", "dtype: float64, prefix: other")
+    said = msnn("export", SPEC, "--to", "c", "--check")
+    assert said.code == 0, said.err
+    assert re.search(r"^c +float64 +200 .* agrees$", said.out, re.M)
+
+
+def test_a_wrong_cell_is_shown(msnn: CommandLine, trained: Path):
+    file = trained / "data" / "test" / "run_02.csv"
+    lines = file.read_text().splitlines()
+    lines[7] = lines[7].replace(",", ",x", 1)
+    file.write_text("\n".join(lines) + "\n")
+    said = msnn("validate", SPEC)
+    assert said.code == 1
+    assert "is not a number (row 6 of data/test/run_02.csv)" in said.err
+    assert "--> data/test/run_02.csv:8:" in said.err
+
+
+def test_resuming_where_nothing_was_interrupted(msnn: CommandLine, trained: Path):
+    said = msnn("train", SPEC, "--resume")
+    assert said.code == 1
+    assert "error[E0915]: no interrupted run to resume in runs/plant" in said.err
 
 
 def test_calling_the_exported_c_from_a_program_of_ones_own(msnn: CommandLine, trained: Path):
@@ -224,3 +257,14 @@ def step_response(time: float) -> float:
     speed = math.sqrt(STIFFNESS / MASS - decay**2)
     swing = math.cos(speed * time) + decay / speed * math.sin(speed * time)
     return (1 - math.exp(-decay * time) * swing) / STIFFNESS
+
+
+@pytest.mark.parametrize(
+    "text", ["time,F,x,v\n0.00,\x1b[31m1,0,0\n", "time,F,\x1b[31mx,v\n0.00,1,0,0\n"]
+)
+def test_data_cannot_steer_the_terminal(msnn: CommandLine, project: Path, text: str):
+    (project / "data" / "test" / "run_01.csv").write_text(text)
+    said = msnn("validate", SPEC, "--initial")
+    assert said.code == 1
+    assert "\x1b" not in said.err
+    assert "�[31m" in said.err

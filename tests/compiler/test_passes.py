@@ -16,6 +16,7 @@ from compiler.passes.close_loop import close_loop
 from compiler.passes.drop_unused import drop_unused
 from compiler.passes.expand_functions import expand_functions
 from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
+from compiler.passes.guard_untaken import guard_untaken
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.share_common import share_common
 from compiler.passes.to_step_form import to_step_form
@@ -59,6 +60,7 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
     "expand_functions": [
         ("functions", PASS_PROGRAMS["functions"], lambda p: expand_functions(p, NATIVE))
     ],
+    "guard_untaken": [("branches", PASS_PROGRAMS["branches"], guard_untaken)],
 }
 
 

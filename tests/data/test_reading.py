@@ -157,3 +157,10 @@ def test_decimal_commas_and_other_layouts_are_read(tmp_path: Path) -> None:
         {"b.csv": "1,2\n3,4\n"},
     )
     np.testing.assert_array_equal(bare.series["x"], [2, 4])
+
+
+@pytest.mark.parametrize("target", ["gone.csv", "b.csv"])
+def test_a_link_that_leads_nowhere_is_an_error_not_less_data(target: str, tmp_path: Path) -> None:
+    (tmp_path / "b.csv").symlink_to(target)
+    with pytest.raises(SpecError, match=r"cannot read b\.csv"):
+        load(tmp_path, "source: {train: '*.csv'}\n", {"a.csv": table(4)})

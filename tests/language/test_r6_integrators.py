@@ -1,4 +1,4 @@
-"""R6: continuous states are integrated together; inputs and discrete states are held over a step."""
+"""R6: continuous states are integrated together; inputs and discrete states are held."""
 
 from collections.abc import Callable
 

@@ -52,3 +52,10 @@ def test_the_best_weights_before_are_kept() -> None:
     assert len(result.stages) == 1
     assert np.isfinite(result.weights["a"])
     assert result.weights["a"] == result.stages[0].best["a"]
+
+
+def test_a_loss_too_large_for_a_number_diverges_without_a_word_of_numpy() -> None:
+    program, spec = compiled(TEXT.replace("exp(a * x)", "a * x * 1e160") + "  - {epochs: 2}\n")
+    data = dataset({"x": np.full(50, 2.0)}, train=[50])
+    with pytest.raises(TrainingDivergedError):  # warnings are errors in the tests
+        train(program, data, spec.train, TrainingOptions(runs=None))

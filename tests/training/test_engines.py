@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from backends.c.c_literals import Dtype
+from backends.native import kernel as kernel_module
+from backends.native.kernel_source import KernelSource
 from compiler.program import Program
+from compiler.training_step import TrainingStep
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.training.engine import Engine
+from msnn.training.kernel_check import WrongKernelError
 from msnn.training.native_engine import NativeEngine
+from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.stage_plan import StagePlan, plan_stages
 from msnn.training.torch_engine import TorchEngine
 from spec_schema.diagnostics import Findings
@@ -87,6 +94,23 @@ def test_both_engines_train_alike(model: str, optimizer: str) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
+def test_lbfgs_along_the_gradient_of_a_kernel(model: str) -> None:
+    require_tool("gcc", install="apt install gcc")
+    text, _ = MODELS[model]
+    program, plan = planned(text, "rollout: 8, dtype: float64, optimizer: {lbfgs: {iterations: 6}}")
+    log = log_of(program)
+    (native, _), (torch, _) = (
+        trained(
+            TorchEngine(plan, log, initial(program), None, None, objective), batches_of(8)[:1], 2
+        )
+        for objective in (KernelObjective, TorchObjective)
+    )
+    for ours, theirs in zip(native, torch, strict=True):
+        # a line search decides on differences of losses, so that rounding grows over iterations
+        assert ours == pytest.approx(theirs, rel=1e-6)
+
+
+@pytest.mark.parametrize("model", MODELS)
 def test_first_batch_losses_agree(model: str) -> None:
     require_tool("gcc", install="apt install gcc")
     text, _ = MODELS[model]
@@ -135,3 +159,26 @@ def test_a_stage_says_why_it_runs_on_torch(monkeypatch: pytest.MonkeyPatch, tmp_
     _, plan = planned(text, "rollout: 4, engine: native")
     with pytest.raises(SpecError, match="install gcc or clang"):
         open_engine(plan, log_of(program), initial(program), data)
+
+
+def test_a_kernel_that_is_wrong_never_trains(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Not in the run that builds it, and not in the next one, which finds it in the cache."""
+    require_tool("gcc", install="apt install gcc")
+    monkeypatch.setenv("MSNN_CACHE", str(tmp_path))
+    right = kernel_module.kernel_source
+
+    def wrong(step: TrainingStep, dtype: Dtype) -> KernelSource:
+        made = right(step, dtype)
+        text = made.text.replace("collected[i]);", "collected[i]) * (real)0.8;")
+        assert text != made.text
+        return replace(made, text=text)
+
+    monkeypatch.setattr(kernel_module, "kernel_source", wrong)
+    text, _ = MODELS["fir"]
+    program, plan = planned(text, "rollout: 4, dtype: float64")
+    for _ in range(2):
+        engine = NativeEngine(plan, log_of(program), initial(program), None, None)
+        with pytest.raises(WrongKernelError, match="slope"):
+            engine.train_batches(batches_of(4))

@@ -96,6 +96,12 @@ def test_several_records_are_counted() -> None:
     assert row.rows == "48 of 50 rows in 2 records"
 
 
+def test_a_row_that_two_rollouts_score_is_one_row() -> None:
+    data = dataset(gain_series(50), test=[50])
+    row = one("{of: x_next, rollout: {horizon: 3, stride: 1}}", data)
+    assert (row.rows, row.scored) == ("rows 1…49 of 50", 47 * 3)
+
+
 def test_r9_a_missing_target_is_not_scored() -> None:
     program, spec = compiled(
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\ntargets: {y: 1}\n"

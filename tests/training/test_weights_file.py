@@ -59,3 +59,11 @@ def test_a_file_of_another_kind_is_refused(content: bytes, tmp_path: Path) -> No
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="cannot read the weights"):
         read_weights(tmp_path / "none.safetensors", fir_closed_loop().program)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_values_that_are_not_finite_are_refused(value: float, tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    save_file({"h.weight": np.full(5, value), "g.weight": np.zeros(1)}, path)
+    with pytest.raises(SpecError, match=r"not finite in `h\.weight`"):
+        read_weights(path, fir_closed_loop().program)

@@ -124,6 +124,15 @@ def test_clang_needs_no_flag_to_keep_the_bits(tmp_path: Path) -> None:
     assert "agree" in _run([program])
 
 
+def test_a_processor_with_half_precision_is_no_reason_to_refuse(tmp_path: Path) -> None:
+    compiler = require_tool("gcc", install="apt install gcc")
+    _written("joint_arm", "float", tmp_path)
+    sources = [str(path) for path in (tmp_path / "src").glob("*.c")]
+    # in the GNU dialects gcc then sets FLT_EVAL_METHOD to 16
+    command = [compiler, "-std=gnu11", "-mavx512fp16", f"-I{tmp_path / 'include'}"]
+    assert _run([*command, "-fsyntax-only", *sources]) == ""
+
+
 @pytest.mark.parametrize("flag", ["-ffast-math", "-ffp-contract=fast"])
 def test_a_build_that_changes_numbers_is_found(flag: str, tmp_path: Path) -> None:
     _require_fused_arithmetic()

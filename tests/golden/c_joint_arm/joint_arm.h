@@ -11,7 +11,7 @@ extern "C" {
 typedef float joint_arm_real;
 
 /* The tool and its version, and the spec; a linker that drops unused data leaves them out. */
-extern const char joint_arm_made_by[13];
+extern const char joint_arm_made_by[11];
 extern const char joint_arm_spec_sha256[1];
 
 /* Seconds between two steps: 0.001. */

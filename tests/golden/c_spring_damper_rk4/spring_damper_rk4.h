@@ -11,7 +11,7 @@ extern "C" {
 typedef float spring_damper_rk4_real;
 
 /* The tool and its version, and the spec; a linker that drops unused data leaves them out. */
-extern const char spring_damper_rk4_made_by[13];
+extern const char spring_damper_rk4_made_by[11];
 extern const char spring_damper_rk4_spec_sha256[1];
 
 /* Seconds between two steps: 0.05. */

@@ -1,0 +1,254 @@
+"""The functions of one program's kernel, and what the loops over time pass to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from backends.c.c_language import Argument, Binary, Expression, Function, Real
+from backends.c.functions import FunctionTable
+from backends.c.places import Index, Place
+from backends.c.scope import Scope
+from backends.native.lane_functions import GRADIENT, PARAMETERS, LaneWriter, array
+from backends.native.lane_memory import Memory, size_of
+from backends.native.phases import Addends, LateGradient, is_zero, read_from_rows
+from backends.native.tiled_sums import HORIZON, MOMENT, TIME, TiledSum
+from compiler.ops import Concat, Contract
+from compiler.program import Graph, NodeId
+from compiler.types import Axis
+
+
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """An argument of one of the model's functions, and what is passed for it at time t."""
+
+    argument: Argument
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class ModelFunction:
+    """A function of the model with the values of its arguments."""
+
+    function: Function
+    values: tuple[str, ...]
+
+
+class ModelFunctions:
+    """Writes the functions of one program."""
+
+    def __init__(self, memory: Memory, functions: FunctionTable) -> None:
+        self._memory = memory
+        self._functions = functions
+        phases = memory.phases
+        self._forward = read_from_rows(memory.program.step, phases.ahead)
+        kept = (*phases.ahead, *phases.kept)
+        self._reverse = read_from_rows(memory.step.reverse_step.graph, kept)
+        self._after = read_from_rows(self._reverse, phases.cuts)
+
+    def start(self) -> ModelFunction:
+        """States at t0."""
+        program = self._memory.program
+        writer = LaneWriter(self._memory, program.start, self._functions)
+        lowered = writer.lowered(*(state.start for state in program.states))
+        for state in program.states:
+            lowered.store(state.start, writer.state_place(state))
+        return self._made(writer, "kernel_start", self._common(""), "States at t0.")
+
+    def ahead(self) -> ModelFunction:
+        """What does not wait for states, for all times."""
+        writer = LaneWriter(self._memory, self._memory.program.step, self._functions)
+        for node in self._memory.phases.ahead:
+            self._write_ahead(writer, node)
+        passed = [_horizon(), *self._common("")]
+        return self._made(writer, "kernel_ahead", passed, "What waits for no state, at all times.")
+
+    def _write_ahead(self, writer: LaneWriter, node: NodeId) -> None:
+        made = writer.graph[node]
+        assert isinstance(made.op, Contract)
+        row = array(f"row_{node}", made.type.shape)
+        sums = TiledSum(
+            tuple(writer.factors(node)),
+            made.type.axis_names,
+            (made.op.axis,),
+            _sizes(writer.graph, node),
+            over_time=False,
+        )
+
+        def store(indices: Mapping[str, Index], value: Expression, scope: Scope) -> None:
+            position = row.position([indices[axis] for axis in made.type.axis_names])
+            position = position.plus(indices[MOMENT].times(made.type.size))
+            scope.assign(Place(row.storage, (), (), position).element(()), value)
+
+        sums.write(writer.scope, store)
+
+    def step(self) -> ModelFunction:
+        """One step forward: states at t+1, loss terms, values that the reverse step reads."""
+        memory, step = self._memory, self._memory.step
+        writer = LaneWriter(memory, self._forward, self._functions)
+        results = [
+            (step.newest[state.name], memory.newest_row(state))
+            if state.name in step.newest
+            else (state.next, array(f"next_{memory.plain[state.name][0]}", writer.shape(state)))
+            for state in step.program.states
+        ]
+        results += [
+            (node, array(f"row_{node}", self._forward[node].type.shape))
+            for node in memory.phases.kept
+        ]
+        terms = [(term.total, index, "total") for index, term in enumerate(step.losses)]
+        terms += [
+            (term.count, index, "count")
+            for index, term in enumerate(step.losses)
+            if term.count is not None
+        ]
+        lowered = writer.lowered(*(node for node, _ in results), *(node for node, _, _ in terms))
+        for node, place in results:
+            lowered.store(node, place)
+        for node, index, name in terms:
+            lowered.store(node, array(name, (), Index(index)))
+        for index, term in enumerate(step.losses):
+            if term.count is None:
+                target = array("count", (), Index(index)).element(())
+                writer.scope.assign(target, Real(float(term.elements)))
+        passed = self._common(TIME)
+        for name, state in memory.plain.values():
+            next_row = f"{name} + (t + 1) * {size_of(state.axes)}"
+            passed.append(Passed(Argument("lanes *", f"next_{name}"), next_row))
+        passed += [Passed(Argument("lanes *restrict", name), name) for name in ("total", "count")]
+        return self._made(writer, "kernel_step", passed, "One step forward.")
+
+    def reverse_step(self) -> ModelFunction:
+        """Adjoints at t from those at t+1."""
+        memory, phases = self._memory, self._memory.phases
+        writer = LaneWriter(memory, self._reverse, self._functions)
+        found = memory.step.reverse_step.gradients
+        sums = Addends(self._reverse, (*found.states.values(), *found.parameters.values()))
+        added: list[tuple[NodeId, Place]] = []
+        stored = [(n, array(f"row_{n}", writer.graph[n].type.shape)) for n in phases.cuts]
+        for state in memory.program.states:
+            gradient = found.states.get(state.name)
+            if gradient is None:
+                continue
+            if state.name in memory.buffers:
+                for addend in sums.of(gradient):
+                    added += _parts(writer.graph, addend, memory.adjoint_rows(state))
+            else:
+                place = array(f"d_{memory.plain[state.name][0]}", writer.shape(state))
+                stored.append((gradient, place))
+        added += [(node, self._gradient_place(name)) for name, node in phases.direct]
+        lowered = writer.lowered(*(node for node, _ in (*stored, *added)))
+        for node, place in stored:
+            lowered.store(node, place)
+        for node, place in added:
+            writer.add_to(lowered, node, place)
+        scale = Passed(Argument("const lanes *restrict", "scale"), "scale")
+        passed = [*self._adjoints(TIME, "(t + 1)"), scale]
+        return self._made(writer, "kernel_reverse_step", passed, "Adjoints at t from those at t+1.")
+
+    def after(self) -> ModelFunction:
+        """Gradients of parameters that are sums over the time of products of rows."""
+        writer = LaneWriter(self._memory, self._after, self._functions)
+        for late in self._memory.phases.late:
+            self._write_late(writer, late)
+        gradient = Passed(Argument("lanes *restrict", GRADIENT), GRADIENT)
+        passed = [_horizon(), *self._common(""), gradient]
+        return self._made(writer, "kernel_after", passed, "Gradients that are sums over the time.")
+
+    def _write_late(self, writer: LaneWriter, late: LateGradient) -> None:
+        made = writer.graph[late.product]
+        target = self._gradient_place(late.parameter)
+        summed = (made.op.axis,) if isinstance(made.op, Contract) else ()
+        sums = TiledSum(
+            tuple(writer.factors(late.product)),
+            made.type.axis_names,
+            summed,
+            _sizes(writer.graph, late.product),
+            over_time=True,
+        )
+
+        def store(indices: Mapping[str, Index], value: Expression, scope: Scope) -> None:
+            element = target.element([indices[axis] for axis in made.type.axis_names])
+            scope.assign(element, Binary("+", element, value))
+
+        sums.write(writer.scope, store)
+
+    def reverse_start(self) -> ModelFunction:
+        """What the states at t0 owe to the parameters."""
+        reverse = self._memory.step.reverse_start
+        writer = LaneWriter(self._memory, reverse.graph, self._functions)
+        gradients = reverse.gradients.parameters
+        lowered = writer.lowered(*gradients.values())
+        for name, node in gradients.items():
+            writer.add_to(lowered, node, self._gradient_place(name))
+        passed = self._adjoints("", "")
+        return self._made(writer, "kernel_reverse_start", passed, "What the states at t0 owe to.")
+
+    # ---- arguments
+
+    def _common(self, at: str) -> list[Passed]:
+        """Parameters, logs, tapes, states and rows; `at` is the time, empty for t0."""
+        memory = self._memory
+
+        def row(type: str, name: str, size: int) -> Passed:
+            return Passed(Argument(type, name), f"{name} + {at} * {size}" if at else name)
+
+        found = [Passed(Argument("const lanes *restrict", PARAMETERS), PARAMETERS)]
+        found += [row("const lanes *", s.name, s.elements) for s in memory.signals.values()]
+        found += [row("lanes *", tape.name, tape.elements) for tape in memory.buffers.values()]
+        found += [row("lanes *", name, size_of(s.axes)) for name, s in memory.plain.values()]
+        found += [row("lanes *restrict", r.name, r.elements) for r in memory.rows.values()]
+        return found
+
+    def _adjoints(self, at: str, after: str) -> list[Passed]:
+        """As `_common`, and the adjoints: of tapes at t, of plain states at t and at t+1."""
+        found = self._common(at)
+        for tape in self._memory.buffers.values():
+            name = f"d_{tape.name}"
+            value = f"{name} + {at} * {tape.elements}" if at else name
+            found.append(Passed(Argument("lanes *restrict", name), value))
+        for name, state in self._memory.plain.values():
+            size = size_of(state.axes)
+            following = f"d_{name} + {after} * {size}" if after else f"d_{name}"
+            found.append(Passed(Argument("lanes *restrict", f"d_next_{name}"), following))
+            if after:
+                row = f"d_{name} + {at} * {size}"
+                found.append(Passed(Argument("lanes *restrict", f"d_{name}"), row))
+        found.append(Passed(Argument("lanes *restrict", GRADIENT), GRADIENT))
+        return found
+
+    def _gradient_place(self, name: str) -> Place:
+        shape = tuple(axis.size for axis in self._memory.program.parameter(name).axes)
+        return array(GRADIENT, shape, Index(self._memory.parameters[name]))
+
+    @staticmethod
+    def _made(writer: LaneWriter, name: str, passed: list[Passed], doc: str) -> ModelFunction:
+        function = writer.function(name, [p.argument for p in passed], doc)
+        return ModelFunction(function, tuple(p.value for p in passed))
+
+
+def _horizon() -> Passed:
+    return Passed(Argument("size_t", HORIZON), HORIZON)
+
+
+def _sizes(graph: Graph, node: NodeId) -> dict[str, int]:
+    """Sizes of all axes of the operands of a node."""
+    axes: list[Axis] = [axis for arg in graph[node].args for axis in graph[arg].type.axes]
+    return {axis.name: axis.size for axis in axes}
+
+
+def _parts(graph: Graph, node: NodeId, target: Place) -> list[tuple[NodeId, Place]]:
+    """What is added where: a concatenation part by part, without those that are 0."""
+    if is_zero(graph, node):
+        return []
+    op = graph[node].op
+    if not isinstance(op, Concat):
+        return [(node, target)]
+    axis = graph[node].type.position(op.axis)
+    found: list[tuple[NodeId, Place]] = []
+    begin = 0
+    for part in graph[node].args:
+        end = begin + graph[part].type.shape[axis]
+        found += _parts(graph, part, target.sliced(axis, begin, end))
+        begin = end
+    return found

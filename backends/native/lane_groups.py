@@ -1,0 +1,56 @@
+"""Puts rollouts side by side in the lanes of a kernel: groups of one length, the last padded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Rows = NDArray[np.int64]
+Groups = NDArray[Any]
+"""An array of `struct group`."""
+
+
+def group_type(lanes: int, dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """`struct group` of the kernels: steps, rows of the starts, a mask of lanes in use."""
+    truth = np.int32 if dtype.itemsize == 4 else np.int64
+    fields = [("steps", np.int64), ("start", np.int64, (lanes,)), ("used", truth, (lanes,))]
+    return np.dtype(fields, align=True)
+
+
+def lane_groups(
+    type: np.dtype[Any], starts: Rows, steps: Rows, sizes: Sequence[int]
+) -> tuple[Groups, Rows]:
+    """Groups of batches of `sizes` rollouts, and where each batch begins and ends among them.
+
+    Rollout i begins at row `starts[i]` and has `steps[i]` steps; in a batch the longest come first.
+    Lanes that are left over repeat the last rollout of their group and are marked as not used.
+    """
+    lanes = type["start"].shape[0]
+    if (steps == steps[0]).all() and not any(size % lanes for size in sizes):
+        groups = np.zeros(len(starts) // lanes, type)
+        groups["steps"] = steps[0]
+        groups["start"] = starts.reshape(-1, lanes)
+        groups["used"] = -1
+        return groups, np.cumsum([0, *(size // lanes for size in sizes)])
+    batch = np.repeat(np.arange(len(sizes)), sizes)
+    order = np.lexsort((-steps, batch))
+    batch, sorted_steps = batch[order], steps[order]
+    new = (np.diff(batch) != 0) | (np.diff(sorted_steps) != 0)
+    begins = np.concatenate([[0], np.flatnonzero(new) + 1])
+    members = np.diff([*begins, len(order)])
+    count = -(-members // lanes)
+    # for each lane: how many lanes of rollouts of its length and batch stand before it
+    within = np.arange(count.sum() * lanes) - np.repeat(
+        np.cumsum(count * lanes) - count * lanes, count * lanes
+    )
+    members_there, begins_there = (np.repeat(x, count * lanes) for x in (members, begins))
+    chosen = order[begins_there + np.minimum(within, members_there - 1)].reshape(-1, lanes)
+    groups = np.zeros(len(chosen), type)
+    groups["steps"] = steps[chosen[:, 0]]
+    groups["start"] = starts[chosen]
+    groups["used"] = -(within < members_there).reshape(-1, lanes).astype(int)
+    ends = np.cumsum(np.bincount(np.repeat(batch[begins], count), minlength=len(sizes)))
+    return groups, np.concatenate([[0], ends])

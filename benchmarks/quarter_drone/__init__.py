@@ -1,0 +1,1 @@
+"""Models of a real drone arm, by the command line, beside published figures."""

@@ -1,0 +1,123 @@
+"""msnn: the spec's stage on one of its own engines, driven as `msnn train` drives it.
+
+python msnn_engine.py native|torch
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[3]))
+
+import numpy as np
+from numpy.typing import NDArray
+from serve import Contender, serve
+
+from compiler.compile import compile_spec
+from msnn.data.starts import Runs
+from msnn.training.engine import Engine
+from msnn.training.stage_plan import StagePlan, plan_stages
+from msnn.weights_file import initial_weights
+from spec_schema.diagnostics import Findings
+from spec_schema.reader import read_spec
+
+FloatArray = NDArray[np.float64]
+
+
+class MsnnEngine(Contender):
+    """One workload on the engine of that name."""
+
+    def __init__(self, engine: str, settings: dict[str, Any]) -> None:
+        self._name = engine
+        self.settings = settings
+        started = time.perf_counter()
+        path = Path(settings["spec"])
+        spec = read_spec(str(path), path.read_text(encoding="utf-8")).spec
+        program = compile_spec(spec).program
+        findings = Findings()
+        (plan,) = plan_stages(program, spec.train, findings)
+        findings.raise_errors()
+        self.plan = plan
+        self.series = dict(np.load(settings["data"]))
+        first, starts = settings["first"], settings["starts"]
+        t0 = np.arange(first, first + starts)
+        self.runs = Runs(t0, np.full(starts, settings["horizon"]), 0, len(t0))
+        self._random = np.random.default_rng(0)
+        self._engine = self._opened(plan, initial_weights(program))
+        self._engine.train_batches(self._batches(fixed=True)[:1])  # a new kernel is checked here
+        self.build_seconds = time.perf_counter() - started
+        self.reset()
+
+    def _opened(self, plan: StagePlan, weights: dict[str, FloatArray]) -> Engine:
+        if self._name == "native":
+            from msnn.training.native_engine import NativeEngine
+
+            return NativeEngine(plan, self.series, weights, None, None)
+        from msnn.training.torch_engine import TorchEngine
+
+        return TorchEngine(plan, self.series, weights, None, None)
+
+    def reset(self) -> None:
+        self._engine = self._opened(self.plan, initial_weights(self.plan.rollout.program))
+
+    def epochs(self, count: int, fixed: bool) -> tuple[float, list[float]]:
+        started = time.perf_counter()
+        losses = [self.epoch(fixed) for _ in range(count)]
+        return time.perf_counter() - started, losses
+
+    def epoch(self, fixed: bool) -> float:
+        (summed,) = self._engine.train_batches(self._batches(fixed)).values()
+        return summed.total / summed.count
+
+    def order(self, fixed: bool) -> NDArray[np.int64]:
+        """The starts of an epoch: whole batches only, as the peer takes them."""
+        starts = len(self.runs)
+        order = np.arange(starts) if fixed else self._random.permutation(starts)
+        return order[: starts - starts % self.settings["batch"]]
+
+    def _batches(self, fixed: bool) -> list[Runs]:
+        size, order = self.settings["batch"], self.order(fixed)
+        return [self.runs.take(order[i : i + size]) for i in range(0, len(order), size)]
+
+    def gradient(self, weights: dict[str, list[float]]) -> dict[str, list[float]]:
+        program = self.plan.rollout.program
+        shapes = {p.name: tuple(a.size for a in p.axes) for p in program.parameters}
+        given = {name: np.array(values).reshape(shapes[name]) for name, values in weights.items()}
+        batch = self._batches(fixed=True)[0]
+        found = (self._native if self._name == "native" else self._double)(given, batch)
+        return {name: values.ravel().tolist() for name, values in found.items()}
+
+    def _native(self, weights: dict[str, FloatArray], batch: Runs) -> dict[str, FloatArray]:
+        from backends.native.kernel import Kernel, by_parameter, flat
+
+        program = self.plan.rollout.program
+        kernel = Kernel(program, "float32")
+        data, groups = kernel.data(self.series), kernel.groups(batch.t0, batch.steps)
+        found = kernel.losses(data, groups, flat(program, weights), [1.0])
+        return by_parameter(program, found.gradient)
+
+    def _double(self, weights: dict[str, FloatArray], batch: Runs) -> dict[str, FloatArray]:
+        """By torch's own differentiation in float64: nothing of it is shared with the kernel."""
+        import torch
+
+        from backends.torch_module import build_module
+        from msnn.training.torch_losses import batch_losses, scoring
+
+        program = self.plan.rollout.program
+        model = build_module(program, torch.float64)
+        model.load_physical(weights)
+        raws = {parameter.name: model.raw(parameter.name) for parameter in program.parameters}
+        for raw in raws.values():
+            raw.requires_grad_(True)
+        sums = batch_losses(model, scoring(self.series, torch.float64, 0, None), batch)
+        sums[program.losses[0].name].value(program.losses[0].measure).backward()
+        return {name: np.asarray(raw.grad) for name, raw in raws.items()}
+
+
+if __name__ == "__main__":
+    serve(lambda text: MsnnEngine(sys.argv[1], json.loads(text)))

@@ -1,0 +1,48 @@
+"""msnn's kernel alone: an epoch is a shuffle, one packing of all batches, and one call."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[3]))
+
+from msnn_engine import MsnnEngine
+from serve import serve
+
+from backends.native.kernel import Kernel, Method, Rule, Variables
+from msnn.weights_file import initial_weights
+
+
+class MsnnKernel(MsnnEngine):
+    """One workload; spec, data and starts are those of the engine."""
+
+    def __init__(self, settings: dict[str, Any]) -> None:
+        super().__init__("native", settings)
+        self._kernel = Kernel(self.plan.rollout.program, "float32")
+        self._data = self._kernel.data(self.series)
+        self._begin()
+
+    def _begin(self) -> None:
+        program = self.plan.rollout.program
+        rates = {parameter.name: self.settings["lr"] for parameter in program.parameters}
+        rule = Rule(Method.ADAM, 0.9, 0.999, 1e-8)
+        self._variables = Variables(self._kernel, rule, initial_weights(program), rates)
+
+    def reset(self) -> None:
+        super().reset()
+        if hasattr(self, "_kernel"):
+            self._begin()
+
+    def epoch(self, fixed: bool) -> float:
+        runs = self.runs.take(self.order(fixed))
+        sizes = [self.settings["batch"]] * (len(runs) // self.settings["batch"])
+        groups, bounds = self._kernel.batches(runs.t0, runs.steps, sizes)
+        _, sums, counts = self._kernel.train(self._data, groups, bounds, self._variables, [1.0])
+        return float(sums[0] / counts[0])
+
+
+if __name__ == "__main__":
+    serve(lambda text: MsnnKernel(json.loads(text)))

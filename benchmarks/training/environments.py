@@ -1,0 +1,25 @@
+"""Environments of the peers: each its own, made once with pip, kept in a folder."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+FOLDER = "MSNN_PEERS"
+"""Names the environment variable with the folder; the user's cache folder without it."""
+
+
+def peer_python(name: str) -> Path:
+    """The interpreter of a peer's environment, which is made if it is not there yet."""
+    given = os.environ.get(FOLDER)
+    folder = (Path(given) if given else Path.home() / ".cache" / "msnn" / "peers") / name
+    python = folder / "bin" / "python"
+    if not python.exists():
+        print(f"making the environment of {name} in {folder}", file=sys.stderr)
+        venv.create(folder, with_pip=True)
+        wanted = Path(__file__).parent / "peers" / f"{name}.txt"
+        subprocess.run([python, "-m", "pip", "install", "--quiet", "-r", wanted], check=True)
+    return python

@@ -1,0 +1,57 @@
+"""Every diagnostic, from the constructors that write them."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import spec_schema.errors
+from tests.docs.markdown import apart, paragraph, table
+
+_FOLDER = Path(spec_schema.errors.__file__).parent
+_EXAMPLES = Path(__file__).parents[1] / "bad_specs"
+_CODE = re.compile(r"[EW]\d{4}")
+
+
+@dataclass(frozen=True)
+class _Message:
+    code: str
+    meaning: str
+
+
+def diagnostics() -> str:
+    """One table a file of constructors, in the order of their codes."""
+    groups = [
+        (paragraph(ast.get_docstring(tree)), found)
+        for path in sorted(_FOLDER.glob("*.py"))
+        for tree in [ast.parse(path.read_text(encoding="utf-8"))]
+        if (found := sorted(_messages(tree), key=_number))
+    ]
+    groups.sort(key=lambda group: _number(group[1][0]))
+    parts: list[str] = []
+    for about, found in groups:
+        _, _, topic = about.partition(": ")
+        parts.append(f"## {topic[:1].upper()}{topic[1:].rstrip('.')}")
+        rows = [(m.code, m.meaning, _example(m.code)) for m in found]
+        parts.append(table(("code", "what is wrong", "example"), rows))
+    return apart(*parts)
+
+
+def _messages(tree: ast.Module) -> Iterator[_Message]:
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+            codes, _, meaning = paragraph(ast.get_docstring(node)).partition(": ")
+            for code in _CODE.findall(codes):
+                yield _Message(code, meaning.rstrip("."))
+
+
+def _number(message: _Message) -> tuple[str, str]:
+    return message.code[1:], message.code
+
+
+def _example(code: str) -> str:
+    found = sorted(_EXAMPLES.glob(f"{code}_*.txt"))
+    return f"[{found[0].stem}](../tests/bad_specs/{found[0].name})" if found else ""

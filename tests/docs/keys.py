@@ -1,0 +1,149 @@
+"""Every key of a spec, from the schema."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from inspect import isclass
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic.fields import FieldInfo
+
+from spec_schema.columns import ColumnName
+from spec_schema.dimensions import Dimension
+from spec_schema.entry import Entry, Variant
+from spec_schema.expression import Duration, Expression, Samples
+from spec_schema.expression_fields import Prediction
+from spec_schema.located import Located
+from spec_schema.quantity import Quantity
+from spec_schema.spec import Spec
+from spec_schema.splits import Blocks, Fraction
+from spec_schema.units import Unit
+from tests.docs.markdown import apart, paragraph, table
+
+_WORDS: Mapping[Any, str] = {
+    Expression: "expression",
+    (Samples | Duration): "samples or duration",
+    Located[str]: "name",
+    str: "text",
+    bool: "`true` or `false`",
+    int: "whole number",
+    float: "number",
+    Located[float]: "number",
+    Quantity: "quantity",
+    Located[Unit]: "unit",
+    Located[tuple[float, float]]: "`[low, high]`",
+    ColumnName: "column name or index",
+    Prediction: "`signal[t+k]`",
+    Dimension: "size or list of labels",
+    Fraction: "fraction",
+    Blocks: "list of block numbers",
+}
+
+
+def keys() -> str:
+    """The spec, then every mapping in it in the order of first mention."""
+    return apart(*(_section(entry) for entry in _reachable(Spec)))
+
+
+def _reachable(first: type[Entry]) -> Iterator[type[Entry]]:
+    known, waiting = {first}, [first]
+    while waiting:
+        entry = waiting.pop(0)
+        yield entry
+        found = [e for f in _fields(entry).values() for e in _entries(f.annotation)]
+        inner = [e for e in dict.fromkeys(found) if e not in known]
+        known.update(inner)
+        waiting = [*inner, *waiting]
+
+
+def _fields(entry: type[Entry]) -> dict[str, FieldInfo]:
+    fields = entry.model_fields.items()
+    return {field.alias or name: field for name, field in fields if name != "place"}
+
+
+def _entries(annotation: Any) -> list[type[Entry]]:
+    if isclass(annotation) and issubclass(annotation, Entry):
+        return [annotation]
+    return [entry for part in get_args(annotation) for entry in _entries(part)]
+
+
+def _section(entry: type[Entry]) -> str:
+    parts = [f"## {_title(entry)}", paragraph(entry.__doc__)]
+    if entry.shorthand:
+        parts.append(f"A lone value is its `{entry.shorthand}`.")
+    is_variant = issubclass(entry, Variant)
+    fields = _fields(entry).items()
+    if is_variant:
+        parts.append(table(("variant", "value"), [(f"`{k}`", _kind(f)) for k, f in fields]))
+    elif fields:
+        rows = [(f"`{key}`", _kind(field), _default(field)) for key, field in fields]
+        parts.append(table(("key", "value", "default"), rows))
+    else:
+        parts.append("No keys.")
+    if entry.later:
+        reserved = ", ".join(f"`{key}`" for key in sorted(entry.later))
+        parts.append(f"Reserved, not in this version: {reserved}.")
+    return apart(*parts)
+
+
+def _title(entry: type[Entry]) -> str:
+    return entry.noun.removeprefix("a ").removeprefix("an ").removeprefix("the ")
+
+
+def _link(entry: type[Entry]) -> str:
+    title = _title(entry)
+    return f"[{title}](#{title.lower().replace(' ', '-')})"
+
+
+def _kind(field: FieldInfo) -> str:
+    return _said(field.annotation)
+
+
+def _said(annotation: Any) -> str:
+    if annotation in _WORDS:
+        return _WORDS[annotation]
+    if isclass(annotation) and issubclass(annotation, Entry):
+        return _link(annotation)
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _said(args[0])
+    if origin is Literal:
+        return " or ".join(f"`{value}`" for value in args)
+    if origin in (Union, UnionType):
+        return _said_union(args)
+    if origin is tuple:
+        of = "list, each" if _entries(args[0]) else "one or a list of"
+        return f"{of}: {_said(args[0])}"
+    if origin is None:
+        # a type of the schema's own: its docstring begins with how it is written, between backticks
+        return paragraph(annotation.__doc__).partition("`: ")[0] + "`"
+    assert issubclass(origin, Mapping), annotation
+    return f"names, each with: {_said(args[1])}"
+
+
+def _said_union(members: tuple[Any, ...]) -> str:
+    """The members in words; those of an expression or a length are one word together."""
+    left = [member for member in members if member is not NoneType]
+    words: list[str] = []
+    for whole in (Expression, Samples | Duration):
+        parts = get_args(whole)
+        if set(parts) <= set(left):
+            words.append(_WORDS[whole])
+            left = [member for member in left if member not in parts]
+    return " or ".join([*words, *(_said(member) for member in left)])
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    default = field.get_default(call_default_factory=True)
+    match default:
+        case None | () | {}:
+            return ""
+        case bool():
+            return f"`{str(default).lower()}`"
+        case float():
+            return f"`{default:g}`"
+        case _:
+            return f"`{default}`"

@@ -1,0 +1,43 @@
+"""Tables and paragraphs in Markdown, and pages of which some blocks are written by the tests."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+_BLOCK = re.compile(r"<!-- generated: ([a-z ]+) -->\n.*?<!-- end -->", re.DOTALL)
+
+
+def block_names(text: str) -> list[str]:
+    """The generated blocks of a page: from `<!-- generated: name -->` to `<!-- end -->`."""
+    return [found[1] for found in _BLOCK.finditer(text)]
+
+
+def with_blocks(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
+    """The page with its blocks written anew and all else as it is. KeyError for another block."""
+
+    def written(found: re.Match[str]) -> str:
+        return f"<!-- generated: {found[1]} -->\n\n{blocks[found[1]]()}\n\n<!-- end -->"
+
+    return _BLOCK.sub(written, text)
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table; a `|` inside a cell is escaped, so that it does not end the cell."""
+    lines = [_line(header), "|" + "---|" * len(header)]
+    return "\n".join([*lines, *(_line(row) for row in rows)])
+
+
+def paragraph(docstring: str | None) -> str:
+    """A docstring as paragraphs of one line each, the way the pages are written."""
+    parts = re.split(r"\n\s*\n", (docstring or "").strip())
+    return apart(*(" ".join(part.split()) for part in parts))
+
+
+def apart(*parts: str) -> str:
+    """The parts with one blank line between them."""
+    return "\n\n".join(parts)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

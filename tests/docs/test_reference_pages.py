@@ -1,0 +1,75 @@
+"""The generated blocks of `docs/` say what the code says now; `--accept` writes them anew."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from compiler.compile import compile_spec
+from compiler.ops import Op
+from spec_schema.reader import read_spec
+from tests.docs.commands import exit_codes, verbs
+from tests.docs.diagnostics import diagnostics
+from tests.docs.keys import keys
+from tests.docs.layers import layers
+from tests.docs.markdown import block_names, with_blocks
+from tests.docs.operations import (
+    LOWERINGS,
+    builtins,
+    core_operations,
+    lowered_by,
+    scalar_functions,
+)
+from tests.golden import assert_golden
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+
+BLOCKS: dict[str, Callable[[], str]] = {
+    "builtins": builtins,
+    "core operations": core_operations,
+    "diagnostics": diagnostics,
+    "exit codes": exit_codes,
+    "keys": keys,
+    "layers": layers,
+    "scalar functions": scalar_functions,
+    "verbs": verbs,
+}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_generated_blocks_are_up_to_date(page: Path, accept: bool):
+    text = page.read_text(encoding="utf-8")
+    assert_golden(page, with_blocks(text, BLOCKS), accept)
+
+
+def test_every_block_has_its_page():
+    shown = [name for page in PAGES for name in block_names(page.read_text(encoding="utf-8"))]
+    assert sorted(shown) == sorted(BLOCKS)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"],
+    ids=lambda page: page.name,
+)
+def test_links_lead_somewhere(page: Path):
+    for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+        assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_the_spec_in_language_md_compiles_without_a_word():
+    text = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
+    (spec,) = re.findall(r"```yaml\n(msnn: 1.*?)```", text, re.DOTALL)
+    read = read_spec(Path("language.yaml"), spec)
+    assert (*read.warnings, *compile_spec(read.spec).warnings) == ()
+
+
+@pytest.mark.parametrize("column", LOWERINGS)
+def test_every_backend_has_a_case_for_every_operation(column: str):
+    forgotten = {op.__name__ for op in get_args(Op)} - lowered_by(LOWERINGS[column])
+    assert not forgotten, f"{LOWERINGS[column]} has no case for {', '.join(sorted(forgotten))}"

@@ -1,0 +1,49 @@
+"""Buffers of states and equations in every target, beside the interpreter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from compiler.passes.to_step_form import to_step_form
+from msnn.agreement.compare import compare
+from msnn.agreement.record import drawn_record
+from msnn.exporting import Dtype, ExportPlan, TargetName, write_export
+from msnn.weights_file import initial_weights
+from tests.conditions import require_tool
+from tests.language.compiled import compiled
+
+TYPES: list[tuple[TargetName, Dtype]] = [
+    ("torch", "float64"),
+    ("casadi", "float64"),
+    ("onnx", "float64"),
+    ("c", "float64"),
+    ("c", "float32"),
+]
+SPEC = """
+dims: {joint: 2}
+inputs: {x: m, u: m, q: {dims: joint}}
+parameters: {a: 0.6}
+layers: {h: {fir: {window: 5}}}
+states:
+  s: {unit: m, next: "a * s + 0.3 * u - 0.1 * s[t-2]", init: 0.5, history: x}
+  r: {unit: m, next: "0.5 * r + x[t-3]", init: r.meas}
+equations:
+  e: {expr: "0.5 * e[t-1] + 0.1 * q * s", history: 0.1}
+  g: {expr: "tanh(s + r)", history: 0}
+outputs:
+  y: "h(s) + sum(e) + mean(g[t-3:t]) + r[t-1]"
+  z: "e[t-2:t]"
+"""
+
+
+@pytest.mark.parametrize(("target", "dtype"), TYPES, ids=lambda value: value)
+def test_histories(target: TargetName, dtype: Dtype, tmp_path: Path) -> None:
+    require_tool("gcc", install="apt install gcc")
+    plan = ExportPlan(target, to_step_form(compiled(SPEC)), "model", dtype)
+    weights = initial_weights(plan.program)
+    files = write_export(plan, weights, tmp_path)
+    found = compare(plan, weights, files, tmp_path, drawn_record(plan.program, "drawn"))
+    assert found.agrees, found
+    assert found.bits in (None, 0)
