@@ -131,11 +131,17 @@ class ModelFunctions:
             if gradient is None:
                 continue
             if state.name in memory.buffers:
+                late = {echo.addend for echo in memory.echoes if echo.state == state.name}
                 for addend in sums.of(gradient):
-                    added += _parts(writer.graph, addend, memory.adjoint_rows(state))
+                    if addend not in late:
+                        added += _parts(writer.graph, addend, memory.adjoint_rows(state))
             else:
                 place = array(f"d_{memory.plain[state.name][0]}", writer.shape(state))
                 stored.append((gradient, place))
+        for echo, tape in memory.echoes.items():
+            writer.collect(echo)
+            shape = writer.graph[echo.source].type.shape
+            stored.append((echo.source, tape.place(shape, tape.last, None)))
         added += [(node, self._gradient_place(name)) for name, node in phases.direct]
         lowered = writer.lowered(*(node for node, _ in (*stored, *added)))
         for node, place in stored:
@@ -144,6 +150,9 @@ class ModelFunctions:
             writer.add_to(lowered, node, place)
         scale = Passed(Argument("const lanes *restrict", "scale"), "scale")
         passed = [*self._adjoints(TIME, "(t + 1)"), scale]
+        for tape in memory.echoes.values():
+            newest = f"{tape.name} + ({HORIZON} - 1 - t) * {tape.elements}"
+            passed.append(Passed(Argument("lanes *restrict", tape.name), newest))
         return self._made(writer, "kernel_reverse_step", passed, "Adjoints at t from those at t+1.")
 
     def after(self) -> ModelFunction:

@@ -117,11 +117,12 @@ def _group(memory: Memory, made: Mapping[str, ModelFunction]) -> str:
             {"name": name, "elements": size_of(state.axes), "extra": 1, "adjoint": True}
             | {"signal": None}
         )
-    for tape in memory.rows.values():
+    for tape in (*memory.rows.values(), *memory.echoes.values()):
         arrays.append(
-            {"name": tape.name, "elements": tape.elements, "extra": 0, "adjoint": False}
+            {"name": tape.name, "elements": tape.elements, "extra": tape.last, "adjoint": False}
             | {"signal": None}
         )
+    echoes = [{"name": t.name, "before": t.last * t.elements} for t in memory.echoes.values()]
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         undefined=StrictUndefined,
@@ -131,4 +132,4 @@ def _group(memory: Memory, made: Mapping[str, ModelFunction]) -> str:
     )
 
     arguments = {f"{name}_arguments": ", ".join(one.values) for name, one in made.items()}
-    return environment.get_template("group.c.j2").render(arrays=arrays, **arguments)
+    return environment.get_template("group.c.j2").render(arrays=arrays, echoes=echoes, **arguments)

@@ -13,14 +13,16 @@ from backends.c.lowering import GraphLowering
 from backends.c.places import Index, Place
 from backends.c.scope import LocalNames, Scope
 from backends.c.spec_notes import SpecNotes
-from backends.c.values import copy_value
+from backends.c.sums import sum_along
+from backends.c.values import Value, copy_value
+from backends.native.echoes import Echo
 from backends.native.lane_memory import Memory, read_of
 from backends.native.phases import ROW
 from backends.native.tiled_sums import HORIZON, TIME, Factor
-from compiler.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
-from compiler.program import Graph, NodeId, State
+from compiler.ops import Contract, ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.program import Graph, Node, NodeId, State
 from compiler.training_step import ADJOINT, SCALE, STORED
-from compiler.types import Type
+from compiler.types import WINDOW, Type
 
 UNROLL = 4
 """Elements up to which loops are written out; the compiler unrolls the longer ones itself."""
@@ -47,7 +49,7 @@ class LaneWriter:
         for name, _ in memory.plain.values():
             for prefix in ("", "d_", "next_"):
                 self.scope.reserve(f"{prefix}{name}")
-        for tape in memory.rows.values():
+        for tape in (*memory.rows.values(), *memory.echoes.values()):
             self.scope.reserve(tape.name)
         for name in (PARAMETERS, GRADIENT, "scale", "total", "count", TIME, HORIZON):
             self.scope.reserve(name)
@@ -126,8 +128,9 @@ class LaneWriter:
 
     def add_to(self, lowered: GraphLowering, node: NodeId, target: Place) -> None:
         """target += value, element by element."""
-        value = lowered.value(node)
+        self._add_value(lowered.value(node), target)
 
+    def _add_value(self, value: Value, target: Place) -> None:
         def one(indices: tuple[Index, ...], inner: Scope) -> None:
             element = target.element(indices)
             term = (
@@ -136,6 +139,19 @@ class LaneWriter:
             inner.assign(element, Binary("+", element, term))
 
         self.scope.each(target.shape, UNROLL, one)
+
+    def collect(self, echo: Echo) -> None:
+        """Adds to the adjoint of a buffer's newest sample what later steps owe to it."""
+        graph, tape = self.graph, self.memory.echoes[echo]
+        taps = GraphLowering(graph, [echo.taps], self, self.scope, self.locals).value(echo.taps)
+        type = graph[echo.taps].type
+        past = tape.place(type.shape, 0, tape.last)
+        source = graph[echo.source]
+        node = Node(Contract(WINDOW), (echo.taps, echo.source), source.type, source.span)
+        value = sum_along(node, WINDOW, [(taps, type), (past, type)], self.locals)
+        buffer = self.memory.buffers[echo.state]
+        newest = adjoint_of(buffer.place(source.type.shape, buffer.last, None))
+        self._add_value(value, newest)
 
     def factors(self, node: NodeId) -> list[Factor]:
         """The operands of a product or contraction, views of what stands in rows over time."""

@@ -8,6 +8,7 @@ from functools import cached_property
 from backends.c.c_language import Name
 from backends.c.places import Index, Place, c_strides
 from backends.identifiers import c_identifier
+from backends.native.echoes import Echo, echoes
 from backends.native.phases import ROW, Phases, phases
 from compiler.ops import ReadLog, ReadSignal
 from compiler.program import Extent, Program, State, extents
@@ -127,6 +128,15 @@ class Memory:
         return {
             f"{ROW}{node}": Tape(f"row_{node}", reverse[node].type.size, 0, 0)
             for node in self.phases.rows
+        }
+
+    @cached_property
+    def echoes(self) -> dict[Echo, Tape]:
+        """Sources over the time, the latest time first; at t the newest becomes row n."""
+        reverse = self.step.reverse_step.graph
+        return {
+            echo: Tape(echo.name, reverse[echo.source].type.size, 0, self.buffers[echo.state].last)
+            for echo in echoes(self.step)
         }
 
     @cached_property

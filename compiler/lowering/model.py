@@ -51,8 +51,8 @@ class Model:
         self._step = GraphBuilder()
         self.arrays = Arrays(self)
         self.states = States(self)
-        self.memories = Memories()
         self.histories = Histories(self, remembered)
+        self.memories = Memories()
         self.measured: dict[str, State] = {}
         """States whose log is read somewhere (R6): the data must have them."""
         self.first_calls: dict[str, str] = {}

@@ -68,12 +68,19 @@ states: {s: {next: "a * s + b * u - 0.1 * s[t-2]", init: s0, history: x}}
 equations: {e: {expr: "0.5 * e[t-1] + b * s * x", history: 0.1}}
 outputs: {x_next: {expr: "h(s) + e + 0.2 * x", predicts: "x[t+1]"}}
 """
+FILTERED_JOINTS = """
+dims: {joint: 3}
+inputs: {q: {dims: joint}, u: {dims: joint}}
+layers: {h_q: {fir: {window: 3}}, h_u: {fir: {window: 6}}}
+outputs: {q_next: {expr: 0.9 * q + h_q(q) + h_q(sin(q)) + h_u(u), predicts: "q[t+1]"}}
+"""
 MODELS = {
     "memory": (MEMORY, ("x",)),
     "fir": (FIR, ("x",)),
     "arm": (ARM, ()),
     "vehicle": (VEHICLE, ("v",)),
     "joints": (JOINTS, ("q",)),
+    "filtered_joints": (FILTERED_JOINTS, ("q",)),
 }
 
 
