@@ -8,8 +8,10 @@ from typing import Protocol
 from compiler.layers.layer_context import LayerContext
 from compiler.layers.layer_rule import Arguments
 from compiler.lowering.expressions import lower, lower_all, window_of
+from compiler.ops import Reshape
 from compiler.program import NodeId
-from compiler.types import UNNAMED, WINDOW, Axis, describe_axes
+from compiler.types import UNNAMED, WINDOW, Axis, Type, describe_axes
+from compiler.unit_rules import same_unit
 from spec_schema.entry import Entry
 from spec_schema.errors import names, shapes, time
 from spec_schema.expression import Future, Length, Past, Window
@@ -99,14 +101,19 @@ def read_window(context: LayerContext, settings: Windowed) -> Arguments:
 
 
 def _joined(context: LayerContext, nodes: list[NodeId], time_axis: tuple[Axis, ...]) -> NodeId:
-    """All elements of several values along one unnamed axis."""
+    """All elements of several values along one unnamed axis; of different units, none is known."""
     builder = context.builder
+    units = [builder.type(node).unit for node in nodes]
+    unit = units[0]
+    if any(unit is None or other is None or not same_unit(unit, other) for other in units):
+        unit = None
     parts: list[NodeId] = []
     for node in nodes:
         elements = context.elements(node)
         count = math.prod(axis.size for axis in elements)
         spread = builder.broadcast(node, (*elements, *time_axis))
-        parts.append(builder.reshape(spread, (Axis(UNNAMED, count), *time_axis)))
+        axes = (Axis(UNNAMED, count), *time_axis)
+        parts.append(builder.emit(Reshape(), (spread,), Type(axes, unit)))
     return builder.concat(parts, UNNAMED) if len(parts) > 1 else parts[0]
 
 

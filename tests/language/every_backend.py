@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from compiler.program import Program
-from tests.every_op.run_c import DOUBLE, run_c
-from tests.every_op.runners import run_casadi, run_interpreter, run_onnx, run_torch
+from tests.every_op.run_c import DOUBLE, SINGLE, run_c
+from tests.every_op.runners import Log, run_casadi, run_interpreter, run_onnx, run_torch
 from tests.language.compiled import compiled
 
 
@@ -28,6 +28,7 @@ def assert_backends_agree(text: str, log: Mapping[str, ArrayLike], times: list[i
         "onnx": run_onnx(np.float64),
         "c": run_c(DOUBLE),
     }
+    assert_same_bits_in_c(program, series, rows)
     for backend, run in runners.items():
         found = run(program, series, rows)
         for name, expected in (judge.outputs | judge.next_states).items():
@@ -37,6 +38,15 @@ def assert_backends_agree(text: str, log: Mapping[str, ArrayLike], times: list[i
             np.testing.assert_allclose(
                 value, expected, rtol=0, atol=1e-12 * scale, err_msg=f"{backend}: {name}"
             )
+
+
+def assert_same_bits_in_c(program: Program, log: Log, rows: NDArray[np.int64]) -> None:
+    """C in single precision has the bits of the interpreter in single precision."""
+    judge = run_interpreter(np.float32)(program, log, rows)
+    found = run_c(SINGLE)(program, log, rows)
+    for name, expected in (judge.outputs | judge.next_states).items():
+        value = (found.outputs | found.next_states)[name]
+        np.testing.assert_array_equal(value, expected, err_msg=f"single: {name}")
 
 
 def _with_varied_weights(program: Program) -> Program:

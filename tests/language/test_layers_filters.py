@@ -180,6 +180,21 @@ outputs: {y: lag(u), w: next(z)}
     assert z[0] == pytest.approx(held[0] * (1 - np.exp(-0.1)), rel=1e-6)
 
 
+def test_past_of_a_filter_is_kept() -> None:
+    text = (
+        HEAD
+        + """
+equations: {e: {expr: h(x), history: 0}}
+outputs: {y: "e[t-2] + sum(e.past(3))"}
+"""
+    )
+    w = {"h.num": GENERATOR.normal(size=3), "h.reflection": np.array([0.1, 0.2, 0.3])}
+    e = np.concatenate([np.zeros(3), run("h(x)", w)])
+    expected = [e[t + 1] + e[t + 1] + e[t + 2] + e[t + 3] for t in range(20)]
+    np.testing.assert_allclose(simulated(text, LOG, 0, 20, w), expected, atol=1e-13)
+    assert_backends_agree(text, LOG, [5, 6])
+
+
 def test_backends_agree() -> None:
     outputs = """
 outputs:

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from compiler.compile import compile_spec
+from spec_schema.reader import read_spec
 from tests.language.compiled import Array, codes, compiled, evaluated
 from tests.language.every_backend import assert_backends_agree
 
@@ -76,6 +78,18 @@ def test_several_arguments_stand_side_by_side() -> None:
     w, b = normal(5), np.array(0.5)
     found = value("several(u, x, u[t-1])", several__weight=w, several__bias=b)
     np.testing.assert_allclose(found, w @ np.array([U[10], *X[10], U[9]]) + 0.5, rtol=1e-14)
+
+
+def test_arguments_of_different_units_stand_side_by_side_without_a_warning() -> None:
+    text = """
+msnn: 1
+name: test
+inputs: {x: m, F: N}
+layers: {net: {mlp: {hidden: 4}}}
+outputs:
+  y: net(x, F)
+"""
+    assert compile_spec(read_spec("test.yaml", text).spec, strict_units=True).warnings == ()
 
 
 def test_equation_learner() -> None:
