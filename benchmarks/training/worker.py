@@ -39,9 +39,11 @@ TOOLS = {
         Tool("msnn kernel", "msnn_kernel.py", epochs_a_round=40),
         Tool("msnn torch", "msnn_engine.py", ("torch",)),
         Tool("JAX jit + scan", "jax_scan.py", environment="jax", epochs_a_round=5),
+        Tool("torch by hand", "torch_by_hand.py", ("eager",)),
+        Tool("torch.compile by hand", "torch_by_hand.py", ("compiled",)),
     )
 }
-PEER, NATIVE, KERNEL, TORCH, JAX = TOOLS
+PEER, NATIVE, KERNEL, TORCH, JAX, *_ = TOOLS
 
 
 class Worker:
