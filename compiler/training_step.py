@@ -159,7 +159,8 @@ def _reverse_start(program: Program) -> Reverse:
     for state in program.states:
         type = builder.type(state.start).with_unit(None)
         _add(builder, adjoints, state.start, builder.state(f"{ADJOINT}{state.name}", type))
-    return Reverse(builder.graph(), step_gradients(builder, adjoints))
+    gradients = step_gradients(builder, adjoints)
+    return Reverse(builder.graph(), gradients)
 
 
 def _add(
