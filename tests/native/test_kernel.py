@@ -74,6 +74,14 @@ inputs: {q: {dims: joint}, u: {dims: joint}}
 layers: {h_q: {fir: {window: 3}}, h_u: {fir: {window: 6}}}
 outputs: {q_next: {expr: 0.9 * q + h_q(q) + h_q(sin(q)) + h_u(u), predicts: "q[t+1]"}}
 """
+LEARNED_START = """
+inputs: {u: N}
+targets: {z: m}
+parameters: {x0: 0.1}
+layers: {h: {fir: {window: 3}}}
+states: {x: {next: h(x) + u, init: x0, history: x0}}
+outputs: {y: {expr: next(x), predicts: "z[t+1]"}}
+"""
 MODELS = {
     "memory": (MEMORY, ("x",)),
     "fir": (FIR, ("x",)),
@@ -81,6 +89,7 @@ MODELS = {
     "vehicle": (VEHICLE, ("v",)),
     "joints": (JOINTS, ("q",)),
     "filtered_joints": (FILTERED_JOINTS, ("q",)),
+    "learned_start": (LEARNED_START, ()),
 }
 
 
