@@ -14,6 +14,7 @@ from compiler.lowering.histories import Remembered
 from compiler.lowering.losses import default_loss, lower_loss
 from compiler.lowering.model import Model
 from compiler.lowering.scope import Kind
+from compiler.never_finite import never_finite
 from compiler.ops import ReadLog
 from compiler.passes import run_passes
 from compiler.program import (
@@ -78,7 +79,8 @@ def compile_spec(spec: Spec, *, strict_units: bool = False, spec_hash: str = "")
         spec_hash=spec_hash,
     )
     verify(program)
-    return Compiled(run_passes(program), diagnostics)
+    program = run_passes(program)
+    return Compiled(program, (*diagnostics, *never_finite(program)))
 
 
 @dataclass(frozen=True)

@@ -166,3 +166,14 @@ def unfit_constant(name: str, problem: str, span: Span) -> Diagnostic:
 def unfit_setting(owner: str, problem: str, span: Span, repair: str | None = None) -> Diagnostic:
     """E0313: an option of a layer whose value cannot be used."""
     return Diagnostic("E0313", "error", f"{owner}: {problem}", span, "this setting", help=repair)
+
+
+def never_finite(span: Span) -> Diagnostic:
+    """W0302: a part of a formula that is infinite or NaN whatever the data."""
+    return Diagnostic(
+        "W0302",
+        "warning",
+        "this is infinite or not a number, whatever the data",
+        span,
+        "never finite",
+    )
