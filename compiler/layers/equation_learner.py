@@ -69,17 +69,10 @@ _OPERATORS: dict[str, tuple[int, _Operator]] = {
 
 
 def _term(context: LayerContext, function: Located[str], operands: list[NodeId]) -> NodeId:
-    builder = context.builder
-    axes = builder.type(operands[0]).axes
     own = _OPERATORS.get(function.value)
     if own is not None and function.value not in context.model.scope:
-        return own[1](builder, operands)
-    result = context.apply(function, operands)
-    if not set(builder.type(result).axes) <= set(axes):
-        found = describe_axes(builder.type(result).axes)
-        what = f"the value of `{function.value}`"
-        context.refuse(shapes.wrong_axes(what, describe_axes(axes), found, function.span))
-    return builder.broadcast(result, axes)
+        return own[1](context.builder, operands)
+    return context.apply(function, operands)
 
 
 def _arity(context: LayerContext, function: Located[str]) -> int:

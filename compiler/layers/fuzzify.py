@@ -70,8 +70,7 @@ def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> N
                 width = builder.constant(widths, (axis,), unit)
             return gaussian(sets, width)
         case CustomMembership(function=function):
-            result = context.apply(function, [sets.distances()])
-            return builder.broadcast(result, sets.axes)
+            return context.apply(function, [sets.distances()])
         case _:
             assert_never(settings.membership)
 

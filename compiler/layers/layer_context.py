@@ -120,7 +120,10 @@ class LayerContext:
         return generator.uniform(-bound, bound, tuple(axis.size for axis in full))
 
     def apply(self, function: Located[str], nodes: Sequence[NodeId]) -> NodeId:
-        """The value of a builtin or of a function of the spec at these arguments."""
+        """The value of a builtin or of a function of the spec at operands of the same axes.
+
+        It has their axes too: a function that removes or adds one is refused.
+        """
         span = function.span
         # A name of a spec never starts with "_": these are the arguments of this call only.
         arguments = {f"_{index}": node for index, node in enumerate(nodes)}
@@ -132,7 +135,13 @@ class LayerContext:
             },
         )
         given = tuple(Name(name, span) for name in arguments)
-        return self.model.call(Call(Name(function.value, span), given, (), span), inner)
+        result = self.model.call(Call(Name(function.value, span), given, (), span), inner)
+        axes = self.builder.type(nodes[0]).axes
+        found = self.builder.type(result).axes
+        if set(found) != set(axes):
+            what = f"the value of `{function.value}`"
+            self.refuse(shapes.wrong_axes(what, describe_axes(axes), describe_axes(found), span))
+        return self.builder.broadcast(result, axes)
 
     def with_arguments(self, nodes: Sequence[NodeId]) -> LayerContext:
         """The context of a call whose arguments are known; the first call's shapes stay known."""
