@@ -1,100 +1,33 @@
-"""The command `msnn`: its verbs, and what becomes of everything that can go wrong in one."""
+"""The command `msnn`: ends this process with the exit code of its command, even while it starts.
+
+Loading the verbs takes a while; this module loads next to nothing, to be there for Ctrl-C first.
+"""
 
 from __future__ import annotations
 
-import os
 import sys
-import traceback
-from collections.abc import Sequence
 from io import TextIOWrapper
 from typing import NoReturn
 
-import typer
+from msnn.cli.interrupts import interrupt_on_signals, is_interrupt
 
-from msnn.cli import check, compile, export, init, show, simulate, train, validate
-from msnn.cli.exit_codes import ExitCode
-from msnn.failures import ReaderGoneError
-
-app = typer.Typer(
-    name="msnn",
-    help="Model-structured neural networks: check, train, validate and export a spec.",
-    epilog="Exit codes: 0 fine, 1 spec or data wrong, 2 command line wrong, 3 limit broken, "
-    "4 training diverged, 5 something optional missing, 70 a bug in msnn, 130 interrupted.",
-    # plain text: markup would eat `[t+1]`, and rich would cost start-up time
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    add_completion=False,
-    no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-for _verb in (
-    init.init,
-    check.check,
-    compile.compile_,
-    train.train,
-    validate.validate,
-    simulate.simulate,
-    export.export,
-    show.show,
-):
-    app.command(_verb.__name__.rstrip("_"))(_verb)
-
-
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        from spec_schema.version import __version__
-
-        print(f"msnn {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(  # pyright: ignore[reportUnusedFunction]
-    version: bool = typer.Option(
-        False, "--version", help="Print the version.", callback=_print_version, is_eager=True
-    ),
-) -> None:
-    del version
+_INTERRUPTED = 130  # ExitCode.INTERRUPTED, which is not loaded yet
 
 
 def main() -> NoReturn:
     """Runs the command line of this process and ends it with the command's exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            # a terminal without UTF-8 shows `?` for a Greek letter instead of failing
-            stream.reconfigure(errors="replace")
-    sys.exit(run(sys.argv[1:]))
-
-
-def run(arguments: Sequence[str]) -> int:
-    """Runs one command; returns its exit code and never raises."""
     try:
-        app(list(arguments), prog_name="msnn")
-    except SystemExit as end:
-        return end.code if isinstance(end.code, int) else ExitCode.OK
-    except KeyboardInterrupt:
+        interrupt_on_signals()
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, TextIOWrapper):
+                # a terminal without UTF-8 shows `?` for a Greek letter instead of failing
+                stream.reconfigure(errors="replace")
+        from msnn.cli.application import run
+
+        code = int(run(sys.argv[1:]))
+    except BaseException as error:
+        if not is_interrupt(error):
+            raise
         print("interrupted", file=sys.stderr)
-        return ExitCode.INTERRUPTED
-    except ReaderGoneError:
-        # nothing may be written when the process ends either
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return ExitCode.OK
-    except Exception as error:  # noqa: BLE001  (the one place that answers for every failure)
-        from msnn.cli.answer import answer
-
-        code = answer(error)
-        if code is ExitCode.BUG:
-            _tell_of_bug(error)
-        return code
-    return ExitCode.OK
-
-
-def _tell_of_bug(error: Exception) -> None:
-    if os.environ.get("MSNN_TRACEBACK"):
-        traceback.print_exception(error)
-        return
-    print(
-        f"msnn met a mistake of its own ({type(error).__name__}: {error}); "
-        "MSNN_TRACEBACK=1 shows where, please report it",
-        file=sys.stderr,
-    )
+        code = _INTERRUPTED
+    sys.exit(code)

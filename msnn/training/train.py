@@ -236,7 +236,7 @@ def _description(program: Program, plans: Sequence[StagePlan], data: Dataset) ->
 
 @contextmanager
 def _end_on_interrupt() -> Generator[threading.Event]:
-    """Sets the event at the first Ctrl-C, so that the batch is finished; the second one kills."""
+    """Sets the event at the first Ctrl-C or SIGTERM, to finish the batch; the second one kills."""
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield asked
@@ -248,8 +248,9 @@ def _end_on_interrupt() -> Generator[threading.Event]:
             raise KeyboardInterrupt
         asked.set()
 
-    before = signal.signal(signal.SIGINT, ask)
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield asked
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

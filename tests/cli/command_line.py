@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.cli.main import run
+from msnn.cli.application import run
 
 ROOT = Path(__file__).resolve().parents[2]
 _START = "from msnn.cli.main import main; main()"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-import msnn.cli.main
+import msnn.cli.application
 from msnn.cli.exit_codes import ExitCode
 from msnn.failures import MissingExtraError
 from tests.cli.command_line import ROOT, CommandLine, in_new_process
@@ -107,7 +107,32 @@ def test_a_terminal_without_greek_gets_question_marks(project: Path):
     assert "?  " in said.out
 
 
-def test_interrupting_ends_with_130(project: Path):
+_SIGNAL_AT_IMPORT = """
+import os, sys
+import msnn
+from importlib.abc import MetaPathFinder
+
+class SignalAtImport(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == os.environ["SIGNAL_AT"]:
+            os.kill(os.getpid(), int(os.environ["SIGNAL"]))
+
+sys.meta_path.insert(0, SignalAtImport())
+from msnn.cli.main import main
+main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("module", ["typer", "compiler.compile", "numpy", "msnn.training.train"])
+def test_interrupting_an_import_ends_with_130(project: Path, module: str, number: signal.Signals):
+    environment = {"SIGNAL_AT": module, "SIGNAL": str(int(number))}
+    said = in_new_process(("train", SPEC), project, environment, _SIGNAL_AT_IMPORT)
+    assert (said.code, said.out, said.err) == (ExitCode.INTERRUPTED, "", "interrupted\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupting_ends_with_130(project: Path, number: signal.Signals):
     change(project, "epochs: 80", "epochs: 100000")
     change(project, "patience: 20", "patience: 100000")
     start = [sys.executable, "-c", "from msnn.cli.main import main; main()", "train", SPEC]
@@ -119,7 +144,7 @@ def test_interrupting_ends_with_130(project: Path):
     lines = iter(process.stderr.readline, "")
     next(line for line in lines if "epoch 1/" in line)
     time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, rest = process.communicate(timeout=60)
     assert process.returncode == ExitCode.INTERRUPTED
     assert f"this goes on: msnn train {SPEC} --resume\n" in rest
@@ -131,6 +156,6 @@ def test_run_never_raises(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(msnn.cli.main, "app", interrupted)
-    assert msnn.cli.main.run([]) == ExitCode.INTERRUPTED
+    monkeypatch.setattr(msnn.cli.application, "app", interrupted)
+    assert msnn.cli.application.run([]) == ExitCode.INTERRUPTED
     assert capsys.readouterr().err == "interrupted\n"

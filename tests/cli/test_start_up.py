@@ -11,7 +11,7 @@ from tests.cli.command_line import in_new_process
 _HEAVY = ("torch", "casadi", "onnx", "onnxruntime", "matplotlib", "rich", "scipy")
 _START = f"""
 import sys
-from msnn.cli.main import run
+from msnn.cli.application import run
 code = run(sys.argv[1:])
 loaded = [name for name in {_HEAVY!r} if name in sys.modules]
 print("loaded:", *loaded, file=sys.stderr)

@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from typer.models import ArgumentInfo, CommandInfo, ParameterInfo
 
-from msnn.cli.main import app
+from msnn.cli.application import app
 from tests.docs.markdown import apart, paragraph, table
 
 Row = tuple[str, str, str]

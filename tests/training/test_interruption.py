@@ -1,4 +1,4 @@
-"""Ctrl-C leaves a checkpoint; a resumed run ends with the bits of an undisturbed one."""
+"""Ctrl-C and SIGTERM leave a checkpoint; a resumed run ends with the bits of an undisturbed one."""
 
 from __future__ import annotations
 
