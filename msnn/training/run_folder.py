@@ -1,4 +1,4 @@
-"""The folder of one training run: `runs/<name>/<time>/`, and `latest` that points at the last."""
+"""The folder of one training run: `runs/<name>/<time>/`, and `latest`, the last to be used."""
 
 from __future__ import annotations
 
@@ -38,9 +38,18 @@ class RunFolder:
         return self.path / CHECKPOINT
 
     def write_weights(self, weights: Mapping[str, FloatArray]) -> None:
-        """Replaces the weights of the run, and lets `latest` point at it."""
+        """Replaces the weights of the run."""
         write_weights(self.weights, weights, self.program)
+
+    def become_latest(self) -> None:
+        """Lets `latest` point at this run: other commands take its weights from now on."""
         _point(self.path.parent / LATEST, self.path.name)
+
+    def be_not_latest(self) -> None:
+        """Removes a `latest` that points at this run; one that points at another stays."""
+        link = self.path.parent / LATEST
+        if link.is_symlink() and link.readlink().name == self.path.name:
+            link.unlink()
 
     def append_metrics(self, record: Mapping[str, Any]) -> None:
         """Adds one line of JSON to `metrics.jsonl`."""

@@ -124,10 +124,13 @@ class _Run:
                 self._keep(stage.best or weights)
                 if self.folder is not None:
                     write_checkpoint(self.folder.checkpoint, event.checkpoint)
+                    self.folder.become_latest()
                 found = self._result(stage.best or weights, done)
                 raise TrainingInterruptedError(found) from None
             except NonFiniteLossError as fault:
                 self._keep(stage.best or weights)
+                if self.folder is not None:  # a resumed run may have been the latest
+                    self.folder.be_not_latest()
                 now = stage.engine.weights()
                 diagnostic = explain_divergence(plan, self.data, now, fault.runs, stage.epoch + 1)
                 found = self._result(stage.best or weights, done)
@@ -138,6 +141,7 @@ class _Run:
             self.progress.stage_ended(_stage_end(plan, result))
         if self.folder is not None:
             self.folder.checkpoint.unlink(missing_ok=True)
+            self.folder.become_latest()
         return self._result(weights, done)
 
     def _stage(

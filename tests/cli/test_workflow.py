@@ -112,6 +112,10 @@ def test_divergence_ends_with_4(msnn: CommandLine, project: Path):
     said = msnn("train", SPEC)
     assert said.code == 4
     assert "error[E0913]: stage `fit` diverged" in said.err
+    kept = re.search(r"^the best weights before are kept in (runs/plant/\S+);", said.err, re.M)
+    assert kept is not None
+    assert (project / kept[1] / "weights.safetensors").is_file()
+    assert "error[E1036]" in msnn("validate", SPEC).err
 
 
 def test_missing_data_ends_with_1(msnn: CommandLine, project: Path):

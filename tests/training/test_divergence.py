@@ -36,7 +36,9 @@ def test_the_first_bad_value_and_its_line_are_named(tmp_path: Path) -> None:
     assert "train0.csv" in diagnostic.message
     assert diagnostic.span is not None
     assert diagnostic.span.line == 8
-    kept = read_weights(tmp_path / "plant" / "latest" / "weights.safetensors", program)
+    folder = caught.value.result.folder
+    assert folder is not None
+    kept = read_weights(folder / "weights.safetensors", program)
     assert kept.weights["a"] == caught.value.result.weights["a"]
 
 
@@ -52,6 +54,18 @@ def test_the_best_weights_before_are_kept() -> None:
     assert len(result.stages) == 1
     assert np.isfinite(result.weights["a"])
     assert result.weights["a"] == result.stages[0].best["a"]
+
+
+def test_other_commands_keep_the_run_that_ended(tmp_path: Path) -> None:
+    good, spec = compiled(TEXT + "  - {epochs: 1, optimizer: {sgd: {lr: 0.001}}}\n")
+    data = dataset({"x": np.full(50, 0.1)}, train=[50])
+    folder = train(good, data, spec.train, TrainingOptions(runs=tmp_path)).folder
+    assert folder is not None
+    wild, spec = compiled(TEXT + "  - {epochs: 5, optimizer: {sgd: {lr: 1e30}}}\n")
+    with pytest.raises(TrainingDivergedError) as caught:
+        train(wild, data, spec.train, TrainingOptions(runs=tmp_path))
+    assert caught.value.result.folder != folder
+    assert (tmp_path / "plant" / "latest").resolve() == folder.resolve()
 
 
 def test_a_loss_too_large_for_a_number_diverges_without_a_word_of_numpy() -> None:

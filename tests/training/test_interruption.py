@@ -11,6 +11,7 @@ import pytest
 
 from msnn.training.progress import EpochEnd, Silent
 from msnn.training.train import (
+    TrainingDivergedError,
     TrainingInterruptedError,
     TrainingOptions,
     TrainingResult,
@@ -54,6 +55,7 @@ def test_resuming_continues_bit_for_bit(kind: str, stage: str, epoch: int, tmp_p
     assert folder is not None
     assert (folder / "checkpoint.safetensors").is_file()
     assert (folder / "weights.safetensors").is_file()
+    assert (tmp_path / "gain" / "latest").resolve() == folder.resolve()
     resumed = run(STAGES[kind], TrainingOptions(runs=tmp_path, resume=True))
     assert resumed.folder == folder
     for name, value in undisturbed.weights.items():
@@ -73,6 +75,23 @@ def test_the_second_interrupt_is_not_waited_for() -> None:
     with pytest.raises(KeyboardInterrupt):
         run(STAGES["adam"], TrainingOptions(runs=None), Twice())
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_resumed_run_that_diverges_is_latest_no_more(tmp_path: Path) -> None:
+    with pytest.raises(TrainingInterruptedError) as caught:
+        run(STAGES["adam"], TrainingOptions(runs=tmp_path), Interrupting("stage_1", 3))
+    assert caught.value.result.folder is not None
+    program, spec = gain(STAGES["adam"])
+    series = gain_series(150)
+    series["u"][5] = np.nan
+    with pytest.raises(TrainingDivergedError):
+        train(
+            program,
+            dataset(series, train=[70], val=[40]),
+            spec.train,
+            TrainingOptions(runs=tmp_path, resume=True),
+        )
+    assert not (tmp_path / "gain" / "latest").is_symlink()
 
 
 def test_nothing_to_resume_is_said(tmp_path: Path) -> None:
