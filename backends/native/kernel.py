@@ -14,6 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from backends.c.c_literals import Dtype
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_source import KernelSource, kernel_source
+from backends.native.kernel_structs import (
+    OptimizerStruct,
+    ProblemStruct,
+    VariablesStruct,
+    aligned,
+    pointer,
+    pointers,
+)
 from backends.native.lane_groups import Groups, Rows, group_type, lane_groups
 from backends.raw_parameters import mapping_of, raw_value
 from compiler.program import Parameter, Program
@@ -24,7 +32,6 @@ Reals = NDArray[Any]
 """Arrays of the kernel's own type."""
 
 LANES = {"float32": 16, "float64": 8}
-_ALIGNMENT = 64
 
 
 class Method(IntEnum):
@@ -33,35 +40,6 @@ class Method(IntEnum):
     ADAM = 0
     ADAMW = 1
     SGD = 2
-
-
-class _Problem(ctypes.Structure):
-    _fields_ = (
-        ("series", ctypes.c_void_p),
-        ("rows", ctypes.c_int64),
-        ("scored", ctypes.c_void_p),
-        ("skip", ctypes.c_int64),
-    )
-
-
-class _Variables(ctypes.Structure):
-    _fields_ = tuple(
-        (name, ctypes.c_void_p)
-        for name in ("kind", "low", "high", "scale", "rate", "raw", "physical", "first", "second")
-    )
-
-
-class _Optimizer(ctypes.Structure):
-    _fields_ = (
-        ("method", ctypes.c_int32),
-        ("missing", ctypes.c_int32),
-        ("beta1", ctypes.c_double),
-        ("beta2", ctypes.c_double),
-        ("epsilon", ctypes.c_double),
-        ("decay", ctypes.c_double),
-        ("clip", ctypes.c_double),
-        ("steps", ctypes.c_int64),
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +87,7 @@ class Kernel:
     def work(self, horizon: int) -> Reals:
         """Memory for one group over a horizon, aligned for vectors."""
         size = self._library.msnn_work_lanes(horizon) * self.lanes
-        return _aligned(size, self.dtype)
+        return aligned(size, self.dtype)
 
     def losses(
         self,
@@ -129,15 +107,15 @@ class Kernel:
         scale = np.asarray(weights, float)
         self._library.msnn_losses(
             ctypes.byref(data.problem),
-            _pointer(groups),
+            pointer(groups),
             ctypes.c_int64(len(groups)),
-            _pointer(theta),
-            _pointer(scale),
+            pointer(theta),
+            pointer(scale),
             ctypes.c_int(data.missing),
-            _pointer(work),
-            _pointer(slope) if gradient else None,
-            _pointer(sums),
-            _pointer(counts),
+            pointer(work),
+            pointer(slope) if gradient else None,
+            pointer(sums),
+            pointer(counts),
         )
         return Losses(sums, counts, slope.astype(float))
 
@@ -160,15 +138,15 @@ class Kernel:
         variables.optimizer.missing = int(data.missing)
         done = self._library.msnn_train(
             ctypes.byref(data.problem),
-            _pointer(groups),
-            _pointer(bounds),
+            pointer(groups),
+            pointer(bounds),
             ctypes.c_int64(len(bounds) - 1),
             ctypes.byref(variables.addresses),
             ctypes.byref(variables.optimizer),
-            _pointer(scale),
-            _pointer(work),
-            _pointer(sums),
-            _pointer(counts),
+            pointer(scale),
+            pointer(work),
+            pointer(sums),
+            pointer(counts),
         )
         return int(done), sums, counts
 
@@ -196,10 +174,10 @@ class Data:
             self._scored = [
                 np.ascontiguousarray(scored[name], np.uint8) for name in kernel.source.losses
             ]
-            table = _table(self._scored)
-        self._tables = (_table(self._series), table)
+            table = pointers(self._scored)
+        self._tables = (pointers(self._series), table)
         rows = len(self._series[0]) if self._series else 0
-        self.problem = _Problem(
+        self.problem = ProblemStruct(
             ctypes.cast(self._tables[0], ctypes.c_void_p),
             rows,
             None if table is None else ctypes.cast(table, ctypes.c_void_p),
@@ -258,9 +236,9 @@ class Variables:
         arrays["first"] = np.zeros_like(arrays["raw"])
         arrays["second"] = np.zeros_like(arrays["raw"])
         self.arrays = arrays
-        self.addresses = _Variables(*(array.ctypes.data for array in arrays.values()))
+        self.addresses = VariablesStruct(*(array.ctypes.data for array in arrays.values()))
         constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
-        self.optimizer = _Optimizer(int(rule.method), 0, *constants, 0)
+        self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0)
         kernel.fill_in_physical(self)
 
     @property
@@ -288,17 +266,3 @@ def by_parameter(program: Program, numbers: FloatArray) -> dict[str, FloatArray]
         found[parameter.name] = numbers[begin:end].reshape(shape)
         begin = end
     return found
-
-
-def _table(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:
-    return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
-
-
-def _pointer(array: NDArray[Any]) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
-
-
-def _aligned(size: int, dtype: np.dtype[Any]) -> Reals:
-    raw = np.zeros(size * dtype.itemsize + _ALIGNMENT, np.uint8)
-    offset = -raw.ctypes.data % _ALIGNMENT
-    return raw[offset : offset + size * dtype.itemsize].view(dtype)

@@ -1,0 +1,65 @@
+"""Structures and arrays as the C of a kernel has them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_ALIGNMENT = 64
+"""Bytes of the widest vector."""
+
+
+class ProblemStruct(ctypes.Structure):
+    """`struct problem` of templates/native/driver.c."""
+
+    _fields_ = (
+        ("series", ctypes.c_void_p),
+        ("rows", ctypes.c_int64),
+        ("scored", ctypes.c_void_p),
+        ("skip", ctypes.c_int64),
+    )
+
+
+class VariablesStruct(ctypes.Structure):
+    """`struct variables` of templates/native/batches.c."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_void_p)
+        for name in ("kind", "low", "high", "scale", "rate", "raw", "physical", "first", "second")
+    )
+
+
+class OptimizerStruct(ctypes.Structure):
+    """`struct optimizer` of templates/native/batches.c."""
+
+    _fields_ = (
+        ("method", ctypes.c_int32),
+        ("missing", ctypes.c_int32),
+        ("beta1", ctypes.c_double),
+        ("beta2", ctypes.c_double),
+        ("epsilon", ctypes.c_double),
+        ("decay", ctypes.c_double),
+        ("clip", ctypes.c_double),
+        ("steps", ctypes.c_int64),
+    )
+
+
+def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
+    """The address of the first element; the array must outlive its use."""
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def pointers(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:
+    """The addresses of several arrays, as an array of C."""
+    return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
+
+
+def aligned(size: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Zeros that begin where a vector may."""
+    raw = np.zeros(size * dtype.itemsize + _ALIGNMENT, np.uint8)
+    offset = -raw.ctypes.data % _ALIGNMENT
+    return raw[offset : offset + size * dtype.itemsize].view(dtype)
