@@ -14,6 +14,14 @@ class Euler(Entry):
     substeps: PositiveCount = 1
 
 
+class Midpoint(Entry):
+    """The explicit midpoint rule, a Runge-Kutta method of order 2, with steps of dt/substeps."""
+
+    noun: ClassVar[str] = "the midpoint integrator"
+
+    substeps: PositiveCount = 1
+
+
 class RungeKutta4(Entry):
     """The classical Runge-Kutta method of order 4 with steps of dt/substeps."""
 
@@ -26,14 +34,15 @@ class Integrator(Variant):
     """The method by which continuous states go from t to t+1."""
 
     noun: ClassVar[str] = "integrator"
-    later: ClassVar[frozenset[str]] = frozenset({"semi_implicit", "linear_implicit", "midpoint"})
+    later: ClassVar[frozenset[str]] = frozenset({"semi_implicit", "linear_implicit"})
 
     euler: Euler | None = None
+    midpoint: Midpoint | None = None
     rk4: RungeKutta4 | None = None
 
     @property
-    def choice(self) -> Euler | RungeKutta4:
+    def choice(self) -> Euler | Midpoint | RungeKutta4:
         """The one that is given."""
-        given = self.euler or self.rk4
+        given = self.euler or self.midpoint or self.rk4
         assert given is not None
         return given

@@ -14,7 +14,7 @@ from compiler.types import Axis, Type, describe_axes
 from spec_schema.errors import names, shapes, time
 from spec_schema.errors import states as errors
 from spec_schema.expression import Call, Expression, Name
-from spec_schema.integrators import Euler, RungeKutta4
+from spec_schema.integrators import Euler, Midpoint, RungeKutta4
 from spec_schema.signals import State
 from spec_schema.source import Span
 from spec_schema.unit_parser import parse_unit
@@ -176,6 +176,12 @@ class States:
                     values = self._moved(
                         vector_field, values, self._slopes(vector_field, values), step
                     )
+                case Midpoint():
+                    half = self._moved(
+                        vector_field, values, self._slopes(vector_field, values), step / 2
+                    )
+                    slopes = self._slopes(vector_field, half)
+                    values = self._moved(vector_field, values, slopes, step)
                 case RungeKutta4() | None:  # the default without `integrator:`
                     values = self._runge_kutta(vector_field, values, step)
         return values

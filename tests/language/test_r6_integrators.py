@@ -30,6 +30,10 @@ def euler(state: Array, force: float, h: float) -> Array:
     return state + h * field(state, force)
 
 
+def midpoint(state: Array, force: float, h: float) -> Array:
+    return state + h * field(state + h / 2 * field(state, force), force)
+
+
 def rk4(state: Array, force: float, h: float) -> Array:
     k1 = field(state, force)
     k2 = field(state + h / 2 * k1, force)
@@ -46,6 +50,8 @@ def rk4(state: Array, force: float, h: float) -> Array:
         ("integrator: {rk4: {substeps: 3}}", rk4, 3),
         ("integrator: {euler: {substeps: 1}}", euler, 1),
         ("integrator: {euler: {substeps: 4}}", euler, 4),
+        ("integrator: midpoint", midpoint, 1),
+        ("integrator: {midpoint: {substeps: 2}}", midpoint, 2),
     ],
 )
 def test_r6_integrator_matches_a_hand_written_one(
