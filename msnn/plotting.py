@@ -15,7 +15,7 @@ from msnn.failures import MissingExtraError
 from msnn.simulation import Simulation
 
 _MOST_RUNS = 4
-_FORMATS = ("png", "svg", "pdf")
+FORMATS = ("png", "svg", "pdf")
 
 
 def require_plotting() -> None:
@@ -28,7 +28,7 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
     """Draws every output over time with what was measured: an axis an output, a colour a run.
 
     The first four runs are drawn. Vector outputs show their first element. The name's ending says
-    the format: png, svg or pdf, png where it is another.
+    the format, one of FORMATS.
     """
     require_plotting()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -51,7 +51,6 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
         axis.grid(alpha=0.3)
     axes[-1].set_xlabel("time / s" if program.sample_time else "row")
     axes[0].legend(fontsize="small", title="line: simulated, dots: measured")
-    ending = path.suffix.removeprefix(".")
     with replacing(path) as temporary:
-        figure.savefig(temporary, format=ending if ending in _FORMATS else "png", dpi=120)
+        figure.savefig(temporary, format=path.suffix.removeprefix("."), dpi=120)
     return path

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 
 from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.data.files import data_of_files
+from msnn.data.files import data_of_files, matching
 from msnn.data.load import load_data
 from msnn.model_file import Model
 from spec_schema.data_section import Data, Source
 from spec_schema.diagnostics import SpecError
+from spec_schema.errors.data_files import no_file
 
 
 def file_data(model: Model, program: Program, files: Sequence[Path]) -> Dataset:
@@ -23,6 +24,9 @@ def file_data(model: Model, program: Program, files: Sequence[Path]) -> Dataset:
     A spec without that section has plain comma-separated files with a column a signal. Raises
     SpecError with the faults of all files.
     """
+    missing = [file for file in files if not matching(Path.cwd(), str(file))]
+    if missing:
+        raise SpecError([no_file(str(file), None, None) for file in missing])
     data = data_of_files(model.spec.data or _plain_layout(model), files)
     try:
         return load_data(program, data, Path.cwd())

@@ -1,7 +1,7 @@
 """What is said to a user about a spec: messages as data, apart from how they are printed."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from spec_schema.source import SourceText, Span
@@ -26,6 +26,11 @@ class Diagnostic:
     secondary: tuple[tuple[Span, str], ...] = ()
     notes: tuple[str, ...] = ()
     help: str | None = None
+
+    def also_in(self, files: int) -> "Diagnostic":
+        """The same said of so many more files."""
+        more = f" … and {files} more file{'s' if files > 1 else ''}"
+        return replace(self, message=self.message + more) if files else self
 
 
 class SpecError(Exception):

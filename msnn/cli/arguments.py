@@ -16,6 +16,16 @@ SpecFile: TypeAlias = Annotated[
     ),
 ]
 
+
+def _wants_value(settings: list[str] | None) -> list[str] | None:
+    for setting in settings or ():
+        path, equals, _ = setting.partition("=")
+        if not path.strip() or not equals:
+            message = f"`{setting}` is not a path, `=` and a value, such as `train.0.epochs=5`"
+            raise typer.BadParameter(message)
+    return settings
+
+
 WeightsFile: TypeAlias = Annotated[
     Path | None,
     typer.Option("--weights", metavar="FILE", help="Weights; default: those of the last training."),
@@ -38,8 +48,20 @@ DataRoot: TypeAlias = Annotated[
 
 Settings: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Replace a value: train.0.epochs=5."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Replace a value: train.0.epochs=5.",
+        callback=_wants_value,
+    ),
 ]
+
+
+def refuse_two_origins(weights: Path | None, initial: bool) -> None:
+    """A usage error where both a file of weights and the initial values are asked for."""
+    if weights is not None and initial:
+        message = "takes other weights than `--weights`: give one of the two"
+        raise typer.BadParameter(message, param_hint="'--initial'")
 
 
 class EngineName(StrEnum):

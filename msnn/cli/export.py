@@ -17,6 +17,7 @@ from msnn.cli.arguments import (
     RunsFolder,
     SpecFile,
     WeightsFile,
+    refuse_two_origins,
 )
 from msnn.cli.exit_codes import ExitCode
 
@@ -48,15 +49,20 @@ def export(
     code 3 when one of them computes something else than the interpreter.
     """
     from msnn.cli.console import json_result, note, report, result
-    from msnn.exporting import plan_exports, target_names, write_export
+    from msnn.exporting import TARGETS, plan_exports, target_names, write_export
     from msnn.model_file import load_model
     from msnn.model_weights import choose_weights
     from msnn.tables import count
     from spec_schema.diagnostics import Findings, SpecError
 
+    refuse_two_origins(weights, initial)
+    names = [name.strip() for name in to.split(",") if name.strip()]
+    for name in names:
+        if name not in (*TARGETS, "all"):
+            message = f"`{name}` is none of {', '.join(TARGETS)} and all"
+            raise typer.BadParameter(message, param_hint="'--to'")
     model = load_model(spec)
     report(model.warnings, model.sources)
-    names = [name.strip() for name in to.split(",") if name.strip()]
     findings = Findings()
     plans = plan_exports(model, target_names(names, model.spec.export), findings)
     if findings.failed:

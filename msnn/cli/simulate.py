@@ -7,7 +7,15 @@ from typing import Annotated
 
 import typer
 
-from msnn.cli.arguments import RUNS, DataRoot, Initial, RunsFolder, SpecFile, WeightsFile
+from msnn.cli.arguments import (
+    RUNS,
+    DataRoot,
+    Initial,
+    RunsFolder,
+    SpecFile,
+    WeightsFile,
+    refuse_two_origins,
+)
 
 
 def simulate(
@@ -43,11 +51,15 @@ def simulate(
     from msnn.simulation import simulation_program, write_simulation
     from msnn.tables import count
 
+    refuse_two_origins(weights, initial)
     if horizon != "record" and not (horizon.isdecimal() and int(horizon) > 0):
         raise typer.BadParameter("`record` or a number of steps", param_hint="--horizon")
     if plot is not None:
-        from msnn.plotting import require_plotting
+        from msnn.plotting import FORMATS, require_plotting
 
+        if plot.suffix.removeprefix(".") not in FORMATS:
+            message = f"`{plot}` does not end with one of .{', .'.join(FORMATS)}"
+            raise typer.BadParameter(message, param_hint="'--plot'")
         require_plotting()
     model = load_model(spec)
     report(model.warnings, model.sources)

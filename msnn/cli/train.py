@@ -66,9 +66,8 @@ def train(
         found = api.train(model, data_root=data_root, runs=out, resume=resume, progress=progress)
     except TrainingDivergedError as error:
         report([error.diagnostic], model.sources)
-        note(
-            f"the best weights before are kept in {error.result.folder}; `latest` does not lead there"
-        )
+        kept = error.result.folder
+        note(f"the best weights before are kept in {kept}; `latest` does not lead there")
         raise typer.Exit(ExitCode.DIVERGED) from None
     except TrainingInterruptedError as error:
         note(f"interrupted; its state is kept in {error.result.folder}")

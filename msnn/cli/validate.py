@@ -17,6 +17,7 @@ from msnn.cli.arguments import (
     Settings,
     SpecFile,
     WeightsFile,
+    refuse_two_origins,
 )
 from msnn.cli.exit_codes import ExitCode
 
@@ -45,6 +46,7 @@ def validate(
     from msnn.model_weights import choose_weights
     from msnn.validation_report import junit_text, metrics_record, metrics_table
 
+    refuse_two_origins(weights, initial)
     model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     chosen = choose_weights(model.program, weights, runs, initial=initial)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from spec_schema.diagnostics import Diagnostic, SpecError
@@ -47,6 +47,11 @@ class Header:
     def place(self) -> Span:
         return Span(self.file, self.line, 1, self.line, len(self.text) + 1)
 
+    @property
+    def holds_numbers(self) -> bool:
+        """Whether the line is one of data, by its looks."""
+        return all(is_number(name.replace(self.dialect.decimal, ".")) for name in self.names)
+
     def label(self, index: int) -> str:
         """What messages call a column: its name, or its index."""
         return self.names[index] if self.lines else str(index)
@@ -55,6 +60,7 @@ class Header:
         """The index of each wanted column. Raises SpecError with all that are missing."""
         found: dict[ColumnKey, int] = {}
         faults: list[Diagnostic] = []
+        missing: dict[str, str] = {}
         names = self.names if self.lines else ()
         for key, user in wanted.items():
             match key:
@@ -65,11 +71,16 @@ class Header:
                         errors.no_such_index(key, self.file, self.width, user, self.place)
                     )
                 case str() if key not in names:
-                    faults.append(errors.missing_column(key, self.file, names, user, self.place))
+                    missing[key] = user
                 case str() if names.count(key) > 1:
                     faults.append(errors.duplicate_column(key, self.file, self.place))
                 case str():
                     found[key] = names.index(key)
+        if missing:
+            numbers = self.lines > 0 and self.holds_numbers
+            faults.append(
+                errors.missing_columns(missing, self.file, names, self.place, numbers=numbers)
+            )
         if faults:
             raise SpecError(faults)
         return found
@@ -85,10 +96,10 @@ def read_header(path: Path, shown: str, dialect: Dialect, keys: Iterable[ColumnK
     if not line:
         raise SpecError((errors.empty_file(shown, header=False),))
     names = tuple(cell.strip() for cell in split_cells(text, dialect.delimiter))
-    numbers = all(is_number(name.replace(dialect.decimal, ".")) for name in names)
     by_index = all(isinstance(key, int) for key in keys)
-    has_names = dialect.header and not (by_index and numbers)
-    header = Header(shown, dialect, line, text, names, int(has_names))
+    header = Header(shown, dialect, line, text, names, 0)
+    if dialect.header and not (by_index and header.holds_numbers):
+        header = replace(header, lines=1)
     if len(names) == 1 and not keys <= {names[0], 0}:
         cells = {sign: len(split_cells(text, sign)) for sign in _DELIMITERS}
         best = max(cells, key=lambda sign: cells[sign])

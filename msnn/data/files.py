@@ -31,7 +31,7 @@ def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
     for name, source in data.source.items():
         seen: set[Path] = set()
         for pattern in source.files:
-            paths = _matches(folder, pattern.value)
+            paths = matching(folder, pattern.value)
             if not paths:
                 findings.report(errors.no_file(pattern.value, str(folder), pattern.span))
             for path in paths:
@@ -54,7 +54,8 @@ def data_of_files(data: Data, files: Sequence[Path]) -> Data:
     return data.model_copy(update=update)
 
 
-def _matches(folder: Path, pattern: str) -> list[Path]:
+def matching(folder: Path, pattern: str) -> list[Path]:
+    """The files that a name, a pattern or a folder stands for."""
     plain = folder / pattern
     if plain.is_dir():
         return sorted(filter(_is_data, plain.glob("*.csv")))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,8 @@ def load_data(program: Program, data: Data, folder: Path) -> Dataset:
     files = find_files(data, folder, findings)
     parts = [part for file in files if (part := read_part(program, data, file, findings))]
     if findings.failed:
-        raise SpecError(findings.in_order, _texts(files, findings.in_order))
+        faults = _once(findings.in_order)
+        raise SpecError(faults, _texts(files, faults))
     if data.nan == "drop" and program.sample_time is not None:
         parts = [part for part in parts if not _dropped(part, findings)]
     sets = _set_names(data)
@@ -47,6 +49,19 @@ def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[Sour
         SourceText(file.shown, file.path.read_text("utf-8-sig", errors="replace"))
         for file in files
         if file.shown in faulty and file.path.stat().st_size <= _LARGEST_SHOWN
+    ]
+
+
+def _once(faults: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """Faults with those that differ in the file only as one: it names the first file."""
+    alike: dict[Diagnostic, list[Diagnostic]] = {}
+    for fault in faults:
+        file = "" if fault.span is None else fault.span.file
+        # a fault without a place says nothing of which file it is in
+        kind = replace(fault, message=fault.message.replace(file, ""), span=None) if file else fault
+        alike.setdefault(kind, []).append(fault)
+    return [
+        same[0].also_in(len({f.span and f.span.file for f in same}) - 1) for same in alike.values()
     ]
 
 

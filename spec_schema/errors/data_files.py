@@ -1,6 +1,6 @@
 """E08xx: data files, their columns, rows, times and splits."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from spec_schema.diagnostics import Diagnostic
 from spec_schema.source import Span
@@ -9,15 +9,16 @@ from spec_schema.suggest import nearest
 _LISTED = 12
 
 
-def no_file(pattern: str, folder: str, span: Span | None) -> Diagnostic:
-    """E0801: a file name or pattern of `source` that nothing matches."""
+def no_file(pattern: str, folder: str | None, span: Span | None) -> Diagnostic:
+    """E0801: a file name or pattern that nothing matches."""
+    inside = f" in {folder}" if folder else ""
     return Diagnostic(
         "E0801",
         "error",
-        f"no data file matches `{pattern}` in {folder}",
+        f"no data file matches `{pattern}`{inside}",
         span,
         "no such file",
-        help="paths are relative to the spec file; `--data-root` moves them",
+        help="paths are relative to the spec file; `--data-root` moves them" if folder else None,
     )
 
 
@@ -32,20 +33,29 @@ def empty_file(file: str, *, header: bool) -> Diagnostic:
     return Diagnostic("E0803", "error", f"{file} {what}", _start(file), "nothing to read")
 
 
-def missing_column(
-    name: str, file: str, columns: Sequence[str], wanted_by: str, place: Span
+def missing_columns(
+    missing: Mapping[str, str],
+    file: str,
+    columns: Sequence[str],
+    place: Span,
+    *,
+    numbers: bool,
 ) -> Diagnostic:
-    """E0804: a column that the header of a file does not have; `place` is the header."""
-    meant = nearest(name, columns)
-    return Diagnostic(
-        "E0804",
-        "error",
-        f"{file} has no column `{name}` for {wanted_by}",
-        place,
-        f"no `{name}` here",
-        notes=(f"columns: {_listed(columns)}",),
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    """E0804: columns that the header of a file does not have; `missing` says what each is for."""
+    if len(missing) == 1:
+        ((name, wanted_by),) = missing.items()
+        message, label = f"{file} has no column `{name}` for {wanted_by}", f"no `{name}` here"
+    else:
+        message = f"{file} has no columns {_listed([f'`{name}`' for name in missing])}"
+        label = "none of them here"
+    nearby = {name: meant for name in missing if (meant := nearest(name, columns))}
+    repair = " and ".join(f"`{meant}`" for meant in nearby.values())
+    repair = f"did you mean {repair}?" if nearby else None
+    if numbers:
+        label = "numbers, not names of columns"
+        repair = "add a header, or write `csv: {header: false}` and name columns by index, from 0"
+    notes = (f"columns: {_listed(columns)}",)
+    return Diagnostic("E0804", "error", message, place, label, notes=notes, help=repair)
 
 
 def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic:

@@ -26,6 +26,30 @@ def test_usage_errors_end_with_2(msnn: CommandLine):
     assert "Usage: msnn" in msnn("check").err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("export", "--initial", "--to", "c,foo"), "`foo` is none of torch, onnx, casadi, c"),
+        (("validate", "--set", "foo"), "`foo` is not a path, `=` and a value"),
+        (("train", "--set", "=3"), "`=3` is not a path, `=` and a value"),
+        (("simulate", "--plot", "a.xyz"), "`a.xyz` does not end with one of .png, .svg, .pdf"),
+        (("simulate", "--plot", "a"), "`a` does not end with one of .png, .svg, .pdf"),
+        *(
+            ((verb, "--initial", "--weights", "w.safetensors"), "'--initial'")
+            for verb in ("validate", "simulate", "export")
+        ),
+    ],
+)
+def test_arguments_that_cannot_be_meant_are_usage_errors(
+    msnn: CommandLine, project: Path, arguments: tuple[str, ...], message: str
+):
+    verb, *options = arguments
+    said = msnn(verb, SPEC, *options)
+    assert (said.code, said.out) == (ExitCode.USAGE, "")
+    assert message in said.err
+    assert f"Usage: msnn {verb}" in said.err
+
+
 def test_version_and_help_end_with_0(msnn: CommandLine):
     assert msnn("--version").out.startswith("msnn ")
     said = msnn("--help")

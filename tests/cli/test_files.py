@@ -104,8 +104,7 @@ def test_settings_replace_values_of_the_workflow(msnn: CommandLine, project: Pat
         ("train.1.epochs=3", "error[E1032]: `1` is no item of the list"),
         ("train.x=3", "error[E1032]: `x` is no item of the list"),
         ("parameters.k=3", "error[E1031]: `parameters.k` cannot be set"),
-        ("train", "error[E1030]"),
-        ("=3", "error[E1030]"),
+        ("train\n=3", "error[E1030]"),
         ("train.0.epochs=[1", "error[E01"),
     ],
 )

@@ -178,6 +178,16 @@ def test_simulating_given_files(msnn: CommandLine, trained: Path):
     assert len(lines) == 51
 
 
+def test_a_given_file_that_is_not_there_is_named(msnn: CommandLine, project: Path):
+    said = msnn("simulate", SPEC, "--initial", "--data", "nope.csv", "--data", "no/*.csv")
+    assert said.code == 1
+    assert said.err == (
+        "weights: the initial values of the spec\n"
+        "error[E0801]: no data file matches `nope.csv`\n\n"
+        "error[E0801]: no data file matches `no/*.csv`\n"
+    )
+
+
 def test_simulating_with_a_plot(msnn: CommandLine, trained: Path):
     said = msnn("simulate", SPEC, "--plot", "run.png")
     assert said.code == 0
@@ -192,9 +202,6 @@ def test_a_bad_horizon_is_a_usage_error(msnn: CommandLine, trained: Path):
 def test_export_writes_what_the_spec_asks_for(msnn: CommandLine, trained: Path):
     assert re.fullmatch(r"c: \d+ files in build/export/c\n", msnn("export", SPEC).out)
     assert [path.name for path in (trained / "build" / "export").iterdir()] == ["c"]
-    said = msnn("export", SPEC, "--to", "fmi")
-    assert said.code == 1
-    assert "the targets are torch, onnx, casadi, c and all" in said.err
 
 
 def test_every_target_agrees_with_the_interpreter(msnn: CommandLine, trained: Path):

@@ -164,3 +164,14 @@ def test_a_link_that_leads_nowhere_is_an_error_not_less_data(target: str, tmp_pa
     (tmp_path / "b.csv").symlink_to(target)
     with pytest.raises(SpecError, match=r"cannot read b\.csv"):
         load(tmp_path, "source: {train: '*.csv'}\n", {"a.csv": table(4)})
+
+
+def test_a_mistake_of_many_files_is_said_once(tmp_path: Path) -> None:
+    files = {f"run{i}.csv": table(3, header="time,x,f") for i in range(10)}
+    files["run3.csv"] = table(3, header="time,y,f")
+    with pytest.raises(SpecError) as caught:
+        load(tmp_path, "source: {train: 'run*.csv'}\ntime: time\n", files)
+    assert [diagnostic.message for diagnostic in caught.value.diagnostics] == [
+        "run0.csv has no column `F` for `F` … and 8 more files",
+        "run3.csv has no columns `x`, `F`",
+    ]
