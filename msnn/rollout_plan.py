@@ -8,7 +8,7 @@ import numpy as np
 
 from compiler.passes.close_loop import LoopError, close_loop
 from compiler.program import Extent, Program, Role
-from msnn.data.dataset import Dataset
+from msnn.data.dataset import Dataset, IntArray
 from msnn.data.reads import reads
 from msnn.data.starts import Horizon, Runs, reach, rollouts
 from msnn.durations import samples
@@ -94,12 +94,26 @@ def set_rollouts(
     runs = rollouts(episodes, far, plan.horizon, step, rest=once)
     needed = far.rows(plan.horizon if isinstance(plan.horizon, int) and not once else 1)
     if runs.skipped and len(runs):
-        findings.report(data_files.episodes_skipped(runs.skipped, len(episodes), needed, wanted_by))
+        total, files = len(episodes), _files_skipped(data, episodes, runs)
+        findings.report(data_files.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
     runs = _with_known_starts(plan.program, data, runs)
     if not len(runs):
         findings.report(data_files.episodes_too_short(name, runs.longest, needed, wanted_by, span))
         return None
     return runs
+
+
+def _files_skipped(data: Dataset, episodes: IntArray, runs: Runs) -> list[str]:
+    """The files with an episode in which no rollout starts."""
+    first, after = (np.searchsorted(runs.t0, episodes[:, end]) for end in (0, 1))
+    starts = episodes[first == after, 0]
+    return list(
+        dict.fromkeys(
+            record.file
+            for record in data.records
+            if ((record.start <= starts) & (starts < record.stop)).any()
+        )
+    )
 
 
 def _with_known_starts(program: Program, data: Dataset, runs: Runs) -> Runs:

@@ -1,5 +1,6 @@
 """Leaf types of the schema that hold mathematics: expressions, arrays, predictions."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Annotated, TypeAlias
 
@@ -39,6 +40,9 @@ def _read_expression(node: Node, findings: Findings) -> Expression:
     found = scalar(node, findings, "an expression")
     if isinstance(found.value, bool):
         findings.report(errors.wrong_kind("an expression", kind(found), found.span))
+        raise RefusedError
+    if isinstance(found.value, float) and not math.isfinite(found.value):
+        findings.report(errors.out_of_range(found.text, found.span, "finite"))
         raise RefusedError
     expression = parse_expression(found.text, found.positions, findings)
     if expression is None:

@@ -28,7 +28,7 @@ def is_name(name: str) -> bool:
 
 def why_reserved(name: str) -> str | None:
     """Why nothing may be declared under this name; None when it is free."""
-    return _TAKEN.get(name) or ("it is a word of Python" if is_python_word(name) else None)
+    return _TAKEN.get(name) or ("it is a reserved word of Python" if is_python_word(name) else None)
 
 
 def is_python_word(name: str) -> bool:

@@ -44,6 +44,9 @@ def split_quantity(node: Scalar) -> tuple[Scalar, Scalar] | None:
 
 def _read_quantity(node: Node, findings: Findings) -> Quantity:
     found = scalar(node, findings, "a quantity such as `2 mm`")
+    if isinstance(found.value, float) and not math.isfinite(found.value):
+        findings.report(errors.out_of_range(found.text, found.span, "finite"))
+        raise RefusedError
     parts = split_quantity(found)
     text = parts[0].text if parts else found.text.strip()
     match = _QUANTITY.fullmatch(text)

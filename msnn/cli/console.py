@@ -48,9 +48,12 @@ def report(
     sources: Iterable[SourceText],
     format: DiagnosticFormat = "full",
 ) -> None:
-    """Diagnostics on stderr."""
-    if diagnostics:
-        note(render(diagnostics, format, sources, color=wants_color(sys.stderr)))
+    """Diagnostics on stderr; warnings in full stand apart from what the command says next."""
+    if not diagnostics:
+        return
+    failed = any(diagnostic.severity == "error" for diagnostic in diagnostics)
+    end = "\n" if format == "full" and not failed else ""
+    note(render(diagnostics, format, sources, color=wants_color(sys.stderr)) + end)
 
 
 def wants_color(stream: TextIO) -> bool:

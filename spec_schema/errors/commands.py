@@ -66,7 +66,7 @@ def unusable_name(name: str, reason: str) -> Diagnostic:
         "error",
         f"`{name}` cannot name a model: {reason}",
         None,
-        help="letters, digits and `_`, beginning with a letter",
+        help="a name has letters, digits and `_`, begins with a letter and is no reserved word",
     )
 
 

@@ -308,12 +308,15 @@ def outside_range(
     )
 
 
-def episodes_skipped(count: int, total: int, needed: int, wanted_by: str) -> Diagnostic:
+def episodes_skipped(
+    count: int, total: int, needed: int, wanted_by: str, files: Sequence[str]
+) -> Diagnostic:
     """W0802: episodes that are too short to be used."""
     return Diagnostic(
         "W0802",
         "warning",
-        f"{wanted_by} skips {count} of {total} episodes with fewer than {needed} rows",
+        f"{wanted_by} skips {count} of {total} episodes with fewer than {needed} rows: "
+        f"in {_listed(files)}",
         None,
     )
 

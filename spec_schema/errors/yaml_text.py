@@ -172,5 +172,6 @@ def block_text(indicator: str, span: Span) -> Diagnostic:
 
 def reserved_start(character: str, span: Span) -> Diagnostic:
     """E0128: a value that starts with a character that YAML keeps for itself."""
-    message = f"an unquoted value cannot start with `{character}`"
+    shown = "a backtick" if character == "`" else f"`{character}`"
+    message = f"an unquoted value cannot start with {shown}"
     return _error("E0128", message, span, "reserved by YAML", "quote the value")

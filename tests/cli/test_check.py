@@ -25,6 +25,15 @@ def test_a_good_spec_gets_one_line_on_stdout(msnn: CommandLine, project: Path):
     assert (said.code, said.out, said.err) == (0, SUMMARY, "")
 
 
+def test_a_blank_line_parts_warnings_from_what_follows(msnn: CommandLine, project: Path):
+    change(project, "  k: {init: 10", "  spare: 1\n  k: {init: 10")
+    said = msnn("validate", SPEC)
+    assert said.code == 1
+    warning, error = said.err.rstrip().split("\n\n")
+    assert warning.startswith("warning[W0301]: ")
+    assert error.startswith("error[E1036]: ")
+
+
 def test_a_broken_spec_is_explained_on_stderr(msnn: CommandLine, project: Path):
     change(project, "k*x", "kk*x")
     said = msnn("check", SPEC)

@@ -63,6 +63,7 @@ def test_init_wants_a_name_that_a_spec_can_have(msnn: CommandLine, name: str):
     said = msnn("init", name)
     assert said.code == 1
     assert f"error[E1035]: `{name}` cannot name a model" in said.err
+    assert ("it is a reserved word" in said.err) == (name == "class")
     assert list(msnn.folder.iterdir()) == []
 
 

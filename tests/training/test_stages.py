@@ -286,3 +286,12 @@ def test_a_run_is_kept_with_its_metrics_weights_and_spec(tmp_path: Path) -> None
     again = train(program, data, spec.train, options)
     assert again.folder != result.folder
     assert (tmp_path / "gain" / "latest").resolve() == again.folder
+
+
+def test_files_with_episodes_that_are_too_short_are_named() -> None:
+    program, spec = gain("  - {epochs: 1, rollout: 10}\n")
+    data = dataset(gain_series(60), train=[30, 4, 20, 6])
+    result = train(program, data, spec.train, TrainingOptions(runs=None))
+    (message,) = (warning.message for warning in result.warnings if warning.code == "W0802")
+    assert "skips 2 of 4 episodes" in message
+    assert message.endswith("in train1.csv, train3.csv")
