@@ -53,8 +53,8 @@ def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Progra
 def read_weights(path: Path, program: Program) -> LoadedWeights:
     """The weights of a program (rule R12).
 
-    A missing name, a wrong shape and a value that is not finite are errors, raised together as
-    SpecError; extra names are a warning.
+    A missing name, a wrong shape, values that are no floating point numbers and a value that is
+    not finite are errors, raised together as SpecError; extra names are a warning.
     """
     shown = str(path)
     try:
@@ -77,6 +77,8 @@ def read_weights(path: Path, program: Program) -> LoadedWeights:
             faults.append(
                 errors.misshapen_weights(shown, parameter.name, array.shape, shape, parameter.span)
             )
+        elif array is not None and not np.issubdtype(array.dtype, np.floating):
+            faults.append(errors.weights_not_floating(shown, parameter.name, str(array.dtype)))
         elif array is not None:
             found[parameter.name] = array.astype(np.float64)
     wild = [name for name, array in found.items() if not np.all(np.isfinite(array))]

@@ -46,7 +46,8 @@ Share: TypeAlias = Annotated[Fraction | Blocks, reads(_read_share)]
 class Split(Entry):
     """`by: file` and `by: fraction` take fractions, `by: block` takes numbers of blocks.
 
-    `by: fraction` cuts each record in time: train first, then val, then test.
+    `by: fraction` cuts each record in time: train first, then val, then test. Without `train`
+    what the others leave is its share.
     """
 
     noun: ClassVar[str] = "split"

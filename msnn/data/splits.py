@@ -87,11 +87,21 @@ def _fraction_rows(shares: Mapping[str, float], length: int, codes: Mapping[str,
 def _block_rows(split: Split, length: int, codes: Mapping[str, int]) -> SetCodes:
     rows = np.full(length, UNASSIGNED, dtype=np.int8)
     assert split.blocks is not None, "the schema asks for `blocks:`"
-    for name, share in zip(SETS, (split.train, split.val, split.test), strict=True):
-        for number in share.numbers if isinstance(share, Blocks) else ():
+    for name, numbers in _blocks(split, split.blocks).items():
+        for number in numbers:
             start = _rounded((number - 1) * length / split.blocks)
             rows[start : _rounded(number * length / split.blocks)] = codes[name]
     return rows
+
+
+def _blocks(split: Split, count: int) -> dict[str, tuple[int, ...]]:
+    """The blocks of each set; those that no set names belong to `train` unless its are given."""
+    given = {"train": split.train, "val": split.val, "test": split.test}
+    named = {name: s.numbers if isinstance(s, Blocks) else () for name, s in given.items()}
+    if split.train is None:
+        taken = {*named["val"], *named["test"]}
+        named["train"] = tuple(n for n in range(1, count + 1) if n not in taken)
+    return named
 
 
 def _rounded(value: float) -> int:

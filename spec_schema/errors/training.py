@@ -136,6 +136,17 @@ def weights_not_finite(file: str, names: Sequence[str]) -> Diagnostic:
     return Diagnostic("E0923", "error", f"{file} has values that are not finite in {listed}", None)
 
 
+def weights_not_floating(file: str, name: str, kind: str) -> Diagnostic:
+    """E0924: an array of integers or truth values where a parameter's values belong."""
+    return Diagnostic(
+        "E0924",
+        "error",
+        f"`{name}` in {file} holds {kind} values, not floating point numbers",
+        None,
+        help="write the array as float64",
+    )
+
+
 def diverged(stage: str, epoch: int, what: str, place: str, span: Span | None) -> Diagnostic:
     """E0913: training that produced a value that is not finite."""
     return Diagnostic(

@@ -96,6 +96,19 @@ def test_r10_blocks_are_cut_at_rounded_parts_of_the_record(tmp_path: Path) -> No
     assert episodes(data, "val") == [(8, 10)]
 
 
+def test_r10_blocks_that_no_set_names_are_trained_on_unless_train_names_its_own(
+    tmp_path: Path,
+) -> None:
+    files = {"a.csv": table(7)}
+    section = "source: {train: a.csv}\nsplit: {by: block, blocks: 7, val: [2], test: [7]"
+    data = load(tmp_path, section + "}\n", files)
+    assert episodes(data, "train") == [(0, 1), (2, 6)]
+    assert episodes(data, "val") == [(1, 2)]
+    assert episodes(data, "test") == [(6, 7)]
+    named = load(tmp_path, section + ", train: [4]}\n")
+    assert episodes(named, "train") == [(3, 4)]
+
+
 def test_r10_fractions_cut_each_record_in_time(tmp_path: Path) -> None:
     section = "source: {all: '*.csv'}\nsplit: {by: fraction, val: 0.2, test: 0.1}\n"
     data = load(tmp_path, section, {"a.csv": table(10), "b.csv": table(20)})

@@ -67,3 +67,11 @@ def test_values_that_are_not_finite_are_refused(value: float, tmp_path: Path) ->
     save_file({"h.weight": np.full(5, value), "g.weight": np.zeros(1)}, path)
     with pytest.raises(SpecError, match=r"not finite in `h\.weight`"):
         read_weights(path, fir_closed_loop().program)
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.bool_])
+def test_arrays_that_are_no_floating_point_numbers_are_refused(kind: type, tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    save_file({"h.weight": np.zeros(5, kind), "g.weight": np.zeros(1)}, path)
+    with pytest.raises(SpecError, match=r"`h\.weight` in .* not floating point numbers"):
+        read_weights(path, fir_closed_loop().program)
