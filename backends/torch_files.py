@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from backends.atomic_write import write_bytes, write_text
 from backends.readme import one_line, readme_text
 from backends.safetensors_bytes import safetensors_bytes
+from backends.step_interface import Port, step_interface
 from backends.torch_source import torch_source
 from compiler.interpreter import physical_weights
 from compiler.program import Program
@@ -31,9 +32,25 @@ def write_torch(
     """
     arrays = physical_weights(program, weights or {})
     metadata = {"program": program.name, "spec_sha256": program.spec_hash}
-    readme = readme_text("torch", model=one_line(program.name), prefix=prefix)
+    interface = step_interface(program)
+    readme = readme_text(
+        "torch",
+        model=one_line(program.name),
+        prefix=prefix,
+        windows=_zeros(interface.start_windows, dtype),
+        inputs=_zeros(interface.inputs, dtype),
+    )
     return (
         write_text(folder / f"{prefix}.py", torch_source(program, prefix, dtype)),
         write_bytes(folder / f"{prefix}.safetensors", safetensors_bytes(arrays, metadata)),
         write_text(folder / f"{prefix}_torch.md", readme),
     )
+
+
+def _zeros(ports: Iterable[Port], dtype: str) -> str:
+    """A dictionary of zeros for the ports, a batch of one, as Python writes it."""
+    entries = [
+        f"{port.signal.name!r}: torch.zeros({(1, *port.type.shape)}, dtype=torch.{dtype})"
+        for port in ports
+    ]
+    return f"{{{', '.join(entries)}}}"

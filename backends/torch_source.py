@@ -78,6 +78,8 @@ class _Function:
 
     lines: list[str]
     results: list[str]
+    needs_batch: bool
+    """Whether a result has no batch of its own and is repeated for each member."""
     constants: list[tuple[str, str]]
 
 
@@ -107,7 +109,7 @@ def _function(
         (name, _array_text(tensor.ravel().tolist(), tuple(tensor.shape)))
         for name, tensor in lowered.module.named_buffers()
     ]
-    return _Function(lines, results, buffers)
+    return _Function(lines, results, any(static[root] for root in roots), buffers)
 
 
 def _results(value: Any) -> tuple[Any, ...]:

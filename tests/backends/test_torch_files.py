@@ -18,6 +18,7 @@ from compiler.interpreter import Interpreter
 from compiler.ops import ReadSignal
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import Program
+from tests.backends.readme_code import run_example
 from tests.backends.test_torch_module import agree
 from tests.programs import SAMPLES
 
@@ -44,7 +45,8 @@ def run(module: Any, program: Program, log: dict[str, np.ndarray], steps: int) -
     windows = {
         name: window(log[name], t, *extent) for name, extent in start_extents(program).items()
     }
-    for name, value in model.initial_state(windows, batch=2).items():
+    batch = {} if windows else {"batch": 2}
+    for name, value in model.initial_state(windows, **batch).items():
         agree(value, states[name])
     for k in range(steps):
         inputs: dict[str, torch.Tensor] = {}
@@ -75,6 +77,17 @@ def test_agrees_with_the_interpreter(name: str, tmp_path: Path) -> None:
     program = to_step_form(sample.program)
     write_torch(program, None, tmp_path, "plant")
     run(imported(tmp_path / "plant.py"), program, sample.log(60, 4), 20)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_the_readme_runs_and_the_code_computes_nothing_unused(name: str, tmp_path: Path) -> None:
+    program = to_step_form(SAMPLES[name]().program)
+    source, _, readme = write_torch(program, None, tmp_path, "plant", "float32")
+    assert repr(program.outputs[0].name) in run_example(readme)
+    for part in source.read_text(encoding="utf-8").split("    def ")[1:]:
+        if "batch = len(" in part:
+            assert "expand(batch" in part
+            assert "batch: int" not in part
 
 
 def test_the_file_is_the_same_each_time(tmp_path: Path) -> None:
