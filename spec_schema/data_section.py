@@ -2,10 +2,11 @@
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, model_validator
 
 from spec_schema.columns import Column, ColumnField
-from spec_schema.entry import Entry
+from spec_schema.entry import Entry, findings_of
+from spec_schema.errors import data_files as errors
 from spec_schema.named_tables import Named
 from spec_schema.plain_fields import (
     Character,
@@ -16,8 +17,9 @@ from spec_schema.plain_fields import (
     Switch,
     choice,
 )
-from spec_schema.quantity_fields import LengthField
+from spec_schema.quantity_fields import LengthField, UnitField
 from spec_schema.splits import Split
+from spec_schema.unit_parser import parse_unit
 
 
 class Csv(Entry):
@@ -30,6 +32,30 @@ class Csv(Entry):
     comment: Character | None = None
     header: Switch = True
     skip: NonNegativeCount = 0
+
+
+class TimeColumn(Entry):
+    """The column that holds the time of each row, in seconds unless `unit` says otherwise."""
+
+    noun: ClassVar[str] = "time"
+    shorthand: ClassVar[str | None] = "column"
+
+    column: ColumnField
+    unit: UnitField | None = None
+
+    @property
+    def seconds(self) -> float:
+        """What one unit of the column is in seconds."""
+        return 1.0 if self.unit is None else self.unit.value.factor_to(_SECOND)
+
+    @model_validator(mode="after")
+    def _is_time(self, info: ValidationInfo) -> "TimeColumn":
+        if self.unit is not None and not self.unit.value.same_dimension(_SECOND):
+            findings_of(info).report(errors.no_unit_of_time(self.unit.value.text, self.unit.span))
+        return self
+
+
+_SECOND = parse_unit("s")
 
 
 class Layout(Entry):
@@ -45,7 +71,7 @@ class Layout(Entry):
     last: LengthField | None = Field(default=None, alias="to")
     every: PositiveCount | None = None
     columns: Named[Column] = Field(default_factory=dict[str, Column])
-    time: ColumnField | None = None
+    time: TimeColumn | None = None
     csv: Csv | None = None
     resample: (
         Annotated[Literal["error", "none"], choice("error", "none", later=("linear", "nearest"))]

@@ -38,12 +38,14 @@ def read_part(program: Program, data: Data, file: DataFile, findings: Findings) 
     found = feeds(program.signals, {**data.columns, **file.layout.columns}, mine)
     dialect = _dialect(file.layout.csv or data.csv)
     time_column = file.layout.time or data.time
-    time_key = None if time_column is None else time_column.column
+    time_key = None if time_column is None else time_column.column.column
     table = _table(file, data, found, dialect, time_key, mine)
     findings.report(*mine.in_order)
     if table is None or mine.failed:
         return None
-    time = None if time_key is None else table.columns[time_key]
+    time = None
+    if time_column is not None and time_key is not None:
+        time = table.columns[time_key] * time_column.seconds
     picked = picked_rows(file.layout, data, file.shown, table.rows, time, findings)
     if picked is None:
         return None
@@ -52,8 +54,8 @@ def read_part(program: Program, data: Data, file: DataFile, findings: Findings) 
     length = len(next(iter(columns.values())))
     continues = np.ones(length, dtype=np.bool_)
     continues[:1] = False
-    if time_key is not None and program.sample_time is not None:
-        continues, faults = continuity(columns[time_key], picked, program.sample_time)
+    if time is not None and program.sample_time is not None:
+        continues, faults = continuity(time[picked.rows], picked, program.sample_time)
         if (file.layout.resample or data.resample or "error") == "error":
             for fault in faults:
                 findings.report(_time_fault(fault, file, program.sample_time, table))

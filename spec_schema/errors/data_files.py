@@ -295,6 +295,18 @@ def no_time_column(what: str, span: Span | None) -> Diagnostic:
     )
 
 
+def no_unit_of_time(unit: str, span: Span) -> Diagnostic:
+    """E0824: a unit of the time column that is no time."""
+    return Diagnostic(
+        "E0824",
+        "error",
+        f"the time column cannot be in {unit}",
+        span,
+        "not a unit of time",
+        help="units of time are s, ms, us, min, h",
+    )
+
+
 def outside_range(
     signal: str, count: int, worst: float, low: float, high: float, unit: str
 ) -> Diagnostic:

@@ -33,6 +33,16 @@ def test_r10_from_and_to_are_inclusive_rows_or_times(tmp_path: Path) -> None:
     np.testing.assert_array_equal(by_time.series["x"], [2, 3, 4, 5])
 
 
+def test_r10_the_time_may_be_in_another_unit(tmp_path: Path) -> None:
+    files = {"a.csv": table(10, step=200)}
+    section = "source: {train: a.csv}\ntime: {column: time, unit: ms}\nfrom: 0.4 s\n"
+    data = load(tmp_path, section, files)
+    assert episodes(data, "train") == [(0, 8)]
+    np.testing.assert_array_equal(data.series["x"], np.arange(2, 10))
+    with pytest.raises(SpecError, match="E0812"):
+        load(tmp_path, "source: {train: a.csv}\ntime: time\n")
+
+
 def test_r10_every_picks_rows_from_the_first_on(tmp_path: Path) -> None:
     files = {"a.csv": table(11, step=0.05)}
     section = "source: {train: a.csv}\ntime: time\nfrom: 1\nevery: 4\n"
