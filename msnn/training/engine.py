@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
+
+import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.rollout import LossSum
 
 LossSums = dict[str, LossSum]
+
+
+def batches_of(runs: Runs, size: int) -> Iterator[Runs]:
+    """The rollouts in batches of `size`, in order."""
+    for start in range(0, len(runs), size):
+        yield runs.take(np.arange(start, min(start + size, len(runs))))
 
 
 class NonFiniteLossError(Exception):
@@ -39,10 +47,10 @@ class Engine(Protocol):
     batches_a_call: int
     """Batches that `train_batches` is given at once; the stage can be stopped between two calls."""
 
-    def train_batches(self, batches: Sequence[Runs]) -> LossSums:
-        """One optimiser step on each batch of rollouts in order; their losses before it, summed.
+    def train_batches(self, runs: Runs, size: int) -> LossSums:
+        """One optimiser step on each `size` of the rollouts in order, the last ones fewer.
 
-        Raises NonFiniteLossError.
+        Returns the losses before each step, summed. Raises NonFiniteLossError.
         """
         ...
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -52,21 +52,19 @@ class NativeEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._variables.weights(), **self._fixed}
 
-    def train_batches(self, batches: Sequence[Runs]) -> LossSums:
+    def train_batches(self, runs: Runs, size: int) -> LossSums:
         """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""
         if not self._kernel.built.is_checked:
-            check_kernel(
-                self._kernel, self._series, self._plan.rollout.skip, batches[0], self.weights()
-            )
+            check_kernel(self._kernel, self._series, self._plan.rollout.skip, runs, self.weights())
             self._kernel.built.mark_checked()
-        starts = np.concatenate([runs.t0 for runs in batches])
-        steps = np.concatenate([runs.steps for runs in batches])
-        groups, bounds = self._kernel.batches(starts, steps, [len(runs) for runs in batches])
+        sizes = [min(size, len(runs) - start) for start in range(0, len(runs), size)]
+        groups, bounds = self._kernel.batches(runs.t0, runs.steps, sizes)
         done, sums, counts = self._kernel.train(
             self._train, groups, bounds, self._variables, self._loss_weights
         )
-        if done < len(batches):
-            raise NonFiniteLossError(batches[done])
+        if done < len(sizes):
+            fatal = np.arange(done * size, done * size + sizes[done])
+            raise NonFiniteLossError(runs.take(fatal))
         return self._named(sums, counts)
 
     def evaluate(self, runs: Runs) -> LossSums:

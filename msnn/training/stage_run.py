@@ -113,12 +113,13 @@ class StageRun:
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
         # a last batch that is smaller is the same as one filled up with members of weight 0
-        batches = [order[start : start + size] for start in range(0, len(order), size)]
-        while self.batch < len(batches):
-            several = batches[self.batch : self.batch + self.engine.batches_a_call]
-            found = self.engine.train_batches([self.train.take(members) for members in several])
+        count = -(-len(order) // size)
+        while self.batch < count:
+            several = min(self.engine.batches_a_call, count - self.batch)
+            members = order[self.batch * size : (self.batch + several) * size]
+            found = self.engine.train_batches(self.train.take(members), size)
             sums = {name: sums.get(name, LossSum(0.0, 0)) + value for name, value in found.items()}
-            self.batch, self.sums = self.batch + len(several), sums
+            self.batch, self.sums = self.batch + several, sums
             if self.stop_asked():
                 raise Interrupted(self.checkpoint())
         return sums

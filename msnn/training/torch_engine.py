@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 
 import torch
@@ -12,7 +12,7 @@ from torch import Tensor
 from backends.torch_module import build_module
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
-from msnn.training.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.engine import EngineState, LossSums, NonFiniteLossError, batches_of
 from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.optimizer_state import flattened, rebuilt
 from msnn.training.stage_plan import StagePlan
@@ -59,11 +59,11 @@ class TorchEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._model.weights(), **self._fixed}
 
-    def train_batches(self, batches: Sequence[Runs]) -> LossSums:
+    def train_batches(self, runs: Runs, size: int) -> LossSums:
         """One optimiser step on each batch; the losses before it. Raises NonFiniteLossError."""
         sums: LossSums = {}
-        for runs in batches:
-            for name, value in self._train_batch(runs).items():
+        for batch in batches_of(runs, size):
+            for name, value in self._train_batch(batch).items():
                 sums[name] = sums[name] + value if name in sums else value
         return sums
 

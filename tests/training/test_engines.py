@@ -49,23 +49,25 @@ def planned(text: str, stage: str) -> tuple[Program, StagePlan]:
     return program, plan
 
 
-def batches_of(steps: int) -> list[Runs]:
+BATCH = 20
+"""Of 50 rollouts: the last batch is smaller."""
+
+
+def runs_of(steps: int) -> Runs:
     starts = np.random.default_rng(2).permutation(np.arange(10, 60))
-    batches = [starts[:20], starts[20:40], starts[40:]]
-    return [Runs(b, np.full(len(b), steps, dtype=np.int64), 0, 90) for b in batches]
+    return Runs(starts, np.full(len(starts), steps, dtype=np.int64), 0, 90)
+
+
+def first_batch(steps: int) -> Runs:
+    return runs_of(steps).take(np.arange(BATCH))
 
 
 def trained(
-    engine: Engine, batches: list[Runs], epochs: int
+    engine: Engine, runs: Runs, epochs: int
 ) -> tuple[list[dict[str, float]], dict[str, FloatArray]]:
     losses: list[dict[str, float]] = []
     for _ in range(epochs):
-        sums = {}
-        for start in range(0, len(batches), engine.batches_a_call):
-            for name, value in engine.train_batches(
-                batches[start : start + engine.batches_a_call]
-            ).items():
-                sums[name] = sums[name] + value if name in sums else value
+        sums = engine.train_batches(runs, BATCH)
         losses.append({name: value.total / value.count for name, value in sums.items()})
     return losses, engine.weights()
 
@@ -82,7 +84,7 @@ def test_both_engines_train_alike(model: str, optimizer: str) -> None:
         )
         log = log_of(program)
         found = {
-            name: trained(make(plan, log, initial(program), None, None), batches_of(8), 3)
+            name: trained(make(plan, log, initial(program), None, None), runs_of(8), 3)
             for name, make in ENGINES.items()
         }
         (native, native_weights), (torch, torch_weights) = found["native"], found["torch"]
@@ -100,9 +102,7 @@ def test_lbfgs_along_the_gradient_of_a_kernel(model: str) -> None:
     program, plan = planned(text, "rollout: 8, dtype: float64, optimizer: {lbfgs: {iterations: 6}}")
     log = log_of(program)
     (native, _), (torch, _) = (
-        trained(
-            TorchEngine(plan, log, initial(program), None, None, objective), batches_of(8)[:1], 2
-        )
+        trained(TorchEngine(plan, log, initial(program), None, None, objective), first_batch(8), 2)
         for objective in (KernelObjective, TorchObjective)
     )
     for ours, theirs in zip(native, torch, strict=True):
@@ -117,7 +117,7 @@ def test_first_batch_losses_agree(model: str) -> None:
     for dtype, tolerance in (("float64", 1e-12), ("float32", 1e-6)):
         program, plan = planned(text, f"rollout: 8, dtype: {dtype}")
         log = log_of(program)
-        runs = batches_of(8)[0]
+        runs = first_batch(8)
         sums = [
             make(plan, log, initial(program), None, None).evaluate(runs)
             for make in ENGINES.values()
@@ -133,7 +133,7 @@ def test_frozen_parameters_and_factors_of_the_learning_rate() -> None:
     program, plan = planned(text, 'rollout: 4, freeze: h_x.*, lr: {"h_F.*": 0.5}')
     weights = initial(program)
     results = [
-        trained(make(plan, log_of(program), weights, None, None), batches_of(4), 2)[1]
+        trained(make(plan, log_of(program), weights, None, None), runs_of(4), 2)[1]
         for make in ENGINES.values()
     ]
     for result in results:
@@ -150,7 +150,7 @@ def test_a_stage_says_why_it_runs_on_torch(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     text, _ = MODELS["fir"]
-    runs = batches_of(4)[0]
+    runs = first_batch(4)
     data = StageData(runs, None, runs, None, "train")
     program, plan = planned(text, "rollout: 4")
     opened = open_engine(plan, log_of(program), initial(program), data)
@@ -181,4 +181,4 @@ def test_a_kernel_that_is_wrong_never_trains(
     for _ in range(2):
         engine = NativeEngine(plan, log_of(program), initial(program), None, None)
         with pytest.raises(WrongKernelError, match="slope"):
-            engine.train_batches(batches_of(4))
+            engine.train_batches(runs_of(4), BATCH)

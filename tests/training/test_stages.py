@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 
 from msnn.data.starts import Runs
 from msnn.rollout import LossSum
-from msnn.training.engine import EngineState
+from msnn.training.engine import EngineState, batches_of
 from msnn.training.progress import EpochEnd, StageEnd, StageStart
 from msnn.training.stage_plan import plan_stages
 from msnn.training.stage_run import StageRun, shuffled
@@ -165,10 +164,9 @@ class Counting:
     def weights(self) -> dict[str, np.ndarray]:
         return {}
 
-    def train_batches(self, batches: Sequence[Runs]) -> dict[str, LossSum]:
-        self.batches += [runs.t0.tolist() for runs in batches]
-        count = sum(len(runs) for runs in batches)
-        return {"x_next": LossSum(float(count), count)}
+    def train_batches(self, runs: Runs, size: int) -> dict[str, LossSum]:
+        self.batches += [batch.t0.tolist() for batch in batches_of(runs, size)]
+        return {"x_next": LossSum(float(len(runs)), len(runs))}
 
     def evaluate(self, runs: Runs) -> dict[str, LossSum]:
         return {"x_next": LossSum(0.0, len(runs))}

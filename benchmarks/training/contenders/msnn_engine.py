@@ -49,7 +49,9 @@ class MsnnEngine(Contender):
         self.runs = Runs(t0, np.full(starts, settings["horizon"]), 0, len(t0))
         self._random = np.random.default_rng(0)
         self._engine = self._opened(plan, initial_weights(program))
-        self._engine.train_batches(self._batches(fixed=True)[:1])  # a new kernel is checked here
+        size = self.settings["batch"]
+        first = self.runs.take(self.order(fixed=True)[:size])
+        self._engine.train_batches(first, size)  # a new kernel is checked here
         self.build_seconds = time.perf_counter() - started
         self.reset()
 
@@ -71,7 +73,8 @@ class MsnnEngine(Contender):
         return time.perf_counter() - started, losses
 
     def epoch(self, fixed: bool) -> float:
-        (summed,) = self._engine.train_batches(self._batches(fixed)).values()
+        runs = self.runs.take(self.order(fixed))
+        (summed,) = self._engine.train_batches(runs, self.settings["batch"]).values()
         return summed.total / summed.count
 
     def order(self, fixed: bool) -> NDArray[np.int64]:
@@ -80,15 +83,11 @@ class MsnnEngine(Contender):
         order = np.arange(starts) if fixed else self._random.permutation(starts)
         return order[: starts - starts % self.settings["batch"]]
 
-    def _batches(self, fixed: bool) -> list[Runs]:
-        size, order = self.settings["batch"], self.order(fixed)
-        return [self.runs.take(order[i : i + size]) for i in range(0, len(order), size)]
-
     def gradient(self, weights: dict[str, list[float]]) -> dict[str, list[float]]:
         program = self.plan.rollout.program
         shapes = {p.name: tuple(a.size for a in p.axes) for p in program.parameters}
         given = {name: np.array(values).reshape(shapes[name]) for name, values in weights.items()}
-        batch = self._batches(fixed=True)[0]
+        batch = self.runs.take(self.order(fixed=True)[: self.settings["batch"]])
         found = (self._native if self._name == "native" else self._double)(given, batch)
         return {name: values.ravel().tolist() for name, values in found.items()}
 
