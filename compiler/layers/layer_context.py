@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,6 +12,7 @@ import numpy as np
 from compiler.builder import GraphBuilder
 from compiler.lowering.environment import Argument, Environment
 from compiler.lowering.failure import LoweringFailed
+from compiler.named_draws import generator_of
 from compiler.op_rules import LARGEST_SIZE
 from compiler.program import NodeId
 from compiler.scalar_functions import Array
@@ -106,18 +106,12 @@ class LayerContext:
     def initial(
         self, suffix: str, initializer: Initializer | None, axes: tuple[Axis, ...], bound: float
     ) -> Array:
-        """The values that `init:` gives, else uniform ones in ±bound.
-
-        Draws are different for every array and the same on every machine: the generator is
-        counter-based (Philox; Salmon et al. 2011), keyed by the array's name.
-        """
+        """The values that `init:` gives, else uniform ones in ±bound, drawn by the array's name."""
         full = self._admitted(axes)
         name = f"{self.name}.{suffix}"
         if initializer is not None:
             return self.model.arrays.initial(name, initializer, full)
-        digest = hashlib.sha256(name.encode()).digest()
-        generator = np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:8], "little")))
-        return generator.uniform(-bound, bound, tuple(axis.size for axis in full))
+        return generator_of(name).uniform(-bound, bound, tuple(axis.size for axis in full))
 
     def apply(self, function: Located[str], nodes: Sequence[NodeId]) -> NodeId:
         """The value of a builtin or of a function of the spec at operands of the same axes.

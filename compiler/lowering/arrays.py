@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeGuard
 
@@ -13,6 +12,7 @@ from compiler.constant_value import constant_value
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
+from compiler.named_draws import generator_of
 from compiler.program import NodeId, Parameter
 from compiler.scalar_functions import Array
 from compiler.types import Axis, Type, describe_axes
@@ -216,9 +216,9 @@ class Arrays:
         shape = tuple(axis.size for axis in axes)
         match initializer.choice:
             case NormalInitializer() as normal:
-                return _generator(name).normal(normal.mean, normal.std, shape)
+                return generator_of(name).normal(normal.mean, normal.std, shape)
             case UniformInitializer() as uniform:
-                return _generator(name).uniform(uniform.min, uniform.max, shape)
+                return generator_of(name).uniform(uniform.min, uniform.max, shape)
             case expression:
                 found = self.evaluate(expression)
                 return self._fitted(name, found.values, axes, expression.span)
@@ -270,9 +270,3 @@ class Arrays:
             self._model.findings.report(names.unfit_constant(f"`{name}`", "is not finite", span))
             raise LoweringFailed
         return np.broadcast_to(values, shape)
-
-
-def _generator(name: str) -> np.random.Generator:
-    """Counter-based random numbers (Philox; Salmon et al. 2011) keyed by a parameter's name."""
-    digest = hashlib.sha256(name.encode()).digest()
-    return np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:8], "little")))
