@@ -79,23 +79,28 @@ class StepGradients:
     states: Mapping[str, NodeId]
     parameters: Mapping[str, NodeId]
     signals: Mapping[str, NodeId]
-    """By signal; in step form a signal is read once, as its port."""
+    """By signal; empty where they are not wanted."""
 
 
-def step_gradients(builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId]) -> StepGradients:
-    """The gradients with respect to everything that a step-form graph reads.
+def step_gradients(
+    builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId], *, signals: bool = True
+) -> StepGradients:
+    """The gradients with respect to everything that a step reads.
 
     A buffer state is read whole (`ReadState`), or together with its newest sample (`Window`).
+    `signals` needs a graph that reads each signal once, as step form does; in window form one
+    signal is read over several windows.
     """
     last = max(adjoints, default=-1)
+    kinds = ReadState | Window | ReadParameter
     readers = [
         node
         for node in range(last + 1)
-        if isinstance(builder.node(node).op, ReadState | Window | ReadParameter | ReadSignal)
+        if isinstance(builder.node(node).op, kinds | ReadSignal if signals else kinds)
     ]
     states: dict[str, NodeId] = {}
     parameters: dict[str, NodeId] = {}
-    signals: dict[str, NodeId] = {}
+    inputs: dict[str, NodeId] = {}
     for node, gradient in zip(readers, gradients(builder, adjoints, readers), strict=True):
         if gradient is None:
             continue
@@ -108,10 +113,10 @@ def step_gradients(builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId]) -> 
             case ReadParameter(name=name):
                 _accumulate(builder, parameters, name, gradient)
             case ReadSignal(signal=name):
-                _accumulate(builder, signals, name, gradient)
+                _accumulate(builder, inputs, name, gradient)
             case _:
                 raise AssertionError("the readers are filtered above")
-    return StepGradients(states, parameters, signals)
+    return StepGradients(states, parameters, inputs)
 
 
 def _accumulate(

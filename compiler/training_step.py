@@ -139,7 +139,7 @@ def _reverse_step(
         type = builder.type(result).with_unit(None)
         seed = builder.state(f"{ADJOINT}{state.name}", type)
         _add(builder, adjoints, result, seed)
-    gradients = step_gradients(builder, adjoints)
+    gradients = step_gradients(builder, adjoints, signals=False)
     return _read_back(builder.graph(), gradients, {node: name for name, node in newest.items()})
 
 
@@ -159,7 +159,7 @@ def _reverse_start(program: Program) -> Reverse:
     for state in program.states:
         type = builder.type(state.start).with_unit(None)
         _add(builder, adjoints, state.start, builder.state(f"{ADJOINT}{state.name}", type))
-    gradients = step_gradients(builder, adjoints)
+    gradients = step_gradients(builder, adjoints, signals=False)
     return Reverse(builder.graph(), gradients)
 
 

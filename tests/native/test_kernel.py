@@ -74,6 +74,11 @@ inputs: {q: {dims: joint}, u: {dims: joint}}
 layers: {h_q: {fir: {window: 3}}, h_u: {fir: {window: 6}}}
 outputs: {q_next: {expr: 0.9 * q + h_q(q) + h_q(sin(q)) + h_u(u), predicts: "q[t+1]"}}
 """
+TWO_WINDOWS = """
+inputs: {x: m, u: N}
+layers: {long: {fir: {window: 6}}, short: {fir: {window: 3}}}
+outputs: {x_next: {expr: "long(u) + short(sin(u)) + 0.3 * u[t-4] + 0.5 * x", predicts: "x[t+1]"}}
+"""
 LEARNED_START = """
 inputs: {u: N}
 targets: {z: m}
@@ -88,6 +93,7 @@ MODELS = {
     "arm": (ARM, ()),
     "vehicle": (VEHICLE, ("v",)),
     "joints": (JOINTS, ("q",)),
+    "two_windows": (TWO_WINDOWS, ("x",)),
     "filtered_joints": (FILTERED_JOINTS, ("q",)),
     "learned_start": (LEARNED_START, ()),
 }
