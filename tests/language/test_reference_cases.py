@@ -1,0 +1,13 @@
+"""Every reference case in every backend; `reference_case.py` says how one is written."""
+
+import pytest
+
+from tests.conditions import require_tool
+from tests.language.reference_case import BACKENDS, CASES, assert_case, read_case
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", sorted(path.stem for path in CASES.glob("*.yaml")))
+def test_reference_case(name: str, backend: str) -> None:
+    require_tool("gcc", install="apt install gcc")
+    assert_case(read_case(CASES / f"{name}.yaml"), backend)
