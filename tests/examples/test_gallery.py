@@ -1,0 +1,71 @@
+"""Every spec of the gallery checks, trains, and exports C that has the interpreter's bits."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from compiler.ops import Apply
+from compiler.scalar_functions import SCALAR_FUNCTIONS
+from msnn.cli.application import run
+from msnn.model_file import load_model
+from spec_schema.integrators import Integrator
+from spec_schema.layers import Layer
+from tests.conditions import require_tool
+from tests.examples.gallery import GALLERY, NAMES, gallery_copy, spec_of
+
+TEXTS = {name: spec_of(GALLERY, name).read_text(encoding="utf-8") for name in NAMES}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return gallery_copy(tmp_path_factory.mktemp("gallery"))
+
+
+def layers_of(text: str) -> set[str]:
+    return {layer for layer in Layer.model_fields if re.search(rf"\{{?\b{layer}: *[{{\n]", text)}
+
+
+def test_every_layer_is_somewhere_in_the_gallery() -> None:
+    used = set[str]().union(*(layers_of(text) for text in TEXTS.values()))
+    assert used >= {field for field in Layer.model_fields if field != "place"}
+
+
+def test_every_scalar_function_is_somewhere_in_the_gallery() -> None:
+    programs = [load_model(spec_of(GALLERY, name)).program for name in NAMES]
+    used = {
+        node.op.function
+        for program in programs
+        for _, node in program.step
+        if isinstance(node.op, Apply)
+    }
+    assert used == set(SCALAR_FUNCTIONS)
+
+
+@pytest.mark.parametrize("policy", ["clamp", "hold", "flag", "trust"])
+def test_every_policy_is_somewhere_in_the_gallery(policy: str) -> None:
+    assert any(f"on_invalid: {policy}" in text for text in TEXTS.values())
+
+
+def test_integrators_are_in_the_gallery() -> None:
+    wanted = {field for field in Integrator.model_fields if field != "place"}
+    assert {i for i in wanted if any(f"integrator: {{{i}:" in t for t in TEXTS.values())} == wanted
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_checks_trains_and_exports_the_same_bits(
+    name: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require_tool("gcc", install="apt-get install gcc")
+    spec, runs = str(spec_of(folder, name)), ["--runs", str(tmp_path / "runs")]
+    assert run(["check", spec]) == 0
+    assert capsys.readouterr().err == ""
+    assert run(["train", spec, "--out", str(tmp_path / "runs")]) == 0
+    capsys.readouterr()
+    exported = ["--to", "c", "--check", "--format", "json", "--out", str(tmp_path / "out")]
+    assert run(["export", spec, *runs, *exported]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [target["bits"] for target in said["agreement"]["targets"]] == [0]
