@@ -10,6 +10,7 @@ from typing import Literal, TypeAlias, assert_never
 from backends.identifiers import c_identifier
 from compiler.passes.close_loop import LoopError, close_loop
 from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.retime import retime
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
@@ -133,7 +134,10 @@ def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | 
         return None
     outputs = _outputs(program, entry, findings)
     step = to_step_form(prune_outputs(program, outputs))
-    return ExportPlan(target, step, prefix, dtype, entry if isinstance(entry, CExport) else None)
+    c = entry if isinstance(entry, CExport) else None
+    if target == "c":
+        step = retime(step, fixed_parameters=c is None or c.params != "tunable")
+    return ExportPlan(target, step, prefix, dtype, c)
 
 
 def _closed(program: Program, entry: _TargetEntry, findings: Findings) -> Program | None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from compiler.builder import GraphBuilder
 from compiler.ops import Add, Multiply, Relation
+from compiler.passes.to_step_form import to_step_form
 from compiler.program import (
     Declared,
     Graph,
@@ -128,10 +129,30 @@ def functions() -> Program:
     return Program("functions", None, signals, (), (), b.graph(), Graph(), outputs)
 
 
+def mapped_windows() -> Program:
+    """Two functions of windows of an input, a sample of it, and a window that is only scaled."""
+    b = GraphBuilder()
+    window, short = Type((Axis("t", 4),)), Type((Axis("t", 3),))
+    angle = b.signal("angle", -3, 0, window)
+    phase = b.add(
+        b.multiply(b.signal("angle", -2, 0, short), b.parameter("k", Type())), b.constant(1.0)
+    )
+    level = b.subtract(b.signal("level", -3, 0, window), b.constant(0.5))
+    b.name(level, "offset_free")
+    waves = b.add(b.sum(b.apply("cos", phase), "t"), b.sum(b.apply("sin", angle), "t"))
+    late = b.signal("angle", -1, -1, Type())
+    outputs = (Output("waves", b.add(waves, late)), Output("level", b.sum(level, "t")))
+    signals = (Signal("angle", Role.INPUT), Signal("level", Role.INPUT))
+    parameters = (Parameter("k", initial=(0.7,)),)
+    made = Program("mapped", 0.1, signals, parameters, (), b.graph(), Graph(), outputs)
+    return to_step_form(made)
+
+
 PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "numbers": numbers,
     "branches": branches,
     "twins": twins,
     "leftovers": leftovers,
     "functions": functions,
+    "mapped_windows": mapped_windows,
 }

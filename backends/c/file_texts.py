@@ -96,6 +96,7 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         assignments=[_assignment(input.field, zero) for input in interface.inputs],
         outputs=[_shown(field) for field in interface.outputs],
         takes_parameters=interface.takes_parameters,
+        tunable=interface.options.params == "tunable",
         waits_for_reset=bool(interface.from_record),
     )
 

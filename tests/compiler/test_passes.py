@@ -18,6 +18,7 @@ from compiler.passes.expand_functions import expand_functions
 from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
 from compiler.passes.guard_untaken import guard_untaken
 from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.retime import retime
 from compiler.passes.share_common import share_common
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import Graph, Output, Program, Role, Signal, extents
@@ -45,6 +46,10 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
     "to_step_form": [
         (name, lambda name=name: SAMPLES[name]().program, to_step_form)
         for name in ("fuzzy_local_models", "preview_driver", "late_sensor")
+    ],
+    "retime": [
+        (name, PASS_PROGRAMS[name], lambda p: retime(p, fixed_parameters=True))
+        for name in ("mapped_windows",)
     ],
     "fold_constants": [("numbers", PASS_PROGRAMS["numbers"], fold_constants)],
     "share_common": [("twins", PASS_PROGRAMS["twins"], share_common)],

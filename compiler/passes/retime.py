@@ -1,0 +1,225 @@
+"""Moves pointwise work before the delay: a window of f(x) instead of f of a window of x."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from compiler.builder import GraphBuilder
+from compiler.graph_copy import copy_node, with_step
+from compiler.ops import ReadState, Slice, Window
+from compiler.passes.drop_unused import drop_unused
+from compiler.program import Graph, History, NodeId, Program, State
+from compiler.samplewise import Sampled, Samplewise, at_samples, samplewise
+from compiler.types import WINDOW, Axis
+
+
+def retime(program: Program, *, fixed_parameters: bool) -> Program:
+    """Replaces buffers of x of which only f of their window is used by buffers of f(x).
+
+    f is any work on single samples: elementwise, and sums over other axes than the window. It may
+    read numbers, and parameters where these are fixed: one that changes between steps must change
+    the past samples too. The new buffer starts as f of what the old one started as. f(x) is no
+    larger than x; both buffers are kept only where f is a function of the language (`tanh`).
+
+    Before: step form, without losses. After: the same outputs to rounding, nodes in step form.
+
+        %1: [t=30] = window(x.history, %0)
+        %2: [t=30] = tanh(%1)
+
+        %1: scalar = tanh(%0)
+        %2: [t=30] = window(tanh.history, %1)
+    """
+    buffers = _buffers(program)
+    work = samplewise(program.step, frozenset(buffers), parameters=fixed_parameters)
+    moves = [
+        move
+        for name, uses in _uses(program, buffers, work).items()
+        for move in _worthwhile(program, _candidates(program, buffers[name], uses, work))
+    ]
+    return _moved(program, moves, work) if moves else program
+
+
+@dataclass(frozen=True, slots=True)
+class _Buffer:
+    """A history that only one `Window` feeds."""
+
+    state: State
+    newest: NodeId
+    kept: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Move:
+    """One f: the values that are f of samples of a buffer, and the name of the buffer of f(x)."""
+
+    buffer: _Buffer
+    name: str
+    uses: dict[NodeId, Sampled]
+    calls: bool
+    """Whether f calls a function."""
+
+    @property
+    def oldest(self) -> int:
+        """The first sample of the old window that is needed."""
+        return min(sampled.first for sampled in self.uses.values())
+
+
+def _buffers(program: Program) -> dict[str, _Buffer]:
+    windows: dict[str, list[NodeId]] = {}
+    for index, node in program.step:
+        if isinstance(node.op, Window):
+            windows.setdefault(node.op.state, []).append(index)
+    found: dict[str, _Buffer] = {}
+    for state in program.states:
+        following = program.step[state.next]
+        kept = state.axes[-1].size if state.axes else 0
+        moved = following.op == Slice(WINDOW, 1, kept + 1)
+        if isinstance(state.origin, History) and moved:
+            (window,) = following.args
+            if windows.get(state.name) == [window]:
+                found[state.name] = _Buffer(state, program.step[window].args[0], kept)
+    return found
+
+
+def _uses(
+    program: Program, buffers: dict[str, _Buffer], work: Samplewise
+) -> dict[str, list[NodeId]]:
+    """By buffer: values made of its samples that something not made of them alone needs."""
+    needed = {output.node for output in program.outputs}
+    needed |= {state.next for state in program.states if state.name not in buffers}
+    for index, node in program.step:
+        if index not in work.sampled:
+            needed.update(node.args)
+    found: dict[str, list[NodeId]] = {}
+    for index, sampled in work.sampled.items():
+        if index in needed:
+            found.setdefault(sampled.buffer, []).append(index)
+    return found
+
+
+def _candidates(
+    program: Program, buffer: _Buffer, uses: list[NodeId], work: Samplewise
+) -> list[_Move]:
+    """Every f of the buffer's samples that is needed; f(x) = x is one of them."""
+    graph = program.step
+    scratch = GraphBuilder(graph)
+    same = {index: index for index in range(len(graph))}
+    groups: dict[NodeId, dict[NodeId, Sampled]] = {}
+    for index in uses:
+        group = at_samples(scratch, graph, index, same, buffer.newest, None, work)
+        groups.setdefault(group, {})[index] = work.sampled[index]
+    moves: list[_Move] = []
+    for group, members in groups.items():
+        calls = any(sampled.calls for sampled in members.values())
+        plain = group == buffer.newest
+        name = buffer.state.name if plain else _name(program, buffer, members, moves)
+        moves.append(_Move(buffer, name, members, calls))
+    return moves
+
+
+def _name(
+    program: Program, buffer: _Buffer, uses: dict[NodeId, Sampled], others: list[_Move]
+) -> str:
+    """Like the value that the spec names, else like what the buffer held."""
+    taken = {state.name for state in program.states} | {move.name for move in others}
+    labels = [label for index in uses if (label := program.step[index].label)]
+    assert isinstance(buffer.state.origin, History)
+    base = labels[0] if labels else f"{buffer.state.origin.source}.mapped"
+    name, number = f"{base}.history", 1
+    while name in taken:
+        number += 1
+        name = f"{base}.history{number}"
+    return name
+
+
+def _worthwhile(program: Program, moves: list[_Move]) -> list[_Move]:
+    """The moves that need no second buffer, or else those that save calls of functions."""
+    fit = [move for move in moves if _fits(program, move)]
+    if len(moves) > 1:
+        return [move for move in fit if move.calls]
+    return fit
+
+
+def _fits(program: Program, move: _Move) -> bool:
+    samples = program.step[move.buffer.newest].type
+    if move.name == move.buffer.state.name:
+        return False
+    types = [program.step[index].type for index in move.uses]
+    one_sample = all(type.window == 1 for type in types)
+    return not one_sample and all(
+        type.kind == "real" and type.window and type.size // type.window <= samples.size
+        for type in types
+    )
+
+
+def _moved(program: Program, moves: list[_Move], work: Samplewise) -> Program:
+    """The program with all moves made."""
+    builder, starts = GraphBuilder(), GraphBuilder(program.start)
+    by_use = {index: move for move in moves for index in move.uses}
+    copies: dict[NodeId, NodeId] = {}
+    for index, node in program.step:
+        move = by_use.get(index)
+        if move is None:
+            copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+        else:
+            with builder.at(node.span):
+                copies[index] = _window_of(builder, program.step, index, copies, move, work)
+    states = [_state(program, move, builder, starts, copies, work) for move in moves]
+    step = builder.graph()
+    program = with_step(program, step, copies)
+    program = replace(program, states=(*program.states, *states), start=starts.graph())
+    return drop_unused(program)
+
+
+def _window_of(
+    builder: GraphBuilder,
+    graph: Graph,
+    index: NodeId,
+    copies: dict[NodeId, NodeId],
+    move: _Move,
+    work: Samplewise,
+) -> NodeId:
+    """The samples of f(x) that a value consists of."""
+    sampled, like = move.uses[index], graph[index].type
+    length = move.buffer.kept - move.oldest
+    axes = like.axes[:-1]
+    if sampled.with_newest:
+        newest = at_samples(builder, graph, index, copies, copies[move.buffer.newest], None, work)
+        type = builder.type(newest).with_axes((*axes, Axis(WINDOW, length + 1)))
+        whole = builder.emit(Window(move.name), (newest,), type)
+    else:
+        type = like.with_axes((*axes, Axis(WINDOW, length)))
+        whole = builder.emit(ReadState(move.name), (), type)
+    first = sampled.first - move.oldest
+    return builder.slice(whole, WINDOW, first, first + sampled.count)
+
+
+def _state(
+    program: Program,
+    move: _Move,
+    builder: GraphBuilder,
+    starts: GraphBuilder,
+    copies: dict[NodeId, NodeId],
+    work: Samplewise,
+) -> State:
+    """The buffer of f(x): its start is f of the old one's."""
+    buffer, use = move.buffer, next(iter(move.uses))
+    graph, old = program.step, buffer.state
+    length = buffer.kept - move.oldest
+    newest = at_samples(builder, graph, use, copies, copies[buffer.newest], None, work)
+    window = builder.window(move.name, newest, length)
+    following = builder.slice(window, WINDOW, 1, length + 1)
+    past = starts.slice(old.start, WINDOW, move.oldest, buffer.kept)
+    start = at_samples(starts, graph, use, {}, past, length, work)
+    assert isinstance(old.origin, History)
+    source = graph[use].label or old.origin.source
+    return State(
+        move.name,
+        builder.type(following).axes,
+        builder.type(following).unit,
+        History(source),
+        following,
+        start,
+        doc=old.doc,
+        span=graph[use].span or old.span,
+    )
