@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import typer
 
-from msnn.cli import check, compile, export, init, show, simulate, train, validate
+from msnn.cli import check, compile, explain, export, init, show, simulate, train, validate
 from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
 from msnn.failures import ReaderGoneError
@@ -35,6 +35,7 @@ for _verb in (
     simulate.simulate,
     export.export,
     show.show,
+    explain.explain,
 ):
     app.command(_verb.__name__.rstrip("_"))(_verb)
 

@@ -117,3 +117,14 @@ def foreign_spec(name: str) -> Diagnostic:
         None,
         help="write it again with `msnn compile`",
     )
+
+
+def unknown_code(code: str, meant: str | None) -> Diagnostic:
+    """E1041: `msnn explain` of something that is no code."""
+    return Diagnostic(
+        "E1041",
+        "error",
+        f"`{code}` is not a diagnostic code",
+        None,
+        help=f"did you mean `{meant}`?" if meant else "`msnn explain` alone lists all codes",
+    )

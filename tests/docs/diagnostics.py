@@ -17,7 +17,9 @@ _CODE = re.compile(r"[EW]\d{4}")
 
 
 @dataclass(frozen=True)
-class _Message:
+class Message:
+    """A code and what its constructor says it means."""
+
     code: str
     meaning: str
 
@@ -35,21 +37,31 @@ def diagnostics() -> str:
     for about, found in groups:
         _, _, topic = about.partition(": ")
         parts.append(f"## {topic[:1].upper()}{topic[1:].rstrip('.')}")
-        rows = [(m.code, m.meaning, _example(m.code)) for m in found]
+        rows = [(_explained(m.code), m.meaning, _example(m.code)) for m in found]
         parts.append(table(("code", "what is wrong", "example"), rows))
     return apart(*parts)
 
 
-def _messages(tree: ast.Module) -> Iterator[_Message]:
+def all_messages() -> Iterator[Message]:
+    """Every code of every constructor."""
+    for path in sorted(_FOLDER.glob("*.py")):
+        yield from _messages(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def _messages(tree: ast.Module) -> Iterator[Message]:
     for node in tree.body:
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
             codes, _, meaning = paragraph(ast.get_docstring(node)).partition(": ")
             for code in _CODE.findall(codes):
-                yield _Message(code, meaning.rstrip("."))
+                yield Message(code, meaning.rstrip("."))
 
 
-def _number(message: _Message) -> tuple[str, str]:
+def _number(message: Message) -> tuple[str, str]:
     return message.code[1:], message.code
+
+
+def _explained(code: str) -> str:
+    return f"[{code}](../spec_schema/explanations/{code}.md)"
 
 
 def _example(code: str) -> str:
