@@ -1,4 +1,4 @@
-"""Prints diagnostics: in full with source lines, one a line, as JSON, for GitHub."""
+"""Prints diagnostics: in full with source lines, one a line, as JSON, for GitHub, as SARIF."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -9,7 +9,7 @@ from spec_schema.printable import printable_diagnostic, printable_source
 from spec_schema.render_full import full_text
 from spec_schema.source import SourceText, Span
 
-Format: TypeAlias = Literal["full", "concise", "json", "github"]
+Format: TypeAlias = Literal["full", "concise", "json", "github", "sarif"]
 JSON_VERSION = 1
 
 
@@ -24,7 +24,7 @@ def render(
     `sources` are the files whose lines `full` shows; a place in another file is only named.
     Colours are used by `full` alone. Control characters of files are shown as `�`.
     """
-    if format != "json":  # which escapes them
+    if format not in ("json", "sarif"):  # which escape them
         diagnostics = [printable_diagnostic(diagnostic) for diagnostic in diagnostics]
     match format:
         case "full":
@@ -36,6 +36,11 @@ def render(
         case "json":
             record = {"version": JSON_VERSION, "diagnostics": records(diagnostics)}
             return json.dumps(record, ensure_ascii=False, indent=2)
+        case "sarif":
+            # most runs find nothing that needs the explanations
+            from spec_schema.sarif import sarif_log
+
+            return json.dumps(sarif_log(diagnostics), ensure_ascii=False, indent=2)
         case "github":
             return "\n".join(_annotation(diagnostic) for diagnostic in diagnostics)
         case _:

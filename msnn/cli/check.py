@@ -18,6 +18,7 @@ class Format(StrEnum):
     CONCISE = "concise"
     JSON = "json"
     GITHUB = "github"
+    SARIF = "sarif"
 
 
 def check(
@@ -37,11 +38,12 @@ def check(
     from msnn.cli.console import json_result, report, result
     from msnn.show import summary_line
     from msnn.workflow_checks import checked_model
-    from spec_schema.diagnostics import SpecError
-    from spec_schema.render import records
+    from spec_schema.diagnostics import Diagnostic, SpecError
+    from spec_schema.render import records, render
 
     failed = False
     found: list[dict[str, Any]] = []
+    said: list[Diagnostic] = []
     for file in files:
         try:
             model = checked_model(file, strict_units=strict_units)
@@ -54,10 +56,15 @@ def check(
             record = {"file": str(file), "ok": model is not None, "summary": line}
             found.append(record | {"diagnostics": records(diagnostics)})
             continue
+        if format is Format.SARIF:
+            said.extend(diagnostics)
+            continue
         report(diagnostics, sources, format.value)
         if line is not None:
             result(line)
     if format is Format.JSON:
         json_result("check", {"files": found})
+    if format is Format.SARIF:
+        result(render(said, "sarif"))
     if failed:
         raise typer.Exit(ExitCode.DIAGNOSTICS)

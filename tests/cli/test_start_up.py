@@ -27,6 +27,8 @@ sys.exit(code)
         ("check", "plant.msnn.yaml"),
         ("show", "plant.msnn.yaml"),
         ("show", "--program", "plant.msnn.yaml"),
+        ("check", "--format", "sarif", "plant.msnn.yaml"),
+        ("explain", "E0301"),
         ("compile", "plant.msnn.yaml"),
         ("validate", "--initial", "plant.msnn.yaml", "--set", "validate=[{of: x_next}]"),
     ],
