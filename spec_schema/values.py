@@ -10,10 +10,13 @@ from spec_schema.errors import schema as errors
 from spec_schema.errors import units as unit_errors
 from spec_schema.expression import Expression
 from spec_schema.expression_fields import ArrayField, ExpressionField
+from spec_schema.located import Located
 from spec_schema.plain_fields import (
+    LocatedText,
     NewName,
     NonNegativeNumber,
     PositiveNumber,
+    Reference,
     References,
     Switch,
     Text,
@@ -49,15 +52,61 @@ class UniformInitializer(Entry):
         return self
 
 
+class ExpInitializer(Entry):
+    """`first` · e^(−`rate` · x): falls off along an axis, x = 0 at its first index, 1 at its last."""
+
+    noun: ClassVar[str] = "an exp initialiser"
+
+    first: Annotated[float, number()] = 1.0
+    rate: Annotated[float, number()] = 3.0
+    along: Reference | None = None
+
+
+class NegexpInitializer(Entry):
+    """`last` · e^(−`rate` · (1 − x)): grows along an axis, as the weights of newer samples do."""
+
+    noun: ClassVar[str] = "a negexp initialiser"
+
+    last: Annotated[float, number()] = 1.0
+    rate: Annotated[float, number()] = 3.0
+    along: Reference | None = None
+
+
+class LinInitializer(Entry):
+    """A straight line from `first` to `last` along an axis."""
+
+    noun: ClassVar[str] = "a lin initialiser"
+
+    first: Annotated[float, number()] = 1.0
+    last: Annotated[float, number()] = 0.0
+    along: Reference | None = None
+
+
+Shaped: TypeAlias = ExpInitializer | NegexpInitializer | LinInitializer
+"""Initialisers whose values depend on the index along one axis, by default the last."""
+
+InitialValue: TypeAlias = (
+    Expression | NormalInitializer | UniformInitializer | Shaped | Located[str]
+)
+"""What `init:` can be; a text is the name of a file, relative to that of the spec."""
+
+
 class Initializer(Variant):
-    """How the initial values of an array come about; a lone expression is `value`."""
+    """How the initial values of an array come about; a lone expression is `value`.
+
+    The expression may use the indices `i`, `j`, … of the array's axes and the length `n` of the
+    last one.
+    """
 
     noun: ClassVar[str] = "an initial value"
-    later: ClassVar[frozenset[str]] = frozenset({"exp", "negexp", "lin", "file"})
 
     value: ArrayField | None = None
     normal: NormalInitializer | None = None
     uniform: UniformInitializer | None = None
+    exp: ExpInitializer | None = None
+    negexp: NegexpInitializer | None = None
+    lin: LinInitializer | None = None
+    file: LocatedText | None = None
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
@@ -65,9 +114,10 @@ class Initializer(Variant):
         return super().canonical(node if is_variant else single_key(node, "value"), findings)
 
     @property
-    def choice(self) -> Expression | NormalInitializer | UniformInitializer:
+    def choice(self) -> InitialValue:
         """The one that is given."""
-        given = self.value or self.normal or self.uniform
+        random = self.normal or self.uniform
+        given = self.value or random or self.exp or self.negexp or self.lin or self.file
         assert given is not None
         return given
 

@@ -12,6 +12,7 @@ import numpy as np
 from compiler.builder import GraphBuilder
 from compiler.lowering.environment import Argument, Environment
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.initial_values import initial_values
 from compiler.named_draws import generator_of
 from compiler.op_rules import LARGEST_SIZE
 from compiler.program import NodeId
@@ -110,7 +111,7 @@ class LayerContext:
         full = self._admitted(axes)
         name = f"{self.name}.{suffix}"
         if initializer is not None:
-            return self.model.arrays.initial(name, initializer, full)
+            return initial_values(self.model, name, initializer, full)
         return generator_of(name).uniform(-bound, bound, tuple(axis.size for axis in full))
 
     def apply(self, function: Located[str], nodes: Sequence[NodeId]) -> NodeId:

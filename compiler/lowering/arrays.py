@@ -12,7 +12,7 @@ from compiler.constant_value import constant_value
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
-from compiler.named_draws import generator_of
+from compiler.lowering.initial_values import initial_values
 from compiler.program import NodeId, Parameter
 from compiler.scalar_functions import Array
 from compiler.types import Axis, Type, describe_axes
@@ -25,7 +25,6 @@ from spec_schema.signals import Equation, Output, Signal, State
 from spec_schema.source import Span
 from spec_schema.units import ONE, Unit
 from spec_schema.values import Constant as ConstantEntry
-from spec_schema.values import Initializer, NormalInitializer, UniformInitializer
 from spec_schema.values import Parameter as ParameterEntry
 
 if TYPE_CHECKING:
@@ -83,13 +82,16 @@ class Arrays:
 
     def evaluate(self, expression: Expression) -> NamedArray:
         """The array of an expression that depends on constants only."""
+        return self.evaluate_in(expression, Environment(Part.CONSTANT))
+
+    def evaluate_in(self, expression: Expression, environment: Environment) -> NamedArray:
+        """The same where names stand for more than the constants."""
         if isinstance(expression, ListLiteral) and any(
             isinstance(element, ListLiteral) for element in expression.elements
         ):
             return self._matrix(expression)
         if self._is_eye(expression):
             return self._eye(expression)
-        environment = Environment(Part.CONSTANT)
         node = lower(self._model, expression, environment)
         builder = self._model.builder(environment)
         type = builder.type(node)
@@ -141,7 +143,7 @@ class Arrays:
                 raise LoweringFailed
             return NamedArray(found.values, found.axes, unit)
         axes = self._dims(entry.dims)
-        return NamedArray(self._fitted(name, found.values, axes, entry.value.span), axes, unit)
+        return NamedArray(self.fitted(name, found.values, axes, entry.value.span), axes, unit)
 
     # ---- parameters
 
@@ -159,7 +161,7 @@ class Arrays:
     def _declared(self, name: str, entry: ParameterEntry) -> Parameter:
         axes = self._dims(entry.dims)
         unit = entry.unit.value if entry.unit else None
-        initial = self.initial(name, entry.init, axes)
+        initial = initial_values(self._model, name, entry.init, axes)
         low = self._bound(entry.min, unit)
         high = self._bound(entry.max, unit)
         span = entry.init.place.value
@@ -211,18 +213,6 @@ class Arrays:
             self._parameters[name] = found
         return Type(found.axes, found.unit)
 
-    def initial(self, name: str, initializer: Initializer, axes: tuple[Axis, ...]) -> Array:
-        """Initial values with the shape of the axes; draws depend on the name only."""
-        shape = tuple(axis.size for axis in axes)
-        match initializer.choice:
-            case NormalInitializer() as normal:
-                return generator_of(name).normal(normal.mean, normal.std, shape)
-            case UniformInitializer() as uniform:
-                return generator_of(name).uniform(uniform.min, uniform.max, shape)
-            case expression:
-                found = self.evaluate(expression)
-                return self._fitted(name, found.values, axes, expression.span)
-
     # ---- axes and units of entries
 
     def axes_of(self, entry: Signal | State) -> tuple[Axis, ...]:
@@ -260,7 +250,8 @@ class Arrays:
             raise LoweringFailed
         return bound.unit.convert(bound.value, unit)
 
-    def _fitted(self, name: str, values: Array, axes: tuple[Axis, ...], span: Span) -> Array:
+    def fitted(self, name: str, values: Array, axes: tuple[Axis, ...], span: Span) -> Array:
+        """Numbers in the shape of the axes: one for all, or exactly so many."""
         shape = tuple(axis.size for axis in axes)
         if values.shape not in ((), shape):
             problem = f"has the shape {list(values.shape)}, not {describe_axes(axes)}"

@@ -168,6 +168,18 @@ def unfit_setting(owner: str, problem: str, span: Span, repair: str | None = Non
     return Diagnostic("E0313", "error", f"{owner}: {problem}", span, "this setting", help=repair)
 
 
+def unusable_numbers(path: str, reason: str, span: Span) -> Diagnostic:
+    """E0314: a file of initial values that cannot be used."""
+    return Diagnostic(
+        "E0314",
+        "error",
+        f"cannot take initial values from {path}: {reason}",
+        span,
+        "this file",
+        help="it is a text of numbers, one row a line, and its path is relative to the spec's",
+    )
+
+
 def never_finite(span: Span) -> Diagnostic:
     """W0302: a part of a formula that is infinite or NaN whatever the data."""
     return Diagnostic(
