@@ -260,7 +260,7 @@ def _losses(model: Model, outputs: list[Output]) -> list[Loss]:
     found: list[Loss] = []
     for name, entry in model.spec.losses.items():
         try:
-            found.append(lower_loss(model, name, entry))
+            found.extend(lower_loss(model, name, entry))
         except LoweringFailed:
             continue
     return found

@@ -166,14 +166,26 @@ class Measure(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """One term of the training objective; elements whose target is NaN are not scored."""
+    """One term of the training objective, weight · share · measure.
+
+    Elements whose target is NaN are not scored. The terms of an entry that is a sum of measures
+    are named `entry.mse` and so on.
+    """
 
     name: str
     measure: Measure
     prediction: NodeId
     target: NodeId | None
     weight: float = 1.0
+    """Of the entry; a stage can replace it."""
+    share: float = 1.0
+    """The factor of this term in the entry's sum."""
     span: Span | None = field(default=None, compare=False)
+
+    @property
+    def entry(self) -> str:
+        """The name under `losses:`, or of the output whose default loss this is."""
+        return self.name.partition(".")[0]
 
 
 @dataclass(frozen=True, slots=True)

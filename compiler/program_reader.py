@@ -166,6 +166,7 @@ class _Reader:
             prediction=record.integer("prediction"),
             target=record.integer("target") if record.has("target") else None,
             weight=record.number("weight"),
+            share=record.number("share") if record.has("share") else 1.0,
             span=self._span(record),
         )
         record.close()

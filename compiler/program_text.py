@@ -130,7 +130,8 @@ def _output(output: Output) -> str:
 def _loss(loss: Loss) -> str:
     target = "" if loss.target is None else f", %{loss.target}"
     weight = "" if loss.weight == 1.0 else f", weight {loss.weight!r}"
-    return f"loss {loss.name} = {loss.measure.value}(%{loss.prediction}{target}){weight}"
+    share = "" if loss.share == 1.0 else f", share {loss.share!r}"
+    return f"loss {loss.name} = {loss.measure.value}(%{loss.prediction}{target}){weight}{share}"
 
 
 def _operation(node: Node) -> str:

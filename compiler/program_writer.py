@@ -134,6 +134,8 @@ def _loss(loss: Loss, files: _Files) -> Data:
         "target": loss.target,
         "weight": loss.weight,
     }
+    if loss.share != 1.0:
+        data["share"] = loss.share
     return data | _place("", loss.span, files)
 
 

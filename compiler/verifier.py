@@ -172,7 +172,8 @@ def _check_state(program: Program, state: State) -> None:
 def _check_loss(step: Graph, loss: Loss) -> None:
     what = f"loss `{loss.name}`"
     _require(_real(step, loss.prediction), f"{what} has no number to score")
-    _require(math.isfinite(loss.weight), f"{what} has no finite weight")
+    finite = math.isfinite(loss.weight) and math.isfinite(loss.share)
+    _require(finite, f"{what} has no finite weight")
     if loss.target is not None:
         same = _real(step, loss.target)
         same = same and step[loss.target].type.axes == step[loss.prediction].type.axes

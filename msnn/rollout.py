@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.interpreter import Interpreter, StepValues
-from compiler.program import Measure
+from compiler.program import Measure, Program
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 
@@ -39,6 +39,13 @@ class LossSum:
 
     def __add__(self, other: LossSum) -> LossSum:
         return LossSum(self.total + other.total, self.count + other.count)
+
+
+def entry_value(program: Program, name: str, values: Mapping[str, float]) -> float:
+    """The value of a `losses:` entry, which is the sum of its terms, or of one term by its name."""
+    if name in values:
+        return values[name]
+    return sum(loss.share * values[loss.name] for loss in program.losses if loss.entry == name)
 
 
 def longest_first(runs: Runs) -> IntArray:

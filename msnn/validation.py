@@ -13,7 +13,7 @@ from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.data.scored import rows_in_set, scored_rows
 from msnn.data.starts import Runs
 from msnn.metrics import Scores, score
-from msnn.rollout import LossSum, loss_sums, moments
+from msnn.rollout import LossSum, entry_value, loss_sums, moments
 from msnn.rollout_plan import set_rollouts
 from msnn.validation_plan import CheckPlan, default_set, plan_checks
 from spec_schema.checks import Check
@@ -132,11 +132,13 @@ def _loss(
     program = plan.rollout.program
     whole = plan.rollout.horizon == "record"
     rows = scored_rows(data, name, program) if whole else None
-    total = LossSum(0.0, 0)
+    terms = [loss for loss in program.losses if plan.of in (loss.name, loss.entry)]
+    totals = {term.name: LossSum(0.0, 0) for term in terms}
     for part in _parts(runs):
-        total += loss_sums(judge, data.series, part, plan.rollout.skip, rows)[plan.of]
-    measure = next(loss.measure for loss in program.losses if loss.name == plan.of)
-    return total.value(measure), total.count
+        sums = loss_sums(judge, data.series, part, plan.rollout.skip, rows)
+        totals = {name: total + sums[name] for name, total in totals.items()}
+    values = {term.name: totals[term.name].value(term.measure) for term in terms}
+    return entry_value(program, plan.of, values), max(t.count for t in totals.values())
 
 
 def _predictions(

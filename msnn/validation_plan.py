@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from compiler.program import Loss, Output, Prediction, Program
+from compiler.program import Output, Prediction, Program
 from msnn.data.dataset import Dataset
 from msnn.durations import samples
 from msnn.rollout_plan import RolloutPlan, plan_rollout
@@ -71,7 +71,7 @@ def default_set(data: Dataset) -> str:
 
 def _planned(program: Program, check: Check, findings: Findings) -> CheckPlan | None:
     outputs: Mapping[str, Output] = {output.name: output for output in program.outputs}
-    losses: Mapping[str, Loss] = {loss.name: loss for loss in program.losses}
+    losses = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
     rollout = plan_rollout(program, check.rollout, None, findings)
     name = check.of.value
     metric: Metric | None

@@ -53,7 +53,7 @@ class UniformInitializer(Entry):
 
 
 class ExpInitializer(Entry):
-    """`first` · e^(−`rate` · x): falls off along an axis, x = 0 at its first index, 1 at its last."""
+    """`first` · e^(−`rate` · x): falls off along an axis, x = 0 … 1 from first to last."""
 
     noun: ClassVar[str] = "an exp initialiser"
 

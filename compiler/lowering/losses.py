@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from compiler.builder import GraphBuilder
 from compiler.liveness import needed
+from compiler.lowering.cross_entropy import lower_cross_entropy
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.loss_terms import terms_of
 from compiler.ops import ReadSignal, ReadState, Window
 from compiler.program import Loss, Measure, NodeId, Output
 from compiler.types import Type
 from spec_schema.errors import names
-from spec_schema.expression import Call, Expression, Name
+from spec_schema.expression import Call, Expression
 from spec_schema.signals import Loss as LossEntry
 
 if TYPE_CHECKING:
@@ -27,21 +30,38 @@ _COMPARING = {
     "huber": Measure.HUBER,
 }
 _PENALTIES = ("l1", "l2")
-LOSS_FUNCTIONS = frozenset({*_COMPARING, *_PENALTIES, "cross_entropy"})
-"""Names that stand at the top of a loss and nowhere else."""
+_ARGUMENTS = (
+    dict.fromkeys(_COMPARING, (1, 2))
+    | dict.fromkeys(_PENALTIES, (1, 1))
+    | {"cross_entropy": (2, 2)}
+)
+"""Fewest and most arguments; a value that is compared with nothing is compared with 0."""
+LOSS_FUNCTIONS = frozenset(_ARGUMENTS)
+"""Names that stand in the sum of a loss and nowhere else."""
 
 
-def lower_loss(model: Model, name: str, entry: LossEntry) -> Loss:
-    """The loss of a `losses:` entry."""
-    span = entry.place.key
-    match entry.expr:
-        case Call(function=Name(name=function)) as call if (
-            function in LOSS_FUNCTIONS and function not in model.scope
-        ):
-            measure, prediction, target = _measured(model, function, call)
-        case expression:
-            measure, prediction, target = Measure.MEAN, lower(model, expression, _LOSS), None
-    return Loss(name, measure, prediction, target, entry.weight, span)
+def lower_loss(model: Model, name: str, entry: LossEntry) -> list[Loss]:
+    """The terms of a `losses:` entry: one under its name, or `NAME.mse`, `NAME.mae`, ….
+
+    Each term has the entry's weight, which a stage can replace, and its own share of the entry.
+    """
+    terms = terms_of(model, entry.expr, LOSS_FUNCTIONS)
+    losses: list[Loss] = []
+    taken = Counter[str]()
+    for term in terms:
+        if term.function is not None:
+            assert isinstance(term.expression, Call)
+            measure, prediction, target = _measured(model, term.function, term.expression)
+        else:
+            cost = lower(model, term.expression, _LOSS)
+            measure, prediction, target = Measure.MEAN, cost, None
+        label = term.function or "cost"
+        taken[label] += 1
+        again = str(taken[label]) if taken[label] > 1 else ""
+        own = name if len(terms) == 1 else f"{name}.{label}{again}"
+        span = entry.place.key if len(terms) == 1 else term.expression.span
+        losses.append(Loss(own, measure, prediction, target, entry.weight, term.share, span))
+    return losses
 
 
 def default_loss(model: Model, output: Output) -> Loss:
@@ -51,31 +71,39 @@ def default_loss(model: Model, output: Output) -> Loss:
     found = builder.type(output.node)
     ahead = output.predicts.ahead
     target = builder.log(output.predicts.signal, ahead, ahead, Type(found.axes, found.unit))
-    return Loss(output.name, Measure.MSE, output.node, target, 1.0, output.span)
+    return Loss(output.name, Measure.MSE, output.node, target, span=output.span)
 
 
 def _measured(model: Model, function: str, call: Call) -> tuple[Measure, NodeId, NodeId | None]:
-    if function == "cross_entropy":
-        model.findings.report(names.builtin_not_yet(function, call.function.span))
-        raise LoweringFailed
-    wanted = 1 if function in _PENALTIES else 2
-    if len(call.arguments) != wanted or call.keywords:
+    least, most = _ARGUMENTS[function]
+    if not least <= len(call.arguments) <= most or call.keywords:
         found = len(call.arguments) + len(call.keywords)
-        plural = "s" if wanted > 1 else ""
+        wanted = f"{least} or {most} arguments" if least < most else _counted(least)
         model.findings.report(
-            names.wrong_argument_count(
-                function, f"{wanted} argument{plural}", found, call.function.span
-            )
+            names.wrong_argument_count(function, wanted, found, call.function.span)
         )
         raise LoweringFailed
     builder = model.builder(_LOSS)
-    if wanted == 1:
+    if function in _PENALTIES:
         return Measure.MEAN, _penalty(model, function, call.arguments[0]), None
+    if function == "cross_entropy":
+        cost, missing = lower_cross_entropy(model, call, _LOSS)
+        # only what was recorded can be missing
+        return Measure.MEAN, cost, None if _is_simulated(builder, missing) else missing
+    if len(call.arguments) == 1:
+        value = lower(model, call.arguments[0], _LOSS)
+        type = builder.type(value)
+        zero = builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
+        return _COMPARING[function], value, zero
     prediction, target = lower_all(model, call.arguments, _LOSS)
     with aligning(model, function, call, call.arguments[0], call.arguments[1]):
         builder.subtract(prediction, target)  # compares the units of the two
         prediction, target, _ = builder.aligned(prediction, target)
     return _COMPARING[function], *_scored(builder, prediction, target)
+
+
+def _counted(count: int) -> str:
+    return f"{count} argument{'s' if count > 1 else ''}"
 
 
 def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[NodeId, NodeId]:

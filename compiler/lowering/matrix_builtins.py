@@ -28,7 +28,7 @@ def lower_softmax(model: Model, call: Call, environment: Environment) -> NodeId:
     argument = call.arguments[0]
     node = lower(model, argument, environment)
     axis = _softmax_axis(model, call, builder.type(node).axes)
-    largest = _largest(builder, node, axis)
+    largest = largest_along(builder, node, axis)
     raised = builder.apply("exp", builder.subtract(node, largest))
     total = builder.broadcast(builder.sum(raised, axis.name), builder.type(raised).axes)
     return builder.divide(raised, total)
@@ -100,7 +100,7 @@ def _softmax_axis(model: Model, call: Call, axes: tuple[Axis, ...]) -> Axis:
     return named
 
 
-def _largest(builder: GraphBuilder, node: NodeId, axis: Axis) -> NodeId:
+def largest_along(builder: GraphBuilder, node: NodeId, axis: Axis) -> NodeId:
     """The largest element along an axis, repeated along it; halves are compared, then quarters."""
     axes, size, found = builder.type(node).axes, axis.size, node
     while size > 1:

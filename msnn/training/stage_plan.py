@@ -105,12 +105,13 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     if isinstance(optimizer, Lbfgs) and stage.lr:
         place = next(iter(stage.lr.values())).span
         findings.report(errors.no_factors_with_lbfgs(place))
-    weights = {loss.name: loss.weight for loss in program.losses}
-    for loss, weight in stage.losses.items():
-        if loss in weights:
-            weights[loss] = weight.value
-        else:
-            findings.report(errors.unknown_loss(loss, weight.key or weight.span, weights))
+    known = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
+    weights = {loss.name: loss.weight * loss.share for loss in program.losses}
+    for entry, weight in stage.losses.items():
+        terms = [loss for loss in program.losses if entry in (loss.name, loss.entry)]
+        weights |= {term.name: weight.value * term.share for term in terms}
+        if not terms:
+            findings.report(errors.unknown_loss(entry, weight.key or weight.span, known))
     if not any(weights.values()):
         findings.report(errors.no_objective(name, span))
     monitor, patience = TOTAL, None
@@ -119,8 +120,8 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         watched = stage.early_stop.monitor
         if watched is not None:
             monitor = watched.value
-            if monitor not in weights and monitor != TOTAL:
-                findings.report(errors.unknown_loss(monitor, watched.span, weights))
+            if monitor not in known and monitor != TOTAL:
+                findings.report(errors.unknown_loss(monitor, watched.span, known))
     if rollout is None:
         return None
     all_at_once = isinstance(optimizer, Lbfgs) and "batch" not in stage.model_fields_set

@@ -11,7 +11,7 @@ import numpy as np
 from compiler.program import Measure
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
-from msnn.rollout import LossSum
+from msnn.rollout import LossSum, entry_value
 from msnn.training.checkpoint import Checkpoint
 from msnn.training.engine import Engine, LossSums
 from msnn.training.progress import EpochEnd
@@ -131,7 +131,9 @@ class StageRun:
             for name, value in self.engine.evaluate(self.watched.take(members)).items():
                 sums[name] = sums.get(name, LossSum(0.0, 0)) + value
         values = self._values(sums)
-        return self._total(values) if self.plan.monitor == TOTAL else values[self.plan.monitor]
+        if self.plan.monitor == TOTAL:
+            return self._total(values)
+        return entry_value(self.plan.rollout.program, self.plan.monitor, values)
 
     def _keep_if_best(self, value: float) -> None:
         first_finite = np.isfinite(value) and not np.isfinite(self.best_value)

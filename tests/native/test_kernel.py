@@ -79,6 +79,15 @@ inputs: {x: m, u: N}
 layers: {long: {fir: {window: 6}}, short: {fir: {window: 3}}}
 outputs: {x_next: {expr: "long(u) + short(sin(u)) + 0.3 * u[t-4] + 0.5 * x", predicts: "x[t+1]"}}
 """
+CLASSES = """
+dims: {kind: 3}
+inputs: {u: N}
+targets: {share: {dims: kind}, number: {}}
+layers: {net: {mlp: {hidden: 4, out: kind}}}
+outputs: {z: "net(u[t-2], u)"}
+losses:
+  fit: {expr: "cross_entropy(z, share) - 0.5 * cross_entropy(z, number) + 0.1 * mse(z) / 2"}
+"""
 LEARNED_START = """
 inputs: {u: N}
 targets: {z: m}
@@ -94,6 +103,7 @@ MODELS = {
     "vehicle": (VEHICLE, ("v",)),
     "joints": (JOINTS, ("q",)),
     "two_windows": (TWO_WINDOWS, ("x",)),
+    "classes": (CLASSES, ()),
     "filtered_joints": (FILTERED_JOINTS, ("q",)),
     "learned_start": (LEARNED_START, ()),
 }
@@ -235,6 +245,24 @@ def test_every_measure_and_missing_targets(measure: Measure) -> None:
     np.testing.assert_allclose(found.sums, list(sums.values()), rtol=1e-13)
     np.testing.assert_array_equal(found.counts, list(counts.values()))
     slope = differences(program, log, t0, 2, 0, weights)
+    np.testing.assert_allclose(found.gradient, slope, rtol=1e-7, atol=1e-9)
+
+
+def test_missing_classes_add_nothing() -> None:
+    program = compiled(CLASSES)
+    log = log_of(program)
+    log["number"][::3] = np.nan
+    log["share"][::4, 1] = np.nan
+    t0 = np.arange(4, 41)
+    kernel = Kernel(program, "float64")
+    weights = initial(program)
+    groups = kernel.groups(t0, np.full(len(t0), 1))
+    scale = [loss.weight for loss in program.losses]
+    found = kernel.losses(kernel.data(log), groups, flat(program, weights), scale)
+    sums, counts = reference(program, log, t0, 1, 0, weights)
+    np.testing.assert_allclose(found.sums, list(sums.values()), rtol=1e-13)
+    np.testing.assert_array_equal(found.counts, list(counts.values()))
+    slope = differences(program, log, t0, 1, 0, weights)
     np.testing.assert_allclose(found.gradient, slope, rtol=1e-7, atol=1e-9)
 
 
