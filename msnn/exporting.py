@@ -11,6 +11,7 @@ from backends.identifiers import c_identifier
 from compiler.passes.close_loop import LoopError, close_loop
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.retime import retime
+from compiler.passes.settle_zeros import settle_zeros
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
@@ -136,7 +137,7 @@ def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | 
     step = to_step_form(prune_outputs(program, outputs))
     c = entry if isinstance(entry, CExport) else None
     if target == "c":
-        step = retime(step, fixed_parameters=c is None or c.params != "tunable")
+        step = settle_zeros(retime(step, fixed_parameters=c is None or c.params != "tunable"))
     return ExportPlan(target, step, prefix, dtype, c)
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from compiler.builder import GraphBuilder
+from compiler.layers.fuzzy_sets import FuzzySets, triangular
 from compiler.ops import Add, Multiply, Relation
+from compiler.passes.fold_constants import fold_constants
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import (
     Declared,
@@ -148,6 +150,23 @@ def mapped_windows() -> Program:
     return to_step_form(made)
 
 
+def local_models() -> Program:
+    """The sum of three cells under hat functions, and of the same cells under all degrees."""
+    b = GraphBuilder()
+    rule = Axis("rule", 3)
+    x = b.signal("x", 0, 0, Type())
+    degrees = triangular(FuzzySets(b, x, rule, b.constant((-1.0, 0.0, 2.0), (rule,))))
+    gains = b.parameter("gain", Type((rule,)))
+    cells = b.multiply(gains, x)
+    outputs = (
+        Output("active", b.contract_over(degrees, cells, "rule")),
+        Output("all", b.sum(cells, "rule")),
+    )
+    signals, parameters = (Signal("x", Role.INPUT),), (Parameter("gain", (rule,), None, (1, 2, 3)),)
+    program = Program("cells", None, signals, parameters, (), b.graph(), Graph(), outputs)
+    return fold_constants(program)
+
+
 PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "numbers": numbers,
     "branches": branches,
@@ -155,4 +174,5 @@ PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "leftovers": leftovers,
     "functions": functions,
     "mapped_windows": mapped_windows,
+    "local_models": local_models,
 }

@@ -94,6 +94,14 @@ class Conditional:
 
 
 @dataclass(frozen=True, slots=True)
+class Convert:
+    """`(type)x` of a plain variable."""
+
+    type: CType
+    operand: Name
+
+
+@dataclass(frozen=True, slots=True)
 class Call:
     """`function(arguments)`."""
 
@@ -101,7 +109,19 @@ class Call:
     arguments: tuple[Expression, ...]
 
 
-Expression = Name | Real | Unsigned | Truth | Member | Element | Unary | Binary | Conditional | Call
+Expression = (
+    Name
+    | Real
+    | Unsigned
+    | Truth
+    | Member
+    | Element
+    | Unary
+    | Binary
+    | Conditional
+    | Convert
+    | Call
+)
 
 
 # ---- statements
@@ -161,12 +181,13 @@ class Discard:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """`for (variable = start; variable < stop; variable++)`, all of uint32_t."""
+    """`for (variable = start; variable < stop; variable += step)`, all of uint32_t."""
 
     variable: str
     start: int
     stop: int
     body: tuple[Statement, ...]
+    step: int = 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from backends.c.c_language import (
     Call,
     Comment,
     Conditional,
+    Convert,
     CType,
     Declare,
     Discard,
@@ -101,6 +102,8 @@ class Printer:
             case Conditional(condition, then, otherwise):
                 chosen = f"{self.operand(then)} : {self.operand(otherwise)}"
                 return f"{self.operand(condition)} ? {chosen}"
+            case Convert(type, operand):
+                return f"({self.type(type)}){operand.text}"
             case Call(function, arguments):
                 return f"{function}({', '.join(self.expression(a) for a in arguments)})"
             case _:
@@ -110,7 +113,7 @@ class Printer:
         """The expression as a part of another one: in parentheses unless it holds together."""
         text = self.expression(expression)
         match expression:
-            case Unary() | Binary() | Conditional():
+            case Unary() | Binary() | Conditional() | Convert():
                 return f"({text})"
             case Real() if text.startswith(("-", "(")):
                 return f"({text})"
@@ -162,9 +165,10 @@ class Printer:
                 yield f"{self.expression(value)};"
             case Discard(name):
                 yield f"(void){name};"
-            case Loop(variable, start, stop, body):
+            case Loop(variable, start, stop, body, step):
                 counter = f"uint32_t {variable} = {start}U"
-                yield f"for ({counter}; {variable} < {stop}U; {variable}++) {{"
+                onward = f"{variable}++" if step == 1 else f"{variable} += {step}U"
+                yield f"for ({counter}; {variable} < {stop}U; {onward}) {{"
                 yield from self._block(body, 1)
                 yield "}"
             case If():

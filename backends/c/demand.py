@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import assert_never
 
+from compiler.fuzzy_support import CompactSets
 from compiler.ops import (
     Add,
     Apply,
@@ -36,18 +37,26 @@ from compiler.types import Type
 MANY = 2
 """Stands for every number of uses above one."""
 
+_NO_SETS: Mapping[NodeId, CompactSets] = {}
 
-def demands(graph: Graph, roots: Iterable[NodeId]) -> list[int]:
+
+def demands(
+    graph: Graph, roots: Iterable[NodeId], active: Mapping[NodeId, CompactSets] = _NO_SETS
+) -> list[int]:
     """For each node 0 (not needed), 1 (each element used once at most) or MANY.
 
     A value of demand 1 can be computed where it is used; one of MANY must be kept. Uses through a
-    broadcast, slice or reshape count for the value behind it.
+    broadcast, slice or reshape count for the value behind it. Of the `active` fuzzy sets only the
+    value and the points are needed, several times.
     """
     counts = [0] * len(graph)
     for root in roots:
         counts[root] = min(MANY, counts[root] + 1)
     for index in range(len(graph) - 1, -1, -1):
-        if counts[index]:
+        sets = active.get(index)
+        if sets is not None and counts[index]:
+            counts[sets.value] = counts[sets.points] = MANY
+        elif counts[index]:
             node = graph[index]
             for arg in node.args:
                 uses = _uses(node, graph[arg].type, counts[index])

@@ -21,6 +21,9 @@ from compiler.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
 from compiler.program import Graph
 from compiler.types import Type
 
+_LARGEST_BLOCK = 4
+"""Terms of a long sum in one turn of its loop: more save little and cost flash."""
+
 Weights = Mapping[str, NDArray[np.float64]]
 
 
@@ -41,7 +44,9 @@ class FunctionWriter:
         self.interface = model.interface
         self.unroll = model.interface.options.unroll
         self.scope = Scope(LocalNames(model.interface.prefix))
-        self.locals = LocalValues(model.functions, SpecNotes(graph), self.unroll)
+        self.locals = LocalValues(
+            model.functions, SpecNotes(graph), self.unroll, block=min(self.unroll, _LARGEST_BLOCK)
+        )
         self.inputs: dict[str, Place] = {}
         """Where the step finds its checked inputs."""
         self._reads_parameters = False

@@ -60,6 +60,11 @@ class FunctionTable:
         self.kernels: set[str] = set()
         self.helpers: set[str] = set()
 
+    @property
+    def dtype(self) -> Dtype:
+        """The program's number type."""
+        return self._names.dtype
+
     def apply(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
         """A scalar function of the language."""
         if function == "sign":

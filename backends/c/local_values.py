@@ -20,7 +20,12 @@ class LocalValues:
     """Writes the locals of one function."""
 
     def __init__(
-        self, functions: FunctionTable, notes: SpecNotes, unroll: int, parallel_sums: int = 1
+        self,
+        functions: FunctionTable,
+        notes: SpecNotes,
+        unroll: int,
+        parallel_sums: int = 1,
+        block: int = 1,
     ) -> None:
         self.functions = functions
         self.notes = notes
@@ -28,6 +33,8 @@ class LocalValues:
         """Partial sums of a long sum that grow side by side; more than 1 changes its order."""
         self.unroll = unroll
         """Elements up to which loops are written out."""
+        self.block = block
+        """Terms of a long sum that one turn of its loop adds."""
         self.tables: list[Table] = []
         """Constant arrays that the statements use: to be declared before them."""
 

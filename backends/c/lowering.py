@@ -9,16 +9,20 @@ and other users of the emitter share this file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol, assert_never
 
+from backends.c.active_degrees import ActiveDegrees, active_degrees
+from backends.c.active_sets import ActiveSets
 from backends.c.c_language import Expression
 from backends.c.demand import MANY, demands, only_units_moved
 from backends.c.forwarding import forward_slices
 from backends.c.local_values import LocalValues
+from backends.c.moving_sums import write_moving_sum
 from backends.c.operations import Elementwise, scalar_operation
-from backends.c.places import Place
+from backends.c.places import Index, Place
 from backends.c.scope import Scope
+from backends.c.state_memory import ShiftBuffer
 from backends.c.sums import sum_along
 from backends.c.values import (
     Computed,
@@ -59,6 +63,12 @@ from compiler.ops import (
 from compiler.program import Graph, Node, NodeId
 from compiler.types import WINDOW, Axis, Type
 
+_DENSE = ActiveSets()
+"""Every set of every sum is evaluated."""
+
+_STILL: Mapping[NodeId, ShiftBuffer] = {}
+"""No sum moves a buffer."""
+
 _DEEPEST = 40
 """Values computed inside one another; deeper ones are kept, so that recursion is bounded."""
 
@@ -85,17 +95,23 @@ class GraphLowering:
         surroundings: Surroundings,
         scope: Scope,
         locals: LocalValues,
+        active: ActiveSets = _DENSE,
+        moving: Mapping[NodeId, ShiftBuffer] = _STILL,
     ) -> None:
         self._graph = forward_slices(graph)
         self._surroundings = surroundings
         self._scope = scope
         self._locals = locals
+        self._active = active
+        self._moving = moving
+        self._degrees: dict[NodeId, ActiveDegrees] = {}
         self._values: dict[NodeId, Value] = {}
-        for index, demand in enumerate(demands(self._graph, roots)):
+        for index, demand in enumerate(demands(self._graph, roots, active.sets)):
             if demand:
                 node = self._graph[index]
-                value = self._value(node)
-                if isinstance(value, Computed) and (demand == MANY or value.depth > _DEEPEST):
+                value = self._value(index, node)
+                often = demand == MANY and index not in active.parts
+                if isinstance(value, Computed) and (often or value.depth > _DEEPEST):
                     value = locals.kept(node, value, locals.name(node), scope)
                 self._values[index] = value
 
@@ -120,7 +136,9 @@ class GraphLowering:
         self._locals.notes.write(self._graph[node], self._scope)
         copy_value(self._values[node], target, self._scope, self._locals.unroll)
 
-    def _value(self, node: Node) -> Value:
+    def _value(self, index: NodeId, node: Node) -> Value:
+        if index in self._active.sets:
+            return self._active_degrees(index, node)
         args = [self._values[arg] for arg in node.args]
         match node.op:
             case Constant(values):
@@ -141,7 +159,11 @@ class GraphLowering:
             case Sum(axis) | Contract(axis):
                 types = [self._graph[arg].type for arg in node.args]
                 factors = list(zip(args, types, strict=True))
-                return sum_along(node, axis, factors, self._locals)
+                if index in self._moving:
+                    return self._moving_sum(node, factors, self._moving[index])
+                sets = self._active.sums.get(index)
+                active = () if sets is None else self._degrees[sets].positions
+                return sum_along(node, axis, factors, self._locals, active)
             case (
                 Add()
                 | Subtract()
@@ -158,6 +180,40 @@ class GraphLowering:
                 return self._elementwise(node, node.op, args)
             case _:
                 assert_never(node.op)
+
+    def _active_degrees(self, index: NodeId, node: Node) -> Computed:
+        """Degrees that are known for active sets only; nothing asks for another one."""
+        sets = self._active.sets[index]
+        value = element_of(self._values[sets.value], (), self._scope)
+        points, known = self._values[sets.points], self._graph[sets.points]
+        assert isinstance(points, Place)
+        numbers = known.op.values if isinstance(known.op, Constant) else None
+        found = active_degrees(node, sets.shape, value, points, numbers, self._locals, self._scope)
+        self._degrees[index] = found
+
+        def make(indices: Indices, scope: Scope) -> Expression:
+            return found.degrees[found.positions.index(indices[0])]
+
+        return Computed(node.type.shape, make, 1)
+
+    def _moving_sum(
+        self, node: Node, factors: Sequence[tuple[Value, Type]], memory: ShiftBuffer
+    ) -> Place:
+        """A sum over a buffer, written where it stands, as the buffer moves with it."""
+        locals = self._locals
+        weights = [(v, type) for v, type in factors if v != memory.window]
+
+        def term(along: Index, sample: Expression, scope: Scope) -> Expression:
+            for value, type in weights:
+                indices = [along if axis.name == WINDOW else Index() for axis in type.axes]
+                weight = element_of(value, indices, scope)
+                sample = scalar_operation(Multiply(), (weight, sample), locals.functions)
+            return sample
+
+        locals.notes.write(node, self._scope)
+        name = node.label or locals.notes.part_name(node, "sum")
+        total = write_moving_sum(memory, name, term, locals.block, self._scope)
+        return Place.single(total).reshaped_single(node.type.shape)
 
     def _operand(self, node: Node) -> Type:
         return self._graph[node.args[0]].type

@@ -8,6 +8,7 @@ from backends.c.c_language import (
     Binary,
     Call,
     Conditional,
+    Convert,
     Element,
     Expression,
     Member,
@@ -83,7 +84,7 @@ def expression_size(expression: Expression) -> int:
     match expression:
         case Name() | Real() | Unsigned() | Truth() | Member() | Element():
             return 0
-        case Unary(_, operand):
+        case Unary(_, operand) | Convert(_, operand):
             return 1 + expression_size(operand)
         case Binary(_, left, right):
             return 1 + expression_size(left) + expression_size(right)

@@ -92,12 +92,12 @@ class Scope:
         return Scope(self._names, self._depth, self._note)
 
     @contextmanager
-    def loop(self, count: int) -> Generator[tuple[Index, Scope]]:
-        """A loop over 0 … count−1: its counter and its body."""
+    def loop(self, count: int, step: int = 1) -> Generator[tuple[Index, Scope]]:
+        """A loop over 0, step … below count: its counter and its body."""
         counter = _COUNTERS[self._depth]
         inner = Scope(self._names, self._depth + 1, self._note)
         yield variable(counter), inner
-        self.add(Loop(counter, 0, count, tuple(inner.statements)))
+        self.add(Loop(counter, 0, count, tuple(inner.statements), step))
 
     def each(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from backends.c.active_sets import active_sets
 from backends.c.c_language import (
     Argument,
     Binary,
@@ -22,6 +23,7 @@ from backends.c.c_language import (
 from backends.c.function_writer import FunctionWriter, Model
 from backends.c.input_policy import checked_input
 from backends.c.lowering import GraphLowering
+from backends.c.moving_sums import moving_sums
 from backends.c.places import Index, Place
 from backends.c.scope import Scope
 from backends.c.state_memory import Buffer, DelayLine, PlainState, StateMemory
@@ -41,13 +43,17 @@ def step_function(program: Program, model: Model) -> Function:
     writer.begin()
     roots = [output.node for output in program.outputs]
     roots += [_joining(memory) for memory in model.interface.states]
-    lowered = GraphLowering(program.step, roots, writer, writer.scope, writer.locals)
     interface = model.interface
+    active = active_sets(program.step, roots)
+    moving = moving_sums(program.step, roots, interface.states, writer.unroll)
+    lowered = GraphLowering(
+        program.step, roots, writer, writer.scope, writer.locals, active, moving
+    )
     if program.outputs:
         writer.comment("outputs")
     for output, field in zip(program.outputs, interface.outputs, strict=True):
         lowered.store(output.node, field.place("y"))
-    writer.commit(lowered)
+    writer.commit(lowered, moved={memory.state.name for memory in moving.values()})
     writer.check_states()
     writer.scope.add(Return(Name("status")))
     prefix = interface.prefix
@@ -97,8 +103,11 @@ class _StepWriter(FunctionWriter):
             memory.fill(newest, inner, self.unroll)
             self.scope.add(If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
 
-    def commit(self, lowered: GraphLowering) -> None:
-        """Replaces the states; what is made of old states is computed before the first of them."""
+    def commit(self, lowered: GraphLowering, moved: set[str]) -> None:
+        """Replaces the states; what is made of old states is computed before the first of them.
+
+        Buffers that have `moved` while a sum read them are left as they are.
+        """
         interface = self.interface
         following: list[tuple[PlainState | DelayLine, Place]] = []
         if interface.states:
@@ -114,7 +123,7 @@ class _StepWriter(FunctionWriter):
         for memory, place in following:
             memory.write(place, self.scope, self.unroll)
         for memory in interface.states:
-            if not isinstance(memory, PlainState | DelayLine):
+            if not isinstance(memory, PlainState | DelayLine) and memory.state.name not in moved:
                 memory.commit(self.scope, self.unroll)
         if interface.filled_by_first:
             only_buffers = interface.filled_by_first == interface.from_record

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from backends.c.c_language import Expression, Name, Real
 from backends.c.local_values import LocalValues
@@ -22,9 +22,13 @@ _NEUTRAL = Real(-0.0)
 
 
 def sum_along(
-    node: Node, axis: str, factors: Sequence[tuple[Value, Type]], locals: LocalValues
+    node: Node,
+    axis: str,
+    factors: Sequence[tuple[Value, Type]],
+    locals: LocalValues,
+    active: Sequence[Index] = (),
 ) -> Computed:
-    """Σ over the axis of the product of one or two factors."""
+    """Σ over the axis of the product of one or two factors; of the `active` terms if there are."""
     first = factors[0][1]
     count = first.axes[first.position(axis)].size
     names = node.type.axis_names
@@ -43,10 +47,11 @@ def sum_along(
         return scalar_operation(Add(), (total, term(indices, along, scope)), locals.functions)
 
     def make(indices: Indices, scope: Scope) -> Expression:
-        if count <= _SHORT:
-            total = term(indices, Index(), scope)
-            for along in range(1, count):
-                total = added(total, indices, Index(along), scope)
+        if active or count <= _SHORT:
+            first, *rest = active or [Index(along) for along in range(count)]
+            total = term(indices, first, scope)
+            for along in rest:
+                total = added(total, indices, along, scope)
             return total
         return _written_out(indices, scope) if count <= locals.unroll else _loop(indices, scope)
 
@@ -61,8 +66,11 @@ def sum_along(
         if width > 1 and count >= 2 * width:
             return _side_by_side(width, indices, scope)
         total = _variable(_NEUTRAL, scope)
-        with scope.loop(count) as (along, inner):
+
+        def add_term(along: Index, inner: Scope) -> None:
             inner.assign(total, added(total, indices, along, inner))
+
+        in_blocks(count, locals.block, scope, add_term)
         return total
 
     def _side_by_side(width: int, indices: Indices, scope: Scope) -> Expression:
@@ -88,3 +96,17 @@ def sum_along(
         return locals.finished(node, value, scope)
 
     return Computed(node.type.shape, make, 1 + max(depth_of(value) for value, _ in factors), finish)
+
+
+def in_blocks(count: int, block: int, scope: Scope, body: Callable[[Index, Scope], None]) -> None:
+    """Writes `body` for 0 … count−1 in a loop that makes `block` steps at once, then the rest."""
+    whole = count - count % block if count >= 2 * block else 0
+    if block <= 1 or whole == 0:
+        with scope.loop(count) as (along, inner):
+            body(along, inner)
+        return
+    with scope.loop(whole, block) as (along, inner):
+        for offset in range(block):
+            body(along.plus(Index(offset)), inner)
+    for index in range(whole, count):
+        body(Index(index), scope)

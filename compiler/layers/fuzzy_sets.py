@@ -125,11 +125,18 @@ def rectangular(sets: FuzzySets) -> NodeId:
     below_centers = builder.slice(sets.centers, name, 0, last - 1)
     halves = builder.constant(0.5)
     middles = builder.multiply(builder.add(above_centers, below_centers), halves)
-    inner = FuzzySets(builder, sets.value, Axis(name, last - 1), middles)
-    edge = (Axis(name, 1), *builder.type(sets.value).axes)
-    above = builder.compare(Relation.GREATER_EQUAL, inner.spread(), inner.spread(middles))
-    reached = builder.select(above, inner.numbers(1.0), inner.numbers(0.0))
-    # The lower bound is reached, the upper one is not: exact differences of 0 and 1.
+    return between(FuzzySets(builder, sets.value, Axis(name, last - 1), middles))
+
+
+def between(bounds: FuzzySets) -> NodeId:
+    """1 for the interval between two ascending bounds that the value is in, one more than bounds.
+
+    The lower bound is reached, the upper one is not: exact differences of 0 and 1.
+    """
+    builder, name = bounds.builder, bounds.axis.name
+    edge = (Axis(name, 1), *builder.type(bounds.value).axes)
+    above = builder.compare(Relation.GREATER_EQUAL, bounds.spread(), bounds.spread(bounds.centers))
+    reached = builder.select(above, bounds.numbers(1.0), bounds.numbers(0.0))
     one = builder.broadcast(builder.constant(1.0), edge)
     zero = builder.broadcast(builder.constant(0.0), edge)
     lower = builder.concat([one, reached], name)

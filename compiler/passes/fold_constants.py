@@ -38,11 +38,12 @@ def fold_constants(program: Program) -> Program:
 
         %1: scalar 1 = constant 1.4142135623730951
     """
-    program = with_step(program, *_folded(program.step))
-    return with_start(program, *_folded(program.start))
+    program = with_step(program, *folded(program.step))
+    return with_start(program, *folded(program.start))
 
 
-def _folded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
+def folded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
+    """One graph with its constants folded, and where each node is in it now."""
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     known: list[Any] = []

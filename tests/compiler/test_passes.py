@@ -19,6 +19,7 @@ from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
 from compiler.passes.guard_untaken import guard_untaken
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.retime import retime
+from compiler.passes.settle_zeros import settle_zeros
 from compiler.passes.share_common import share_common
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import Graph, Output, Program, Role, Signal, extents
@@ -51,6 +52,7 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
         (name, PASS_PROGRAMS[name], lambda p: retime(p, fixed_parameters=True))
         for name in ("mapped_windows",)
     ],
+    "settle_zeros": [("local_models", PASS_PROGRAMS["local_models"], settle_zeros)],
     "fold_constants": [("numbers", PASS_PROGRAMS["numbers"], fold_constants)],
     "share_common": [("twins", PASS_PROGRAMS["twins"], share_common)],
     "drop_unused": [("leftovers", PASS_PROGRAMS["leftovers"], drop_unused)],

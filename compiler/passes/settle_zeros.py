@@ -1,0 +1,40 @@
+"""Makes sums over fuzzy sets indifferent to terms that are 0."""
+
+from __future__ import annotations
+
+from compiler.builder import GraphBuilder
+from compiler.fuzzy_support import active_sums, compact_sets, is_positive_zero, supports
+from compiler.graph_copy import copy_node, with_step
+from compiler.program import NodeId, Program
+
+
+def settle_zeros(program: Program) -> Program:
+    """Adds +0 to each sum over compact fuzzy sets, so that a sum which is 0 is +0.
+
+    Without it the sign of such a 0 depends on the signs of all terms, those of inactive sets too,
+    and generated code could not leave them out. No other value changes.
+
+    Before and after: any form.
+
+        %8: scalar = contract(%6, %7) over phi
+
+        %8: scalar = contract(%6, %7) over phi
+        %9: scalar = %8 + 0.0
+    """
+    sums = active_sums(program.step, supports(program.step, compact_sets(program.step)))
+    settled = {
+        arg
+        for _, node in program.step
+        for arg in node.args[:1]
+        if len(node.args) == 2 and is_positive_zero(program.step, node.args[1])
+    }
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index, node in program.step:
+        copy = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+        if index in sums and index not in settled:
+            with builder.at(node.span):
+                zero = builder.broadcast(builder.constant(0.0), node.type.axes)
+                copy = builder.add(copy, zero)
+        copies[index] = copy
+    return with_step(program, builder.graph(), copies)
