@@ -19,6 +19,7 @@ from spec_schema.errors.commands import no_data_section
 from spec_schema.spec import Spec
 
 if TYPE_CHECKING:
+    from msnn.data.frames import Frames
     from msnn.exporting import TargetName
     from msnn.simulation import Simulation
     from msnn.training.progress import Progress
@@ -52,6 +53,7 @@ def compile(spec: str | Path | Spec) -> Program:
 
 def train(
     model: Model,
+    data: Frames | None = None,
     *,
     data_root: str | Path | None = None,
     runs: str | Path | None = "runs",
@@ -64,37 +66,44 @@ def train(
         result = msnn.train(msnn.load("plant.msnn.yaml"))
         print(result.weights["k"], result.folder)
 
-    `runs` None keeps no files. `weights` are where the first stage begins, by default the initial
-    values. Raises SpecError, TrainingDivergedError and TrainingInterruptedError.
+    `data` are frames of pandas or polars or mappings of arrays, with the columns that the spec
+    names, one a record: a single one, a list, or either for each set, `{"train": a, "val": b}`.
+    None takes the data of the spec. `runs` None keeps no files. `weights` are where the first
+    stage begins, by default the initial values. Raises SpecError, TrainingDivergedError and
+    TrainingInterruptedError.
     """
     from msnn.training import train as engine
 
     options = engine.TrainingOptions(
         runs=None if runs is None else Path(runs), resume=resume, spec_text=model.text
     )
-    data = read_data(model, data_root, "training")
+    dataset = _measured(model, data, data_root, "training")
     try:
-        return engine.train(model.program, data, model.spec.train, options, progress, weights)
+        return engine.train(model.program, dataset, model.spec.train, options, progress, weights)
     except SpecError as error:
         raise _with_sources(error, model) from None
 
 
 def validate(
-    model: Model, weights: Weights | None = None, *, data_root: str | Path | None = None
+    model: Model,
+    weights: Weights | None = None,
+    data: Frames | None = None,
+    *,
+    data_root: str | Path | None = None,
 ) -> ValidationReport:
     """Measures the `validate` section of a spec with the interpreter; None: initial weights.
 
         report = msnn.validate(model, result.weights)
         assert report.passed
 
-    Raises SpecError.
+    `data` as in `train`. Raises SpecError.
     """
     from msnn import validation
 
-    data = read_data(model, data_root, "validation")
+    dataset = _measured(model, data, data_root, "validation")
     try:
-        report = validation.validate(model.program, data, model.spec.checks, weights)
-        return replace(report, warnings=(*data.warnings, *report.warnings))
+        report = validation.validate(model.program, dataset, model.spec.checks, weights)
+        return replace(report, warnings=(*dataset.warnings, *report.warnings))
     except SpecError as error:
         raise _with_sources(error, model) from None
 
@@ -163,12 +172,30 @@ def read_data(
 ) -> Dataset:
     """The measured data of the spec, for the signals of `program` (default: all of the model)."""
     from msnn.data.load import load_data
+    from msnn.data.row_filter import row_filters
 
     if model.spec.data is None:
         raise SpecError([no_data_section(purpose)])
     folder = model.folder if data_root is None else Path(data_root)
     try:
-        return load_data(program or model.program, model.spec.data, folder)
+        filters = row_filters(model.spec)
+        return load_data(program or model.program, model.spec.data, folder, filters)
+    except SpecError as error:
+        raise _with_sources(error, model) from None
+
+
+def _measured(
+    model: Model, frames: Frames | None, data_root: str | Path | None, purpose: str
+) -> Dataset:
+    """The data of a session, or that of the spec."""
+    from msnn.data.frames import frame_data
+    from msnn.data.row_filter import row_filters
+
+    if frames is None:
+        return read_data(model, data_root, purpose)
+    spec = model.spec
+    try:
+        return frame_data(model.program, spec.data, frames, spec.place, row_filters(spec))
     except SpecError as error:
         raise _with_sources(error, model) from None
 

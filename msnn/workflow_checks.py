@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from msnn.data.formats import format_of
+from msnn.data.row_filter import row_filters
 from msnn.data.splits import SETS
 from msnn.exporting import plan_exports, target_names
 from msnn.model_file import Model, load_model
@@ -14,7 +16,9 @@ from msnn.validation_plan import plan_checks
 from spec_schema.columns import Column
 from spec_schema.data_section import Data
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
+from spec_schema.errors import data_formats
 from spec_schema.errors import workflow as errors
+from spec_schema.spec import Spec
 
 _LOG_SUFFIX = ".meas"
 
@@ -45,6 +49,8 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
     if spec.data is not None:
         _columns(model, spec.data, findings)
         _sets(model, spec.data, findings)
+        _readers(spec.data, findings)
+        _filters(spec, findings)
     else:
         for name, entries in (("train", spec.train), ("validate", spec.checks)):
             if entries:
@@ -70,6 +76,24 @@ def _columns(model: Model, data: Data, findings: Findings) -> None:
         for name, column in columns.items():
             if name.removesuffix(_LOG_SUFFIX) not in known:
                 findings.report(errors.unknown_signal(name, column.place.key, known))
+
+
+def _readers(data: Data, findings: Findings) -> None:
+    """Formats that cannot be read here are said before anything else has taken time."""
+    for source in data.source.values():
+        for pattern in source.files:
+            kind = format_of(pattern.value)
+            if kind.missing:
+                what = f"{kind.name} files need {' and '.join(kind.missing)}"
+                install = f"pip install 'msnn[{kind.extra}]'"
+                findings.report(data_formats.missing_reader(what, install, pattern.span))
+
+
+def _filters(spec: Spec, findings: Findings) -> None:
+    try:
+        row_filters(spec)
+    except SpecError as error:
+        findings.report(*error.diagnostics)
 
 
 def _sets(model: Model, data: Data, findings: Findings) -> None:

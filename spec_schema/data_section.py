@@ -7,6 +7,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from spec_schema.columns import Column, ColumnField
 from spec_schema.entry import Entry, findings_of
 from spec_schema.errors import data_files as errors
+from spec_schema.expression_fields import ConditionField
 from spec_schema.named_tables import Named
 from spec_schema.plain_fields import (
     Character,
@@ -23,11 +24,14 @@ from spec_schema.unit_parser import parse_unit
 
 
 class Csv(Entry):
-    """How a text file is laid out: `skip` lines, then a header if there is one, then rows."""
+    """How a text file is laid out: `skip` lines, then a header if there is one, then rows.
+
+    Without `delimiter` cells are separated by commas, in `.tsv` files by tabs.
+    """
 
     noun: ClassVar[str] = "csv"
 
-    delimiter: Character = ","
+    delimiter: Character | None = None
     decimal: Character = "."
     comment: Character | None = None
     header: Switch = True
@@ -62,10 +66,9 @@ class Layout(Entry):
     """What may be said of one set of files, or of all as a default; None where unsaid.
 
     `first` and `last` (written `from`, `to`) are rows from 0, or times of the time column, both
-    inclusive.
+    inclusive. `join` makes one record of files that follow each other in time; `filter` keeps the
+    rows for which a comparison of signals holds.
     """
-
-    later: ClassVar[frozenset[str]] = frozenset({"filter"})
 
     first: LengthField | None = Field(default=None, alias="from")
     last: LengthField | None = Field(default=None, alias="to")
@@ -74,9 +77,14 @@ class Layout(Entry):
     time: TimeColumn | None = None
     csv: Csv | None = None
     resample: (
-        Annotated[Literal["error", "none"], choice("error", "none", later=("linear", "nearest"))]
+        Annotated[
+            Literal["error", "none", "linear", "nearest"],
+            choice("error", "none", "linear", "nearest"),
+        ]
         | None
     ) = None
+    join: Switch | None = None
+    filter: ConditionField | None = None
 
 
 class Source(Layout):

@@ -33,7 +33,7 @@ class Prediction:
     span: Span = field(compare=False)
 
 
-def _read_expression(node: Node, findings: Findings) -> Expression:
+def _read_expression(node: Node, findings: Findings, *, condition: bool = False) -> Expression:
     if isinstance(node, Listing | Table):
         findings.report(errors.list_for_expression(node.span))
         raise RefusedError
@@ -44,10 +44,14 @@ def _read_expression(node: Node, findings: Findings) -> Expression:
     if isinstance(found.value, float) and not math.isfinite(found.value):
         findings.report(errors.out_of_range(found.text, found.span, "finite"))
         raise RefusedError
-    expression = parse_expression(found.text, found.positions, findings)
+    expression = parse_expression(found.text, found.positions, findings, condition=condition)
     if expression is None:
         raise RefusedError
     return expression
+
+
+def _read_condition(node: Node, findings: Findings) -> Expression:
+    return _read_expression(node, findings, condition=True)
 
 
 def read_array(node: Node, findings: Findings) -> Expression:
@@ -85,5 +89,6 @@ def _read_prediction(node: Node, findings: Findings) -> Prediction:
 
 
 ExpressionField: TypeAlias = Annotated[Expression, reads(_read_expression)]
+ConditionField: TypeAlias = Annotated[Expression, reads(_read_condition)]
 ArrayField: TypeAlias = Annotated[Expression, reads(read_array)]
 PredictionField: TypeAlias = Annotated[Prediction, reads(_read_prediction)]

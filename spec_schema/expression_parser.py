@@ -52,16 +52,22 @@ _RELATIONS: dict[type[ast.cmpop], Relation] = {
 
 
 def parse_expression(
-    text: str, positions: Positions | None = None, findings: Findings | None = None
+    text: str,
+    positions: Positions | None = None,
+    findings: Findings | None = None,
+    *,
+    condition: bool = False,
 ) -> Expression | None:
     """The tree of an expression; `positions` says where its characters stand.
+
+    A `condition` may be a comparison.
 
     Faults are reported to `findings`, and None returned; without `findings` they raise SpecError.
     """
     if positions is None:
         positions = Positions(SourceText("<expression>", text), range(len(text) + 1))
     own = Findings()
-    expression = _parse(text, positions, own)
+    expression = _parse(text, positions, own, condition)
     if findings is None:
         own.raise_errors()
     else:
@@ -69,7 +75,9 @@ def parse_expression(
     return None if own.failed else expression
 
 
-def _parse(text: str, positions: Positions, findings: Findings) -> Expression | None:
+def _parse(
+    text: str, positions: Positions, findings: Findings, condition: bool
+) -> Expression | None:
     whole = positions.span(0, len(text))
     if len(text) > LONGEST:
         findings.report(errors.too_long(len(text), LONGEST, whole))
@@ -89,7 +97,7 @@ def _parse(text: str, positions: Positions, findings: Findings) -> Expression | 
     except (RecursionError, MemoryError):
         findings.report(errors.too_deep(DEEPEST, whole))
         return None
-    return _Admission(scanned, places, findings).expression(tree, 0)
+    return _Admission(scanned, places, findings).expression(tree, 0, condition)
 
 
 class _Admission:

@@ -57,7 +57,8 @@ def _read_quantity(node: Node, findings: Findings) -> Quantity:
     return Quantity(float(match["number"]), unit, found.span)
 
 
-def _read_length(node: Node, findings: Findings) -> Length:
+def read_length(node: Node, findings: Findings) -> Length:
+    """A number of samples or a duration."""
     found = scalar(node, findings, "a length such as `50 ms`")
     length = parse_length(found.text, found.positions)
     if length is None:
@@ -68,7 +69,7 @@ def _read_length(node: Node, findings: Findings) -> Length:
 
 def read_positive_length(node: Node, findings: Findings) -> Length:
     """A length above 0."""
-    length = _read_length(node, findings)
+    length = read_length(node, findings)
     match length:
         case Samples(count=amount) | Duration(quantity=Quantity(value=amount)) if amount > 0:
             return length
@@ -108,7 +109,7 @@ def _read_range(node: Node, findings: Findings) -> Located[tuple[float, float]]:
 
 UnitField: TypeAlias = Annotated[Located[Unit], reads(read_unit)]
 QuantityField: TypeAlias = Annotated[Quantity, reads(_read_quantity)]
-LengthField: TypeAlias = Annotated[Length, reads(_read_length)]
+LengthField: TypeAlias = Annotated[Length, reads(read_length)]
 PositiveLength: TypeAlias = Annotated[Length, reads(read_positive_length)]
 SampleTime: TypeAlias = Annotated[Quantity, reads(_read_sample_time)]
 RangeField: TypeAlias = Annotated[Located[tuple[float, float]], reads(_read_range)]

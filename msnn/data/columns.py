@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.program import Role, Signal
-from msnn.data.csv_header import ColumnKey
 from msnn.data.dataset import FloatArray
+from msnn.data.table import ColumnKey
 from spec_schema.columns import Column
 from spec_schema.diagnostics import Findings
 from spec_schema.errors import data_files as errors

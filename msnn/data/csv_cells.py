@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from msnn.data.csv_header import ColumnKey, Header, content_lines, is_number, split_cells
+from msnn.data.csv_header import Header, content_lines, is_number, split_cells
 from msnn.data.dataset import FloatArray
+from msnn.data.table import ColumnKey
 from spec_schema.diagnostics import Diagnostic, SpecError
 from spec_schema.errors import data_files as errors
 from spec_schema.source import Span

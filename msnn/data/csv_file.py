@@ -3,57 +3,45 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from msnn.data.csv_cells import checked_columns
-from msnn.data.csv_header import ColumnKey, Dialect, Header, read_header
+from msnn.data.csv_cells import checked_columns, line_of_row
+from msnn.data.csv_header import Dialect, Header, read_header
 from msnn.data.dataset import FloatArray
+from msnn.data.table import ColumnKey, Table, Wanted
 from spec_schema.diagnostics import SpecError
 from spec_schema.errors import data_files as errors
+from spec_schema.source import Span
 
 _CHUNK = 1 << 20
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Columns of a file, equally long; row 0 is the first after the header."""
+def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
+    """The wanted columns of a UTF-8 text file.
 
-    header: Header
-    columns: Mapping[ColumnKey, FloatArray]
-
-    @property
-    def rows(self) -> int:
-        return len(next(iter(self.columns.values())))
-
-
-def read_csv(
-    path: Path,
-    shown: str,
-    wanted: Mapping[ColumnKey, str],
-    dialect: Dialect,
-    optional: frozenset[ColumnKey] = frozenset(),
-) -> Table:
-    """The wanted columns (key → what wants it, for messages) of a UTF-8 text file.
-
-    An empty or NaN cell becomes NaN in `optional` columns and is an error in the others. `shown`
-    is the file's name in messages. Raises SpecError with all faults of the file.
+    An empty or NaN cell becomes NaN in optional columns and is an error in the others. `shown` is
+    the file's name in messages. Raises SpecError with all faults of the file.
     """
     try:
-        header = read_header(path, shown, dialect, wanted)
-        places = header.places(wanted)
+        header = read_header(path, shown, dialect, wanted.users)
+        places = header.places(wanted.users)
         columns = _numbers(path, header, tuple(places.values()))
-        if columns is None or not _complete(columns, tuple(wanted), optional):
-            columns = checked_columns(path, header, places, optional)
+        if columns is None or not _complete(columns, tuple(wanted.users), wanted.optional):
+            columns = checked_columns(path, header, places, wanted.optional)
     except UnicodeDecodeError as error:
         reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
         raise SpecError((errors.unreadable_file(shown, reason),)) from error
     except OSError as error:
         raise SpecError((errors.unreadable_file(shown, error.strerror or str(error)),)) from error
-    return Table(header, dict(zip(places, columns, strict=True)))
+
+    def place(row: int) -> Span:
+        line = line_of_row(path, header, row)
+        return Span(shown, line, 1, line, 1)
+
+    return Table(dict(zip(places, columns, strict=True)), place=place)
 
 
 def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatArray] | None:

@@ -7,12 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from msnn.data.table import ColumnKey
 from spec_schema.diagnostics import Diagnostic, SpecError
 from spec_schema.errors import data_files as errors
 from spec_schema.source import Span
-
-ColumnKey = str | int
-"""A column's name in the header, or its index counted from 0."""
 
 _DELIMITERS = (";", ",", "\t", "|")
 

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from msnn.data.array_columns import NamedArrays
+from msnn.data.formats import SUFFIXES, Format, format_of
 from spec_schema.data_section import Data, Source
 from spec_schema.diagnostics import Findings
 from spec_schema.errors import data_files as errors
@@ -20,12 +22,27 @@ class DataFile:
     shown: str
     source: str
     layout: Source
+    arrays: NamedArrays | None = None
+    """Arrays of a session in place of a file; `path` only names them."""
+
+    @property
+    def format(self) -> Format:
+        return format_of(self.path)
+
+    @property
+    def is_text(self) -> bool:
+        return self.arrays is None and self.format.is_text
+
+    @property
+    def keeps_time(self) -> bool:
+        """Whether the file itself says when each value was recorded."""
+        return self.arrays is None and self.format.keeps_time
 
 
 def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
     """The files of all sources in the order of the spec, those of one pattern by name.
 
-    A folder stands for the `*.csv` in it. A pattern that matches nothing is an error.
+    A folder stands for the data files in it. A pattern that matches nothing is an error.
     """
     found: list[DataFile] = []
     for name, source in data.source.items():
@@ -58,7 +75,7 @@ def matching(folder: Path, pattern: str) -> list[Path]:
     """The files that a name, a pattern or a folder stands for."""
     plain = folder / pattern
     if plain.is_dir():
-        return sorted(filter(_is_data, plain.glob("*.csv")))
+        return sorted(p for p in plain.iterdir() if p.suffix.lower() in SUFFIXES and _is_data(p))
     if plain.is_file():
         return [plain]
     wild = next((i for i, part in enumerate(plain.parts) if set(part) & set("*?[")), None)

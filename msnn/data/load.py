@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +11,11 @@ import numpy as np
 from compiler.program import Program, Signal
 from msnn.data.dataset import Dataset, Record
 from msnn.data.files import DataFile, find_files
+from msnn.data.formats import require_reader
 from msnn.data.part import Part, read_part
-from msnn.data.splits import SETS, SetCodes, split_rows, split_source
+from msnn.data.row_filter import RowFilter
+from msnn.data.rows import GAP_TOLERANCE
+from msnn.data.splits import SETS, RecordTimes, SetCodes, split_rows, split_source
 from spec_schema.data_section import Data
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import data_files as errors
@@ -21,22 +24,46 @@ from spec_schema.source import SourceText
 _LARGEST_SHOWN = 1_000_000
 
 
-def load_data(program: Program, data: Data, folder: Path) -> Dataset:
+def load_data(
+    program: Program,
+    data: Data,
+    folder: Path,
+    filters: Mapping[str, RowFilter] | None = None,
+) -> Dataset:
     """The measured series of all signals of the program, divided into records and sets.
 
-    Relative paths start in `folder`: that of the spec, or `--data-root`. Raises SpecError with
-    the faults of all files.
+    Relative paths start in `folder`: that of the spec, or `--data-root`. `filters` are those of
+    the sources by name. Raises SpecError with the faults of all files, and MissingExtraError where
+    the reader of a format is not installed.
     """
     findings = Findings()
     files = find_files(data, folder, findings)
-    parts = [part for file in files if (part := read_part(program, data, file, findings))]
+    for file in files:
+        require_reader(file.path)
+    return joined_files(program, data, files, filters or {}, findings)
+
+
+def joined_files(
+    program: Program,
+    data: Data,
+    files: Sequence[DataFile],
+    filters: Mapping[str, RowFilter],
+    findings: Findings,
+) -> Dataset:
+    """The series of these files, or arrays in their place. Raises SpecError with all faults."""
+    parts = [
+        part
+        for file in files
+        if (part := read_part(program, data, file, filters.get(file.source), findings))
+    ]
     if findings.failed:
         faults = _once(findings.in_order)
         raise SpecError(faults, _texts(files, faults))
     if data.nan == "drop" and program.sample_time is not None:
         parts = [part for part in parts if not _dropped(part, findings)]
+    parts = _with_files_joined(parts, data, program.sample_time)
     sets = _set_names(data)
-    rows = _sets(data, parts, sets, findings)
+    rows = _sets(data, parts, sets, program.sample_time, findings)
     _report_ranges(program.signals, parts, findings)
     findings.raise_errors()
     return _joined(program, parts, sets, rows, findings.in_order)
@@ -48,7 +75,7 @@ def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[Sour
     return [
         SourceText(file.shown, file.path.read_text("utf-8-sig", errors="replace"))
         for file in files
-        if file.shown in faulty and file.path.stat().st_size <= _LARGEST_SHOWN
+        if file.shown in faulty and file.is_text and file.path.stat().st_size <= _LARGEST_SHOWN
     ]
 
 
@@ -73,6 +100,28 @@ def _dropped(part: Part, findings: Findings) -> bool:
     return True
 
 
+def _with_files_joined(parts: Sequence[Part], data: Data, sample_time: float | None) -> list[Part]:
+    """Parts whose files follow each other in time as one record, where `join:` asks for it."""
+    found: list[Part] = []
+    for part in parts:
+        join = part.file.layout.join if part.file.layout.join is not None else data.join
+        before = found[-1] if found else None
+        if join and before is not None and _follows(before, part, sample_time):
+            found[-1] = before.with_next(part)
+        else:
+            found.append(part)
+    return found
+
+
+def _follows(before: Part, after: Part, sample_time: float | None) -> bool:
+    if before.file.layout is not after.file.layout or sample_time is None:
+        return False
+    if before.time is None or after.time is None or not len(before.time) * len(after.time):
+        return False
+    step = float(after.time[0] - before.time[-1])
+    return abs(step - sample_time) <= GAP_TOLERANCE * sample_time
+
+
 def _set_names(data: Data) -> tuple[str, ...]:
     names = list(data.source)
     if data.split is not None:
@@ -81,7 +130,11 @@ def _set_names(data: Data) -> tuple[str, ...]:
 
 
 def _sets(
-    data: Data, parts: Sequence[Part], sets: Sequence[str], findings: Findings
+    data: Data,
+    parts: Sequence[Part],
+    sets: Sequence[str],
+    sample_time: float | None,
+    findings: Findings,
 ) -> list[SetCodes]:
     """The set of every row of every part."""
     codes = {name: index for index, name in enumerate(sets)}
@@ -90,12 +143,20 @@ def _sets(
         return rows
     divided = split_source(tuple(data.source), data.split, findings)
     chosen = [index for index, part in enumerate(parts) if part.file.source == divided]
-    lengths = [len(rows[index]) for index in chosen]
+    records = [_times(parts[index], sample_time) for index in chosen]
     for index, codes_of_rows in zip(
-        chosen, split_rows(data.split, lengths, codes, findings), strict=True
+        chosen, split_rows(data.split, records, codes, findings), strict=True
     ):
         rows[index] = codes_of_rows
     return rows
+
+
+def _times(part: Part, sample_time: float | None) -> RecordTimes:
+    time = part.time
+    if time is None and sample_time is not None:
+        time = np.arange(len(part.usable), dtype=np.float64)
+        time *= sample_time
+    return RecordTimes(len(part.usable), time)
 
 
 def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: Findings) -> None:

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compiler.program import Program, Role
+from compiler.program import Program, Role, Signal
 from msnn.data.columns import Feed, feeds, target_columns, wanted_columns
-from msnn.data.csv_cells import line_of_row
-from msnn.data.csv_file import Table, read_csv
-from msnn.data.csv_header import ColumnKey, Dialect
+from msnn.data.csv_header import Dialect
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.files import DataFile
-from msnn.data.rows import RowRange, TimeFault, continuity, picked_rows
+from msnn.data.record_rows import RecordRows, record_rows
+from msnn.data.row_filter import RowFilter
+from msnn.data.rows import RowRange
+from msnn.data.table import Streams, Table, Wanted
 from spec_schema.data_section import Csv, Data
-from spec_schema.diagnostics import Diagnostic, Findings, SpecError
-from spec_schema.errors import data_files as errors
-from spec_schema.source import Span
+from spec_schema.diagnostics import Findings, SpecError
+from spec_schema.errors import data_formats
+
+_TO = " … "
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,80 +30,100 @@ class Part:
     file: DataFile
     picked: RowRange
     series: dict[str, FloatArray]
+    time: FloatArray | None
+    """Seconds of each row, where the file says."""
     continues: BoolArray
     usable: BoolArray
 
+    def with_next(self, other: Part) -> Part:
+        """One record of this one and of another that begins one sample later."""
+        assert self.time is not None
+        assert other.time is not None
+        first = self.file.shown.split(_TO)[0]
+        continues = np.concatenate((self.continues, other.continues))
+        continues[len(self.continues)] = True
+        return Part(
+            replace(self.file, shown=f"{first}{_TO}{other.file.shown}"),
+            self.picked,
+            {n: np.concatenate((v, other.series[n])) for n, v in self.series.items()},
+            np.concatenate((self.time, other.time)),
+            continues,
+            np.concatenate((self.usable, other.usable)),
+        )
 
-def read_part(program: Program, data: Data, file: DataFile, findings: Findings) -> Part | None:
+
+def read_part(
+    program: Program,
+    data: Data,
+    file: DataFile,
+    row_filter: RowFilter | None,
+    findings: Findings,
+) -> Part | None:
     """The rows of a file that the spec picks; None after a report of what is wrong."""
     mine = Findings()
-    found = feeds(program.signals, {**data.columns, **file.layout.columns}, mine)
-    dialect = _dialect(file.layout.csv or data.csv)
-    time_column = file.layout.time or data.time
-    time_key = None if time_column is None else time_column.column.column
-    table = _table(file, data, found, dialect, time_key, mine)
+    signals = _signals(program, row_filter)
+    found = feeds(signals, {**data.columns, **file.layout.columns}, mine)
+    read = _read(file, data, found, mine)
+    rows = None
+    if read is not None and not mine.failed:
+        rows = record_rows(read, file, data, program.sample_time, mine)
     findings.report(*mine.in_order)
-    if table is None or mine.failed:
+    if rows is None:
         return None
-    time = None
-    if time_column is not None and time_key is not None:
-        time = table.columns[time_key] * time_column.seconds
-    picked = picked_rows(file.layout, data, file.shown, table.rows, time, findings)
-    if picked is None:
-        return None
-    columns = {key: column[picked.rows] for key, column in table.columns.items()}
-    series = {feed.signal.name: feed.series(columns) for feed in found}
-    length = len(next(iter(columns.values())))
-    continues = np.ones(length, dtype=np.bool_)
-    continues[:1] = False
-    if time is not None and program.sample_time is not None:
-        continues, faults = continuity(time[picked.rows], picked, program.sample_time)
-        if (file.layout.resample or data.resample or "error") == "error":
-            for fault in faults:
-                findings.report(_time_fault(fault, file, program.sample_time, table))
-    usable = np.ones(length, dtype=np.bool_)
+    series = {feed.signal.name: feed.series(rows.columns) for feed in found}
+    usable = rows.covered.copy()
     for feed in found:
-        if feed.signal.role is Role.INPUT:
-            values = series[feed.signal.name].reshape(length, -1)
+        if feed.signal.role is Role.INPUT and feed.signal in program.signals:
+            values = series[feed.signal.name].reshape(len(usable), -1)
             usable &= np.isfinite(values).all(axis=1)
-    return Part(file, picked, series, continues, usable)
+    if row_filter is not None:
+        usable &= _kept(row_filter, series, rows, file, findings)
+    series = {signal.name: series[signal.name] for signal in program.signals}
+    return Part(file, rows.picked, series, rows.time, rows.continues, usable)
 
 
-def _table(
+def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ...]:
+    """The signals of the program and those that only the filter reads."""
+    known = {signal.name for signal in program.signals}
+    more = () if row_filter is None else row_filter.signals
+    return (*program.signals, *(signal for signal in more if signal.name not in known))
+
+
+def _kept(
+    row_filter: RowFilter,
+    series: dict[str, FloatArray],
+    rows: RecordRows,
     file: DataFile,
-    data: Data,
-    found: Sequence[Feed],
-    dialect: Dialect,
-    time_key: ColumnKey | None,
     findings: Findings,
-) -> Table | None:
-    wanted = wanted_columns(found)
-    optional = frozenset(wanted) if data.nan != "error" else target_columns(found)
-    if time_key is not None:
-        wanted[time_key] = "`time`"
-        optional -= {time_key}
+) -> BoolArray:
+    kept = row_filter.kept(series, len(rows.continues))
+    if len(kept) and not kept.any():
+        findings.report(data_formats.empty_filter(file.shown, row_filter.span))
+    return kept
+
+
+def _read(
+    file: DataFile, data: Data, found: Sequence[Feed], findings: Findings
+) -> Table | Streams | None:
+    users = wanted_columns(found)
+    optional = frozenset(users) if data.nan != "error" else target_columns(found)
+    time = file.layout.time or data.time
+    if time is not None and not file.keeps_time:
+        users[time.column.column] = "`time`"
+        optional -= {time.column.column}
     try:
-        return read_csv(file.path, file.shown, wanted, dialect, optional)
+        wanted = Wanted(users, optional)
+        if file.arrays is not None:
+            return file.arrays.table(wanted)
+        dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
+        return file.format.reader(file.path, file.shown, wanted, dialect)
     except SpecError as error:
         findings.report(*error.diagnostics)
         return None
 
 
-def _dialect(csv: Csv | None) -> Dialect:
+def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:
+    plain = "\t" if tabs else ","
     if csv is None:
-        return Dialect()
-    return Dialect(csv.delimiter, csv.decimal, csv.comment, csv.header, csv.skip)
-
-
-def _time_fault(fault: TimeFault, file: DataFile, sample_time: float, table: Table) -> Diagnostic:
-    line = line_of_row(file.path, table.header, fault.row)
-    place = Span(file.shown, line, 1, line, 1)
-    match fault.kind:
-        case "gap":
-            return errors.time_gap(
-                file.shown, fault.row, fault.step, sample_time, fault.more, place
-            )
-        case "sample time":
-            return errors.wrong_sample_time(file.shown, fault.step, sample_time, place)
-        case "order":
-            return errors.time_not_increasing(file.shown, fault.row, fault.more, place)
+        return Dialect(plain)
+    return Dialect(csv.delimiter or plain, csv.decimal, csv.comment, csv.header, csv.skip)

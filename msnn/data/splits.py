@@ -1,17 +1,18 @@
-"""Divides records into the sets train, val and test: by file, by block or by fraction."""
+"""Divides records into the sets train, val and test: by file, block, fraction, time or fold."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msnn.data.dataset import UNASSIGNED
+from msnn.data.dataset import UNASSIGNED, FloatArray
 from spec_schema.diagnostics import Findings
 from spec_schema.errors import data_files as errors
-from spec_schema.splits import Blocks, Fraction, Split
+from spec_schema.splits import Blocks, Fraction, Split, TimeRange
 
 SETS = ("train", "val", "test")
 
@@ -29,27 +30,76 @@ def split_source(sources: Sequence[str], split: Split, findings: Findings) -> st
     return None
 
 
+@dataclass(frozen=True, slots=True)
+class RecordTimes:
+    """What a split may ask of a record: how many rows it has, and when they were."""
+
+    rows: int
+    time: FloatArray | None
+    """Seconds of each row; None where neither a time column nor a sample time says."""
+
+
 def split_rows(
-    split: Split, lengths: Sequence[int], codes: Mapping[str, int], findings: Findings
+    split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int], findings: Findings
 ) -> list[SetCodes]:
-    """The set of every row of every record, given the records' lengths."""
+    """The set of every row of every record."""
     match split.by:
         case "file":
-            chosen = _files(_fractions(split), len(lengths))
+            chosen = _files(_fractions(split), len(records))
             for name, share in _fractions(split).items():
                 if share > 0 and chosen and name not in chosen:
                     reason = (
-                        f"{len(lengths)} files are too few to give `{name}` {share:.0%} of them"
+                        f"{len(records)} files are too few to give `{name}` {share:.0%} of them"
                     )
                     findings.report(errors.impossible_split(reason, split.place.key))
             return [
-                np.full(length, codes.get(name, UNASSIGNED), dtype=np.int8)
-                for name, length in zip(chosen, lengths, strict=True)
+                np.full(record.rows, codes.get(name, UNASSIGNED), dtype=np.int8)
+                for name, record in zip(chosen, records, strict=True)
             ]
         case "fraction":
-            return [_fraction_rows(_fractions(split), length, codes) for length in lengths]
+            return [_fraction_rows(_fractions(split), record.rows, codes) for record in records]
         case "block":
-            return [_block_rows(split, length, codes) for length in lengths]
+            return [_block_rows(split, record.rows, codes) for record in records]
+        case "time":
+            return [_time_rows(split, record, codes, findings) for record in records]
+        case "kfold":
+            return _fold_rows(split, records, codes)
+
+
+def _time_rows(
+    split: Split, record: RecordTimes, codes: Mapping[str, int], findings: Findings
+) -> SetCodes:
+    """Rows by their time; those that no set names belong to `train` unless its range is given."""
+    rest = UNASSIGNED if split.train is not None else codes["train"]
+    rows = np.full(record.rows, rest, dtype=np.int8)
+    if record.time is None:
+        findings.report(errors.no_time_column("`by: time`", split.place.key))
+        return rows
+    # printed times such as 59.99999 and 60 mean the same row
+    slack = 1e-6 * np.maximum(np.abs(record.time), 1.0)
+    for name, share in {"train": split.train, "val": split.val, "test": split.test}.items():
+        if isinstance(share, TimeRange):
+            inside = (record.time >= share.start - slack) & (record.time < share.stop - slack)
+            rows[inside] = codes[name]
+    return rows
+
+
+def _fold_rows(
+    split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int]
+) -> list[SetCodes]:
+    assert split.k is not None, "the schema asks for `k:`"
+    count, fold = split.k, split.fold - 1
+    found: list[SetCodes] = []
+    for index, record in enumerate(records):
+        rows = np.full(record.rows, codes["train"], dtype=np.int8)
+        if len(records) >= count:
+            held_out = slice(None) if index * count // len(records) == fold else slice(0)
+        else:
+            start = _rounded(fold * record.rows / count)
+            held_out = slice(start, _rounded((fold + 1) * record.rows / count))
+        rows[held_out] = codes["val"]
+        found.append(rows)
+    return found
 
 
 def _fractions(split: Split) -> dict[str, float]:

@@ -37,7 +37,7 @@ def missing_columns(
     missing: Mapping[str, str],
     file: str,
     columns: Sequence[str],
-    place: Span,
+    place: Span | None,
     *,
     numbers: bool,
 ) -> Diagnostic:
@@ -113,7 +113,7 @@ def decimal_comma(
 
 
 def missing_value(
-    file: str, row: int, column: str, text: str, more: int, place: Span
+    file: str, row: int, column: str, text: str, more: int, place: Span | None
 ) -> Diagnostic:
     """E0809: an empty or NaN cell of an input while `nan: error` holds."""
     found = f"`{text}`" if text else "no value"
@@ -129,7 +129,7 @@ def missing_value(
 
 
 def infinite_value(
-    file: str, row: int, column: str, text: str, more: int, place: Span
+    file: str, row: int, column: str, text: str, more: int, place: Span | None
 ) -> Diagnostic:
     """E0810: a cell that is infinite."""
     return Diagnostic(
@@ -143,7 +143,7 @@ def infinite_value(
 
 
 def time_gap(
-    file: str, row: int, step: float, expected: float, more: int, place: Span
+    file: str, row: int, step: float, expected: float, more: int, place: Span | None
 ) -> Diagnostic:
     """E0811: two rows that are not one sample time apart."""
     return Diagnostic(
@@ -153,11 +153,11 @@ def time_gap(
         place,
         "time gap before this row",
         notes=_and_more(more, "gap"),
-        help="`resample: none` makes an episode of each part",
+        help="`resample: none` makes an episode of each part, `resample: linear` fills short gaps",
     )
 
 
-def wrong_sample_time(file: str, found: float, expected: float, place: Span) -> Diagnostic:
+def wrong_sample_time(file: str, found: float, expected: float, place: Span | None) -> Diagnostic:
     """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
     ratio = expected / found if found > 0 else 0.0
     every = round(ratio)
@@ -172,7 +172,7 @@ def wrong_sample_time(file: str, found: float, expected: float, place: Span) -> 
     )
 
 
-def time_not_increasing(file: str, row: int, more: int, place: Span) -> Diagnostic:
+def time_not_increasing(file: str, row: int, more: int, place: Span | None) -> Diagnostic:
     """E0813: a time that is not later than the one before."""
     return Diagnostic(
         "E0813",
@@ -184,7 +184,12 @@ def time_not_increasing(file: str, row: int, more: int, place: Span) -> Diagnost
     )
 
 
-def duplicate_column(name: str, file: str, place: Span) -> Diagnostic:
+def duplicate_column(
+    name: str,
+    file: str,
+    place: Span | None,
+    repair: str = "choose one by its index, counted from 0",
+) -> Diagnostic:
     """E0814: a column that is wanted and stands twice in the header."""
     return Diagnostic(
         "E0814",
@@ -192,7 +197,7 @@ def duplicate_column(name: str, file: str, place: Span) -> Diagnostic:
         f"{file} has two columns `{name}`",
         place,
         "which one is meant is not clear",
-        help="choose one by its index, counted from 0",
+        help=repair,
     )
 
 

@@ -1,0 +1,93 @@
+"""Rule R10: `resample:` brings rows to the sample time and invents nothing over holes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from asammdf import MDF, Signal
+
+from msnn.data.resample import resample
+from spec_schema.diagnostics import SpecError
+from tests.data.specs import load
+
+
+def rows(times: list[float]) -> str:
+    return "time,x,F\n" + "".join(f"{t!r},{2 * t!r},{-t!r}\n" for t in times)
+
+
+def test_r10_linear_draws_straight_lines(tmp_path: Path) -> None:
+    files = {"a.csv": rows([0, 0.15, 0.31, 0.5, 0.62, 0.8])}
+    data = load(tmp_path, "source: {train: a.csv}\ntime: time\nresample: linear\n", files)
+    np.testing.assert_allclose(data.series["x"], [0, 0.4, 0.8, 1.2, 1.6], atol=1e-12)
+    np.testing.assert_allclose(data.series["F"], [0, -0.2, -0.4, -0.6, -0.8], atol=1e-12)
+    assert data.episodes("train").tolist() == [[0, 5]]
+
+
+def test_r10_nearest_takes_the_closest_row(tmp_path: Path) -> None:
+    files = {"a.csv": rows([0, 0.15, 0.31, 0.5, 0.62, 0.8])}
+    data = load(tmp_path, "source: {train: a.csv}\ntime: time\nresample: nearest\n", files)
+    np.testing.assert_allclose(data.series["x"], [0, 0.3, 0.62, 1.24, 1.6], atol=1e-12)
+
+
+def test_r10_a_hole_ends_the_episode(tmp_path: Path) -> None:
+    files = {"a.csv": rows([0, 0.2, 0.4, 1.6, 1.8, 2.0])}
+    data = load(tmp_path, "source: {train: a.csv}\ntime: time\nresample: linear\n", files)
+    assert data.episodes("train").tolist() == [[0, 3], [8, 11]]
+
+
+def test_r10_a_missing_value_is_not_filled(tmp_path: Path) -> None:
+    text = "time,x,F\n0,1,1\n0.2,2,1\n0.4,,1\n0.6,4,1\n0.8,5,1\n"
+    section = "source: {train: a.csv}\ntime: time\nresample: linear\nnan: split\n"
+    data = load(tmp_path, section, {"a.csv": text})
+    assert data.episodes("train").tolist() == [[0, 2], [3, 5]]
+
+
+def test_r10_from_and_to_choose_what_is_resampled(tmp_path: Path) -> None:
+    files = {"a.csv": rows([0, 0.15, 0.31, 0.5, 0.62, 0.8])}
+    section = "source: {train: a.csv}\ntime: time\nresample: linear\nfrom: 0.1 s\nto: 0.7 s\n"
+    data = load(tmp_path, section, files)
+    np.testing.assert_allclose(data.series["x"], [0.3, 0.7, 1.1], atol=1e-12)
+
+
+def test_r10_streams_of_different_rates_need_resampling(tmp_path: Path) -> None:
+    fast, slow = 0.05 * np.arange(41), 0.1 * np.arange(1, 19)
+    with MDF(version="4.10") as file:
+        file.append([Signal(2 * fast, fast, name="x")])
+        file.append([Signal(-slow, slow, name="F")])
+        file.save(tmp_path / "a.mf4", overwrite=True)
+    with pytest.raises(SpecError, match="E0842"):
+        load(tmp_path, "source: {train: a.mf4}\n")
+    data = load(tmp_path, "source: {train: a.mf4}\nresample: linear\n")
+    np.testing.assert_allclose(data.series["x"], 0.2 + 0.4 * np.arange(9), atol=1e-12)
+    np.testing.assert_allclose(data.series["F"], -0.1 - 0.2 * np.arange(9), atol=1e-12)
+    part = load(tmp_path, "source: {train: a.mf4}\nresample: linear\nfrom: 0.5 s\n")
+    np.testing.assert_allclose(part.series["F"][0], -0.5, atol=1e-12)
+    with pytest.raises(SpecError, match="E0845"):
+        load(tmp_path, "source: {train: a.mf4}\nresample: linear\nfrom: 3\n")
+    with pytest.raises(SpecError, match="E0845"):
+        load(tmp_path, "source: {train: a.mf4}\nresample: linear\nevery: 2\n")
+
+
+def test_resampling_needs_times_that_increase(tmp_path: Path) -> None:
+    section = "source: {train: a.csv}\nresample: linear\n"
+    with pytest.raises(SpecError, match="E0843"):
+        load(tmp_path, section, {"a.csv": rows([0, 0.2, 0.4])})
+    with pytest.raises(SpecError, match="E0813"):
+        load(tmp_path, section + "time: time\n", {"a.csv": rows([0, 0.2, 0.2, 0.4])})
+
+
+def test_streams_without_a_common_moment(tmp_path: Path) -> None:
+    with MDF(version="4.10") as file:
+        file.append([Signal(np.ones(3), np.array([0.0, 0.2, 0.4]), name="x")])
+        file.append([Signal(np.ones(3), np.array([5.0, 5.2, 5.4]), name="F")])
+        file.save(tmp_path / "a.mf4", overwrite=True)
+    with pytest.raises(SpecError, match="common time of all columns"):
+        load(tmp_path, "source: {train: a.mf4}\nresample: nearest\n")
+
+
+def test_one_row_stands_for_itself() -> None:
+    one = np.array([3.0])
+    found = resample({"x": (np.array([1.0]), one)}, 0.1, "nearest")
+    np.testing.assert_array_equal(found.columns["x"], one)

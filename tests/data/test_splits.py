@@ -1,0 +1,87 @@
+"""Rule R10: splits by time and by fold, and records that go on in the next file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from msnn.data.dataset import Dataset
+from spec_schema.diagnostics import SpecError
+from tests.data.specs import load, table
+
+
+def episodes(data: Dataset, name: str) -> list[list[int]]:
+    return data.episodes(name).tolist()
+
+
+def test_r10_split_by_time_cuts_at_moments(tmp_path: Path) -> None:
+    section = "source: {train: a.csv}\nsplit: {by: time, val: [0.4 s, 1 s], test: [1.6 s, 9 s]}\n"
+    data = load(tmp_path, section + "time: time\n", {"a.csv": table(10)})
+    assert episodes(data, "train") == [[0, 2], [5, 8]]
+    assert episodes(data, "val") == [[2, 5]]
+    assert episodes(data, "test") == [[8, 10]]
+    without_column = load(tmp_path, section)
+    assert episodes(without_column, "val") == [[2, 5]]
+
+
+def test_r10_rows_outside_all_ranges_belong_to_no_set(tmp_path: Path) -> None:
+    section = "source: {train: a.csv}\nsplit: {by: time, train: [0 s, 0.6 s], val: [1 s, 1.4 s]}\n"
+    data = load(tmp_path, section, {"a.csv": table(10)})
+    assert episodes(data, "train") == [[0, 3]]
+    assert episodes(data, "val") == [[5, 7]]
+
+
+@pytest.mark.parametrize("fold", [1, 2, 3])
+def test_r10_each_fold_of_blocks_is_val_once(tmp_path: Path, fold: int) -> None:
+    section = f"source: {{train: a.csv}}\nsplit: {{by: kfold, k: 3, fold: {fold}}}\n"
+    data = load(tmp_path, section, {"a.csv": table(9)})
+    first = 3 * (fold - 1)
+    assert episodes(data, "val") == [[first, first + 3]]
+    trained = [[0, first]] if first else []
+    assert episodes(data, "train") == trained + ([[first + 3, 9]] if fold < 3 else [])
+
+
+def test_r10_folds_are_files_where_there_are_enough(tmp_path: Path) -> None:
+    files = {f"{name}.csv": table(4) for name in "abcde"}
+    held_out: list[list[int]] = []
+    for fold in (1, 2):
+        section = f"source: {{train: '*.csv'}}\nsplit: {{by: kfold, k: 2, fold: {fold}}}\n"
+        held_out += episodes(load(tmp_path, section, files), "val")
+    assert held_out == [[0, 4], [4, 8], [8, 12], [12, 16], [16, 20]]
+
+
+def test_r10_files_that_follow_in_time_are_one_record(tmp_path: Path) -> None:
+    lines = table(10).splitlines()
+    files = {
+        "log_1.csv": "\n".join(lines[:5]) + "\n",
+        "log_2.csv": "\n".join([lines[0], *lines[5:9]]) + "\n",
+        "log_3.csv": table(3),
+    }
+    section = "source: {train: {files: 'log_*.csv', join: true}}\ntime: time\n"
+    data = load(tmp_path, section, files)
+    assert episodes(data, "train") == [[0, 8], [8, 11]]
+    assert [record.file for record in data.records] == ["log_1.csv … log_2.csv", "log_3.csv"]
+    apart = load(tmp_path, section.replace("true", "false"))
+    assert episodes(apart, "train") == [[0, 4], [4, 8], [8, 11]]
+
+
+@pytest.mark.parametrize(
+    "split",
+    [
+        "{by: time, val: 0.3}",
+        "{by: time, val: [1, 2]}",
+        "{by: time, val: [2 s, 1 s]}",
+        "{by: time, val: [0 s, 1 s, 2 s]}",
+        "{by: time, val: [0 s, 2 s], test: [1 s, 3 s]}",
+        "{by: block, blocks: 4, val: [0 s, 1 s]}",
+        "{by: kfold}",
+        "{by: kfold, k: 1}",
+        "{by: kfold, k: 3, fold: 4}",
+        "{by: kfold, k: 3, val: 0.5}",
+        "{by: file, k: 3, val: 0.5}",
+    ],
+)
+def test_splits_that_do_not_fit(tmp_path: Path, split: str) -> None:
+    with pytest.raises(SpecError, match="E0223"):
+        load(tmp_path, f"source: {{train: a.csv}}\nsplit: {split}\n", {"a.csv": table(9)})
