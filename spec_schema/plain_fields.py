@@ -159,15 +159,14 @@ def count(least: int) -> PlainValidator:
     return reads(lambda node, findings: read_count(node, findings, least))
 
 
-def choice(*now: str, later: tuple[str, ...] = ()) -> PlainValidator:
-    """Validates one of the words `now`; those in `later` are known but not available."""
+def choice(*now: str) -> PlainValidator:
+    """Validates one of the words."""
 
     def read(node: Node, findings: Findings) -> str:
         found = scalar(node, findings, f"one of {', '.join(now)}")
         if found.text in now:
             return found.text
-        say = errors.choice_not_yet if found.text in later else errors.unknown_choice
-        findings.report(say(found.text[:60], found.span, now))
+        findings.report(errors.unknown_choice(found.text[:60], found.span, now))
         raise RefusedError
 
     return reads(read)

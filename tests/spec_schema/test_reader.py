@@ -16,6 +16,7 @@ from spec_schema.integrators import Integrator
 from spec_schema.reader import ReadResult, read_spec
 from spec_schema.source import SourceText, Span
 from spec_schema.spec import Spec
+from spec_schema.splits import Split
 from spec_schema.splits import Blocks
 from spec_schema.values import NormalInitializer
 
@@ -38,14 +39,20 @@ def test_draft_is_read(name: str) -> None:
     assert read_spec(DRAFTS / name).spec.outputs
 
 
+# A spec has one integrator and one way to split only.
+_ALTERNATIVES: dict[type[Entry], set[str]] = {
+    Integrator: {"euler", "midpoint"},
+    Split: {"k", "fold"},
+}
+
+
 def test_complete_spec_uses_every_key() -> None:
     spec = _complete()
     used = {type(entry): set[str]() for entry in _entries(spec)}
     for entry in _entries(spec):
         used[type(entry)] |= entry.model_fields_set
     for kind, fields in used.items():
-        # A spec has one integrator only.
-        absent = {"euler", "midpoint"} if kind is Integrator else set[str]()
+        absent = _ALTERNATIVES.get(kind, set())
         assert set(kind.model_fields) - absent == fields, kind.__name__
     every = {kind for kind in _subclasses(Entry) if kind.__module__.startswith("spec_schema.")}
     never_written = {"Variant", "Layout", "Target", "Euler", "Midpoint"}
