@@ -16,8 +16,7 @@ from spec_schema.integrators import Integrator
 from spec_schema.reader import ReadResult, read_spec
 from spec_schema.source import SourceText, Span
 from spec_schema.spec import Spec
-from spec_schema.splits import Split
-from spec_schema.splits import Blocks
+from spec_schema.splits import Blocks, Split
 from spec_schema.values import NormalInitializer
 
 GOOD = sorted((Path(__file__).parent / "good").iterdir())
