@@ -100,11 +100,11 @@ def sum_along(
 
 def in_blocks(count: int, block: int, scope: Scope, body: Callable[[Index, Scope], None]) -> None:
     """Writes `body` for 0 … count−1 in a loop that makes `block` steps at once, then the rest."""
-    whole = count - count % block if count >= 2 * block else 0
-    if block <= 1 or whole == 0:
+    if block <= 1 or count < 2 * block:
         with scope.loop(count) as (along, inner):
             body(along, inner)
         return
+    whole = count - count % block
     with scope.loop(whole, block) as (along, inner):
         for offset in range(block):
             body(along.plus(Index(offset)), inner)
