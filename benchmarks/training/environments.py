@@ -11,15 +11,18 @@ from pathlib import Path
 FOLDER = "MSNN_PEERS"
 """Names the environment variable with the folder; the user's cache folder without it."""
 
+_LISTS = Path(__file__).parent / "peers"
 
-def peer_python(name: str) -> Path:
-    """The interpreter of a peer's environment, which is made if it is not there yet."""
+
+def peer_python(name: str, lists: Path = _LISTS) -> Path:
+    """The interpreter of a peer's environment, made of NAME.txt in `lists` if it is not there."""
     given = os.environ.get(FOLDER)
     folder = (Path(given) if given else Path.home() / ".cache" / "msnn" / "peers") / name
     python = folder / "bin" / "python"
     if not python.exists():
         print(f"making the environment of {name} in {folder}", file=sys.stderr)
         venv.create(folder, with_pip=True)
-        wanted = Path(__file__).parent / "peers" / f"{name}.txt"
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "-r", wanted], check=True)
+        subprocess.run(
+            [python, "-m", "pip", "install", "--quiet", "-r", lists / f"{name}.txt"], check=True
+        )
     return python

@@ -1,0 +1,105 @@
+"""Runs a contender on a Cortex-M4F in QEMU: instructions, memory, stack, outputs."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from contenders import Contender
+from numpy.typing import NDArray
+
+HARNESS = Path(__file__).parent / "harness"
+LEVELS = ("-Os", "-O2", "-O3")
+STEPS = 2000
+_CORE = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+
+
+@dataclass(frozen=True, slots=True)
+class OnBoard:
+    """Instructions of a step with its call, and bytes beyond those of an empty program."""
+
+    level: str
+    least: int
+    mean: float
+    most: int
+    flash: int
+    data: int
+    bss: int
+    stack: int
+    outputs: NDArray[np.float32]
+
+    @property
+    def ram(self) -> int:
+        return self.data + self.bss
+
+
+def measured(contender: Contender, folder: Path) -> list[OnBoard]:
+    """The contender at every level."""
+    return [_measured(contender, level, folder / f"board{level}") for level in LEVELS]
+
+
+def _measured(contender: Contender, level: str, folder: Path) -> OnBoard:
+    empty = _build(None, level, folder / "empty")
+    full = _build(contender, level, folder / "full")
+    idle, nothing = _run(empty)
+    counts, results = _run(full)
+    own = [count - none for count, none in zip(counts, idle, strict=True)]
+    text, data, bss = (a - b for a, b in zip(_size(full), _size(empty), strict=True))
+    mean = sum(own) / len(own)
+    stack = int(results[STEPS] - nothing[STEPS])
+    return OnBoard(level, min(own), mean, max(own), text + data, data, bss, stack, results[:STEPS])
+
+
+def _build(contender: Contender | None, level: str, folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    program = folder / "board.elf"
+    compiler = ["arm-none-eabi-gcc", *_CORE, "-std=gnu11", "-ffp-contract=off"]
+    compiler += ["-ffunction-sections", "-fdata-sections", f"-I{HARNESS}"]
+    sources: Sequence[Path] = ()
+    if contender is None:
+        compiler += ["-DEMPTY"]
+    else:
+        compiler += [f"-I{path}" for path in (contender.folder, *contender.includes)]
+        sources = contender.sources
+    objects = [folder / "board.o"]
+    _tool([*compiler, "-O2", "-c", HARNESS / "board.c", "-o", objects[0]])
+    for source in sources:
+        assert contender is not None
+        objects.append(folder / f"{source.stem}.o")
+        _tool([*compiler, *contender.flags, level, "-c", source, "-o", objects[-1]])
+    link = ["-nostartfiles", "-specs=nosys.specs", "-Wl,--gc-sections", f"-T{HARNESS / 'board.ld'}"]
+    _tool([*compiler, *link, *objects, "-o", program, "-lm"])
+    return program
+
+
+def _run(program: Path) -> tuple[list[int], NDArray[np.float32]]:
+    """Instructions of every step, and what the board wrote."""
+    folder = program.parent
+    plugin = folder / "plugin.so"
+    _tool(["gcc", "-O1", "-fPIC", "-shared", HARNESS / "instructions_plugin.c", "-o", plugin])
+    symbols = _tool(["arm-none-eabi-nm", program])
+    addresses = {line.split()[-1]: line.split()[0] for line in symbols.splitlines()}
+    begin, end = (addresses[f"mark_{place}"] for place in ("begin", "end"))
+    machine = ["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-serial", "none"]
+    counting = ["-plugin", f"{plugin},begin={begin},end={end},out=counts.txt"]
+    files = ["-semihosting-config", "enable=on,target=native", "-kernel", program]
+    _tool(["qemu-system-arm", *machine, *counting, *files], folder)
+    counts = [int(line) for line in (folder / "counts.txt").read_text().split()]
+    return counts, np.fromfile(folder / "result.bin", np.float32)
+
+
+def _size(program: Path) -> list[int]:
+    """Bytes of text with constants, .data and .bss."""
+    return [int(n) for n in _tool(["arm-none-eabi-size", program]).splitlines()[1].split()[:3]]
+
+
+def _tool(command: Sequence[str | Path], folder: Path | None = None) -> str:
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, timeout=120
+    )
+    if done.returncode != 0:
+        raise RuntimeError(f"{command[0]}: {done.stderr}{done.stdout}")
+    return done.stdout
