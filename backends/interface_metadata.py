@@ -67,7 +67,7 @@ def _port(port: Port, name: str) -> dict[str, Any]:
         "first_sample": port.first,
         "last_sample": port.last,
         "lag": port.lag,
-        "range": _range(signal.range),
+        "range": json_range(signal.range),
     }
 
 
@@ -85,7 +85,7 @@ def _state(state: State, names: PortNames) -> dict[str, Any]:
         **_value(state.name, names.states[state.name], state.axes, state.unit, state.doc),
         "next_port": names.next_states[state.name],
         "origin": _origin(state.origin),
-        "range": _range(state.range),
+        "range": json_range(state.range),
     }
 
 
@@ -102,7 +102,9 @@ def _origin(origin: Origin) -> dict[str, Any]:
 def _parameter(parameter: Parameter, name: str, values: list[float]) -> dict[str, Any]:
     return {
         **_value(parameter.name, name, parameter.axes, parameter.unit, parameter.doc),
-        "range": _range((_or_infinite(parameter.minimum, -1), _or_infinite(parameter.maximum, 1))),
+        "range": json_range(
+            (_or_infinite(parameter.minimum, -1), _or_infinite(parameter.maximum, 1))
+        ),
         "values": values,
     }
 
@@ -123,7 +125,7 @@ def _or_infinite(bound: float | None, sign: int) -> float:
     return sign * math.inf if bound is None else bound
 
 
-def _range(bounds: tuple[float, float] | None) -> list[float | None] | None:
+def json_range(bounds: tuple[float, float] | None) -> list[float | None] | None:
     """Lowest and highest value; JSON knows no infinity, so an open side is null."""
     if bounds is None:
         return None

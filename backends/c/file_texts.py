@@ -91,7 +91,7 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         interface,
         "",
         dtype=dtype,
-        exact=dtype == "float32" and interface.options.math == "own",
+        exact=interface.options.is_exact,
         sources=sorted(name for name in files if name.startswith("src/") and name.endswith(".c")),
         assignments=[_assignment(input.field, zero) for input in interface.inputs],
         outputs=[_shown(field) for field in interface.outputs],

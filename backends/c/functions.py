@@ -94,11 +94,15 @@ def is_nan(x: Name) -> Expression:
     return Unary("!", Binary("<=", x, Real(math.inf)))
 
 
-def _choice(name: str, relation: str, doc: str) -> Callable[[str], Function]:
+def _choice(name: str, first: str, second: str, doc: str) -> Callable[[str], Function]:
+    """`first` and `second` are the relations of a to b by which a and b are chosen."""
+
     def make(prefix: str) -> Function:
         a, b = Name("a"), Name("b")
-        chosen = Binary("||", Binary(relation, a, b), is_nan(a))
-        return _inline(prefix, name, ("a", "b"), Conditional(chosen, a, b), doc)
+        # neither holds where one is NaN, and then so is the sum
+        otherwise = Conditional(Binary(second, a, b), b, Binary("+", a, b))
+        value = Conditional(Binary(first, a, b), a, otherwise)
+        return _inline(prefix, name, ("a", "b"), value, doc)
 
     return make
 
@@ -111,7 +115,8 @@ def _clamp(prefix: str) -> Function:
 
 def _sign(prefix: str) -> Function:
     x, zero = Name("x"), Real(0.0)
-    otherwise = Conditional(Binary("<", x, zero), Real(-1.0), Conditional(is_nan(x), x, zero))
+    rest = Conditional(Binary(">=", x, zero), zero, x)
+    otherwise = Conditional(Binary("<", x, zero), Real(-1.0), rest)
     value = Conditional(Binary(">", x, zero), Real(1.0), otherwise)
     return _inline(prefix, "sign", ("x",), value, "-1, 0 or 1; NaN of NaN.")
 
@@ -132,8 +137,12 @@ def _inline(
 
 
 _HELPERS: dict[str, Callable[[str], Function]] = {
-    "minimum": _choice("minimum", "<=", "The smaller one, the first of equal ones; NaN if one is."),
-    "maximum": _choice("maximum", ">=", "The larger one, the first of equal ones; NaN if one is."),
+    "minimum": _choice(
+        "minimum", "<=", ">", "The smaller one, the first of equal ones; NaN if one is."
+    ),
+    "maximum": _choice(
+        "maximum", ">=", "<", "The larger one, the first of equal ones; NaN if one is."
+    ),
     "clamp": _clamp,
     "sign": _sign,
 }

@@ -185,7 +185,7 @@ def _tolerance(interface: Interface, values: Array) -> float:
     a run of steps lets the difference grow.
     """
     options = interface.options
-    if options.dtype == "float32" and options.math == "own":
+    if options.is_exact:
         return 0.0
     finite = np.abs(values[np.isfinite(values)])
     scale = max(1.0, float(finite.max())) if finite.size else 1.0

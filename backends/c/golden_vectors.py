@@ -80,6 +80,28 @@ def golden_vectors(
     return GoldenVectors(windows, starts, inputs, outputs, status)
 
 
+def expected_text(interface: Interface, golden: GoldenVectors) -> str:
+    """One line a step: the status, then each output's bits, in hexadecimal digits; or `nan`."""
+    steps = len(golden.status)
+    parts = [golden.outputs[field.name].reshape(steps, -1) for field in interface.outputs]
+    rows = np.concatenate(parts, axis=1) if parts else np.empty((steps, 0), np.float32)
+    digits = 2 * rows.itemsize
+    bits = rows.view(f"u{rows.itemsize}")
+    lines = [
+        " ".join(
+            [
+                f"{golden.status[k]:08x}",
+                *(
+                    "nan" if nan else f"{word:0{digits}x}"
+                    for word, nan in zip(bits[k].tolist(), np.isnan(rows[k]), strict=True)
+                ),
+            ]
+        )
+        for k in range(steps)
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def _samples(rows: Array, shape: tuple[int, ...]) -> Array:
     """Rows of a log with time as their last axis."""
     return np.moveaxis(rows, 0, -1).reshape(shape)

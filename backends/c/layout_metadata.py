@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias, assert_never
 
 from numpy.typing import NDArray
 
@@ -11,9 +11,9 @@ from backends.c.interface import Interface
 from backends.c.state_memory import DelayLine, DoubledRing, PlainState, ShiftBuffer, StateMemory
 from backends.c.status import MEANING, status_macro
 from backends.c.structs import StructField, structs
-from backends.interface_metadata import interface_metadata
+from backends.interface_metadata import interface_metadata, json_range
 from backends.step_interface import PortNames, step_interface
-from compiler.program import Program
+from compiler.program import Declared, History, Program, Tape
 
 
 def layout_metadata(
@@ -34,13 +34,16 @@ def layout_metadata(
     data = interface_metadata(program, ports, names, weights)
     # a window that only a supplied state would need is no part of this interface
     data["start_windows"] = [port for port in data["start_windows"] if port["port"]]
+    ranges = _ranges(program, interface)
     data["c"] = {
         "prefix": interface.prefix,
         "dtype": interface.options.dtype,
+        "exact": interface.options.is_exact,
         "takes_parameters": interface.takes_parameters,
         "status": {status_macro(interface.prefix, bit): int(bit) for bit in MEANING},
         "structs": {
-            struct.name: [_field(field) for field in struct.fields] for struct in structs(interface)
+            struct.name: [_field(field, struct.name, ranges) for field in struct.fields]
+            for struct in structs(interface)
         },
         "states": [_state(memory) for memory in interface.states],
     }
@@ -63,10 +66,39 @@ def _state(memory: StateMemory) -> dict[str, Any]:
             return {**value, "kind": "ring", "head": memory.head}
 
 
-def _field(field: StructField) -> dict[str, Any]:
+def _field(field: StructField, struct: str, ranges: _Ranges) -> dict[str, Any]:
     return {
         "name": field.name,
         "field": field.identifier,
         "type": "uint32" if field.unsigned else "real",
         "shape": [*field.shape],
+        "range": json_range(ranges.get((struct, field.identifier))),
     }
+
+
+_Ranges: TypeAlias = dict[tuple[str, str], tuple[float, float] | None]
+"""By struct and field."""
+
+
+def _ranges(program: Program, interface: Interface) -> _Ranges:
+    """What the spec says of the values of inputs and states; a buffer holds those of its signal."""
+    declared = {signal.name: signal.range for signal in program.signals}
+    ranges: _Ranges = {}
+    for input in interface.inputs:
+        limits = input.port.signal.range
+        ranges["in", input.field.identifier] = limits
+        if input.held is not None:
+            ranges["state", input.held] = limits
+    for memory in interface.states:
+        state = memory.state
+        match state.origin:
+            case Declared():
+                kept = state.range
+            case History(source):
+                kept = state.range or declared.get(source)
+            case Tape(signal):
+                kept = state.range or declared.get(signal)
+            case _:
+                assert_never(state.origin)
+        ranges["state", memory.identifier] = kept
+    return ranges

@@ -30,3 +30,11 @@ class COptions:
     never moves any, `auto` shifts short windows and doubles long ones."""
     unroll: int = 4
     """Elements up to which a loop is written out."""
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether every build gives the bits of the float32 interpreter.
+
+        In float64 the interpreter calls numpy's functions, and a C library is a third one.
+        """
+        return self.dtype == "float32" and self.math == "own"

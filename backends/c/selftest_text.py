@@ -10,7 +10,7 @@ from backends.c.c_literals import hex_literal, real_literal
 from backends.c.c_printer import Printer
 from backends.c.function_writer import Weights
 from backends.c.golden_text import differs_function, golden_functions, kernels_function
-from backends.c.golden_vectors import golden_vectors
+from backends.c.golden_vectors import GoldenVectors, expected_text, golden_vectors
 from backends.c.interface import Interface
 from backends.c.kernel_cases import kernel_cases
 from backends.c.rendering import render
@@ -31,7 +31,8 @@ def selftest_text(
     """`src/<prefix>_selftest.c`: golden steps, kernels, and what a compiler may do wrong."""
     dtype, prefix = interface.options.dtype, interface.prefix
     printer = Printer(prefix, dtype)
-    functions = _golden(program, interface, weights, SELFTEST_STEPS, _SELFTEST_SEED)
+    golden = golden_vectors(program, interface, weights, SELFTEST_STEPS, _SELFTEST_SEED)
+    functions = _golden(interface, golden)
     if kernels:
         if not interface.outputs:
             functions.append(printer.function(differs_function(prefix)))
@@ -55,22 +56,23 @@ def selftest_text(
 
 
 def test_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """`test/<prefix>_sil.c` and the vectors that it replays."""
+    """`test/<prefix>_sil.c`, the vectors that it replays, and the bits that it must answer."""
     prefix = interface.prefix
+    golden = golden_vectors(program, interface, weights, _TEST_STEPS, _TEST_SEED)
     vectors = render(
         "vectors.h.j2",
         interface,
         "Golden vectors",
         guard=f"{prefix.upper()}_VECTORS_H",
-        functions=_golden(program, interface, weights, _TEST_STEPS, _TEST_SEED),
+        functions=_golden(interface, golden),
     )
-    main = render("main.c.j2", interface, "Test program", steps=_TEST_STEPS)
-    return {f"test/{prefix}_sil.c": main, f"test/{prefix}_vectors.h": vectors}
+    return {
+        f"test/{prefix}_sil.c": render("main.c.j2", interface, "Test program", steps=_TEST_STEPS),
+        f"test/{prefix}_vectors.h": vectors,
+        f"test/{prefix}_expected.txt": expected_text(interface, golden),
+    }
 
 
-def _golden(
-    program: Program, interface: Interface, weights: Weights, steps: int, seed: int
-) -> list[str]:
+def _golden(interface: Interface, vectors: GoldenVectors) -> list[str]:
     printer = Printer(interface.prefix, interface.options.dtype)
-    vectors = golden_vectors(program, interface, weights, steps, seed)
     return [printer.function(function) for function in golden_functions(interface, vectors)]

@@ -9,7 +9,18 @@ from collections.abc import Sequence
 
 import typer
 
-from msnn.cli import check, compile, explain, export, init, show, simulate, train, validate
+from msnn.cli import (
+    check,
+    compile,
+    explain,
+    export,
+    init,
+    show,
+    simulate,
+    train,
+    validate,
+    verify,
+)
 from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
 from msnn.failures import ReaderGoneError
@@ -34,6 +45,7 @@ for _verb in (
     validate.validate,
     simulate.simulate,
     export.export,
+    verify.verify,
     show.show,
     explain.explain,
 ):

@@ -128,3 +128,14 @@ def unknown_code(code: str, meant: str | None) -> Diagnostic:
         None,
         help=f"did you mean `{meant}`?" if meant else "`msnn explain` alone lists all codes",
     )
+
+
+def not_exported_c(folder: str) -> Diagnostic:
+    """E1046: `msnn verify` of a folder that holds no C export of this version."""
+    return Diagnostic(
+        "E1046",
+        "error",
+        f"{folder} holds no C that this version of msnn exported",
+        None,
+        help="export it again: `msnn export SPEC --to c`, then name the folder `build/export/c`",
+    )

@@ -10,6 +10,7 @@ import pytest
 
 from backends.c import COptions, write_c
 from compiler.program import Program
+from msnn.verification.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
 from tests.backends.c.c_programs import closed_sample
 from tests.backends.c.small_programs import (
     conditions,
@@ -37,24 +38,6 @@ OPTIONS = {
     "inline": COptions(params="inline", unroll=1),
 }
 
-GCC_WARNINGS = """
--Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-equal -Wshadow
--Wstrict-prototypes -Wmissing-prototypes -Wold-style-definition -Wcast-qual -Wcast-align -Wundef
--Wswitch-default -Wswitch-enum -Wvla -Wwrite-strings -Wlogical-op -Wduplicated-cond
--Wnull-dereference -Wunused-macros -Wredundant-decls -Wpointer-arith -Wbad-function-cast -Wformat=2
-"""
-GCC = GCC_WARNINGS.split()
-CLANG = [
-    "-Weverything",
-    "-Wno-declaration-after-statement",  # a C90 rule
-    "-Wno-padded",  # where double stands beside uint32_t
-    "-Wno-unknown-warning-option",
-    "-Wno-unsafe-buffer-usage",  # asks for C++ containers
-    "-Wno-switch-default",
-    "-Wno-pre-c11-compat",
-]
-CPP = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow"]
-
 
 def _require_fused_arithmetic() -> None:
     processor = Path("/proc/cpuinfo")
@@ -78,7 +61,7 @@ def _run(command: list[str]) -> str:
 def test_compilers_have_nothing_to_say(name: str, option: str, tmp_path: Path) -> None:
     _written(name, option, tmp_path)
     sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
-    for tool, flags in (("gcc", GCC), ("clang", CLANG)):
+    for tool, flags in (("gcc", GCC_WARNINGS), ("clang", CLANG_WARNINGS)):
         compiler = require_tool(tool, install=f"apt install {tool}")
         program = str(tmp_path / tool)
         include = f"-I{tmp_path / 'include'}"
@@ -93,7 +76,7 @@ def test_it_is_cpp_as_well(name: str, tmp_path: Path) -> None:
     _written(name, "float", tmp_path)
     sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
     program, include = str(tmp_path / "program"), f"-I{tmp_path / 'include'}"
-    strict = ["-x", "c++", "-std=c++17", "-O1", "-ffp-contract=off", "-Werror", *CPP]
+    strict = ["-x", "c++", "-std=c++17", "-O1", "-ffp-contract=off", "-Werror", *CPP_WARNINGS]
     assert _run([compiler, *strict, include, *sources, "-o", program, "-lm"]) == ""
     assert "agree" in _run([program])
 

@@ -1,0 +1,86 @@
+"""The boards that QEMU stands in for, and how C is compiled for each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from msnn.verification.tools import ARM_GCC, ARM_QEMU, RISCV_GCC, RISCV_QEMU, Tool
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """A core on a machine of QEMU, with the memory that a linker script needs."""
+
+    target: str
+    """The name in `--targets`."""
+    core: str
+    machine: str
+    flags: tuple[str, ...]
+    code: tuple[int, int]
+    """Address and bytes."""
+    ram: tuple[int, int]
+    riscv: bool = False
+
+    @property
+    def compiler(self) -> Tool:
+        return RISCV_GCC if self.riscv else ARM_GCC
+
+    @property
+    def emulator(self) -> Tool:
+        return RISCV_QEMU if self.riscv else ARM_QEMU
+
+    @property
+    def binutils(self) -> str:
+        """What names of binutils begin with."""
+        return self.compiler.command.removesuffix("gcc")
+
+
+_KIB, _MIB = 1024, 1024 * 1024
+_MPS2_CODE, _MPS2_RAM = (0x0, 4 * _MIB), (0x20000000, 4 * _MIB)
+_VIRT_CODE, _VIRT_RAM = (0x80000000, 16 * _MIB), (0x81000000, 16 * _MIB)
+
+BOARDS = (
+    Board(
+        "m4",
+        "Cortex-M4F",
+        "mps2-an386",
+        ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
+        code=_MPS2_CODE,
+        ram=_MPS2_RAM,
+    ),
+    Board(
+        "m7",
+        "Cortex-M7",
+        "mps2-an500",
+        ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16"),
+        code=_MPS2_CODE,
+        ram=_MPS2_RAM,
+    ),
+    Board(
+        "m0",
+        "Cortex-M0",
+        "microbit",
+        ("-mcpu=cortex-m0", "-mthumb"),
+        code=(0x0, 256 * _KIB),
+        ram=(0x20000000, 16 * _KIB),
+    ),
+    # an explicit _zicsr would make gcc 12 choose the libraries of rv64
+    Board(
+        "rv32",
+        "RV32IMAC",
+        "virt",
+        ("-march=rv32imac", "-mabi=ilp32", "-misa-spec=2.2", "-mcmodel=medany"),
+        code=_VIRT_CODE,
+        ram=_VIRT_RAM,
+        riscv=True,
+    ),
+    Board(
+        "rv32",
+        "RV32IMAFC",
+        "virt",
+        ("-march=rv32imafc", "-mabi=ilp32f", "-misa-spec=2.2", "-mcmodel=medany"),
+        code=_VIRT_CODE,
+        ram=_VIRT_RAM,
+        riscv=True,
+    ),
+)

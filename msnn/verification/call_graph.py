@@ -1,0 +1,45 @@
+"""The deepest stack that a function can need, from the call graphs that gcc writes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+_NODE = re.compile(r'node: \{ title: "([^"]+)" label: "([^"]*)"')
+_EDGE = re.compile(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
+_BYTES = re.compile(r"(\d+) bytes \((static|dynamic,bounded)\)")
+_WITHOUT_STACK = ("memcpy", "memset", "memmove")
+"""Written by the compiler for copies; leaf routines that need a few words at most."""
+_LEAF = 16
+
+
+def stack_bound(graphs: Sequence[Path], function: str) -> int | None:
+    """Bytes of stack of `function` with all that it calls.
+
+    None where it calls a routine of a library whose need nobody states, or itself.
+    """
+    text = "\n".join(path.read_text(encoding="utf-8") for path in graphs)
+    own = {
+        _plain(title): int(stated[1])
+        for title, label in _NODE.findall(text)
+        if (stated := _BYTES.search(label))
+    }
+    own |= dict.fromkeys(_WITHOUT_STACK, _LEAF)
+    calls: dict[str, set[str]] = {}
+    for caller, called in _EDGE.findall(text):
+        calls.setdefault(_plain(caller), set()).add(_plain(called))
+
+    def depth(name: str, above: tuple[str, ...]) -> int | None:
+        if name in above or name not in own:
+            return None
+        below = [depth(called, (*above, name)) for called in sorted(calls.get(name, ()))]
+        known = [bytes for bytes in below if bytes is not None]
+        return own[name] + max(known, default=0) if len(known) == len(below) else None
+
+    return depth(function, ())
+
+
+def _plain(title: str) -> str:
+    """A static function's title begins with its file."""
+    return title.rsplit(":", 1)[-1]

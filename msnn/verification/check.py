@@ -1,0 +1,118 @@
+"""What one check found, and how a check is run."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from msnn.verification.tools import Tool
+
+Verdict = Literal["ok", "found", "missing", "left out"]
+
+_SECONDS = 300.0
+"""After which a tool counts as hanging."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What one build of the step takes on one board."""
+
+    flags: str
+    instructions: tuple[int, float, int]
+    """Least, mean and most of a step."""
+    flash: int
+    data: int
+    bss: int
+    stack_painted: int
+    stack_bound: int | None
+    """From the call graph; None where a library routine has no known stack."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """The outcome of one check on one target."""
+
+    check: str
+    target: str
+    verdict: Verdict
+    detail: str
+    findings: tuple[str, ...] = ()
+    figures: tuple[Figures, ...] = ()
+    missing: tuple[Tool, ...] = ()
+    notes: tuple[str, ...] = ()
+    """What was established besides."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A check that is run in a folder of its own."""
+
+    name: str
+    target: str
+    needs: tuple[Tool, ...]
+    run: Callable[[Path], Result] = field(repr=False)
+
+    def result(self, folder: Path) -> Result:
+        """Its result; a tool that is missing, fails or hangs is part of it, never an exception."""
+        missing = tuple(tool for tool in self.needs if not tool.is_there)
+        if missing:
+            names = ", ".join(tool.command for tool in missing)
+            detail = f"{names} not installed"
+            return Result(self.name, self.target, "missing", detail, missing=missing)
+        folder.mkdir(parents=True)
+        try:
+            return self.run(folder)
+        except ToolFailedError as error:
+            return Result(self.name, self.target, "found", str(error), tuple(error.lines))
+
+    def of(
+        self,
+        findings: Sequence[str],
+        detail: str,
+        figures: Sequence[Figures] = (),
+        notes: Sequence[str] = (),
+    ) -> Result:
+        """Nothing found, or these lines."""
+        return Result(
+            self.name,
+            self.target,
+            "found" if findings else "ok",
+            detail,
+            tuple(findings),
+            tuple(figures),
+            notes=tuple(notes),
+        )
+
+
+class ToolFailedError(Exception):
+    """A command ended with an error or not at all; `lines` are what it said."""
+
+    def __init__(self, what: str, output: str) -> None:
+        super().__init__(what)
+        self.lines = [line for line in output.splitlines() if line.strip()][:40]
+
+
+def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECONDS) -> str:
+    """What a command wrote; ToolFailedError where it failed."""
+    words = [str(word) for word in command]
+    try:
+        done = subprocess.run(
+            words,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            timeout=seconds,
+        )
+    except subprocess.TimeoutExpired:
+        raise ToolFailedError(f"no answer within {seconds:g} s: {words[0]}", "") from None
+    output = done.stdout + done.stderr
+    if done.returncode != 0:
+        raise ToolFailedError(f"{words[0]} failed", f"{shlex.join(words)}\n{output}")
+    return output

@@ -1,0 +1,119 @@
+"""Reads the folder of a C export: what is in it, and the ranges that its spec declares."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from spec_schema.diagnostics import SpecError
+from spec_schema.errors.commands import not_exported_c
+
+Range = tuple[float, float]
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A field of a generated struct, with the range of its values where the spec has one."""
+
+    field: str
+    size: int | None
+    """None for a scalar."""
+    unsigned: bool
+    name: str
+    range: Range | None
+
+
+@dataclass(frozen=True, slots=True)
+class ExportedC:
+    """A model as its files describe it."""
+
+    folder: Path
+    prefix: str
+    dtype: str
+    takes_parameters: bool
+    exact: bool
+    """Whether every build must give the same bits; else results agree within a tolerance."""
+    inputs: tuple[Member, ...]
+    state: tuple[Member, ...]
+    outputs: tuple[Member, ...]
+    expected: tuple[str, ...]
+    """What each golden step answers: status and bits of the outputs in hexadecimal digits."""
+
+    @property
+    def include(self) -> Path:
+        return self.folder / "include"
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        return tuple(sorted((self.folder / "src").glob("*.c")))
+
+    @property
+    def model_sources(self) -> tuple[Path, ...]:
+        """The sources without the self-test, as deployed."""
+        return tuple(path for path in self.sources if not path.stem.endswith("_selftest"))
+
+    @property
+    def reals(self) -> int:
+        """Numbers in the struct of the outputs."""
+        return sum(m.size or 1 for m in self.outputs if not m.unsigned)
+
+
+def read_exported_c(folder: Path) -> ExportedC:
+    """The export in a folder; SpecError (E1046) where there is none that this version wrote."""
+    for path in sorted(folder.glob("*.json")):
+        try:
+            about = json.loads(path.read_text(encoding="utf-8"))
+            return _read(folder, about)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            continue
+    raise SpecError([not_exported_c(str(folder))])
+
+
+def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
+    layout = about["c"]
+    prefix = _identifier(layout["prefix"])
+    expected = (folder / "test" / f"{prefix}_expected.txt").read_text(encoding="utf-8")
+    structs = layout["structs"]
+    return ExportedC(
+        folder.resolve(),
+        prefix,
+        layout["dtype"],
+        bool(layout["takes_parameters"]),
+        bool(layout["exact"]),
+        inputs=_members(structs["in"]),
+        state=_members(structs["state"]),
+        outputs=_members(structs["out"]),
+        expected=tuple(expected.splitlines()),
+    )
+
+
+def _members(fields: list[dict[str, Any]]) -> tuple[Member, ...]:
+    return tuple(
+        Member(
+            _identifier(field["field"]),
+            math.prod(field["shape"]) if field["shape"] else None,
+            field["type"] == "uint32",
+            field["name"] or field["field"],
+            _range(field["range"]),
+        )
+        for field in fields
+    )
+
+
+def _identifier(text: str) -> str:
+    """The text, which goes into C and into command lines, if it is a plain C name."""
+    if not _NAME.fullmatch(text):
+        raise ValueError(text)
+    return text
+
+
+def _range(bounds: list[float | None] | None) -> Range | None:
+    if bounds is None or bounds[0] is None or bounds[1] is None:
+        return None
+    return float(bounds[0]), float(bounds[1])

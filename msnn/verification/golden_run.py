@@ -1,0 +1,29 @@
+"""Compares what a build answered to the golden vectors with the interpreter's bits."""
+
+from __future__ import annotations
+
+import re
+
+from msnn.verification.exported_c import ExportedC
+
+_SUMMARY = re.compile(r"differing ([0-9a-f]{8}) selftest ([0-9a-f]{8})")
+
+
+def differences(model: ExportedC, answer: str) -> list[str]:
+    """What is wrong with the output of the harness, in sentences; empty if nothing is."""
+    lines = [line.strip() for line in answer.splitlines() if line.strip()]
+    summary = next((m for line in lines if (m := _SUMMARY.search(line))), None)
+    if summary is None:
+        return ["the program ended before its last golden step"]
+    found: list[str] = []
+    if int(summary[2], 16) != 0:
+        found.append(f"the self-test returned 0x{summary[2]}")
+    if int(summary[1], 16) != 0:
+        found.append(f"{int(summary[1], 16)} golden steps differ by more than the export promises")
+    if model.exact:
+        answered = lines[: len(model.expected)]
+        for step, (got, wanted) in enumerate(zip(answered, model.expected, strict=False)):
+            if got != wanted:
+                found.append(f"step {step} answered {got}, not {wanted}")
+                break
+    return found

@@ -1,0 +1,45 @@
+"""The harness around an export: templates filled for one model, written beside what they build."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+import templates
+from msnn.verification.exported_c import ExportedC
+
+TEMPLATES = Path(templates.__path__[0]) / "verify"
+
+
+def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -> Path:
+    """Fills `templates/verify/<template>.j2` for the model; the path of what it wrote."""
+    common = {
+        "prefix": model.prefix,
+        "takes_parameters": model.takes_parameters,
+        "params": f", &{model.prefix}_params_default" if model.takes_parameters else "",
+        "steps": len(model.expected),
+        "reals": model.reals,
+    }
+    text = _environment().get_template(f"{template}.j2").render(**common, **facts)
+    path = folder / template
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def includes(model: ExportedC) -> list[str]:
+    """Where the harness finds the model and its vectors."""
+    return [f"-I{model.include}", f"-I{model.folder / 'src'}", f"-I{model.folder / 'test'}"]
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        autoescape=False,  # noqa: S701  (C; names were checked to be plain C identifiers)
+    )

@@ -1,0 +1,55 @@
+"""What Eva is told of the math functions of generated C: bounds of their values.
+
+Inside them two quantities that belong together look independent to an analysis by intervals, and
+each function is tested on its own over all floats. Eva knows exp, log, pow, sin and cos of an
+interval by itself.
+"""
+
+from __future__ import annotations
+
+import re
+
+from msnn.verification.exported_c import ExportedC
+
+# {f} ends the name of a function of <math.h>; `near` allows for rounding
+_BODIES = {
+    "exp": "return near(exp{f}(x));",
+    "log": "return near(log{f}(x));",
+    "pow": "return near(pow{f}(x, y));",
+    "sin": "return between(-1.0, 1.0, near(sin{f}(x)));",
+    "cos": "return between(-1.0, 1.0, near(cos{f}(x)));",
+    "tan": "return near(sin{f}(x) / cos{f}(x));",
+    "asin": "/*@ assert -1.0 <= x <= 1.0; */ return any(-1.5707964, 1.5707964);",
+    "acos": "/*@ assert -1.0 <= x <= 1.0; */ return any(0.0, 3.1415928);",
+    "atan": "return any(-1.5707964, 1.5707964);",
+    "atan2": "return any(-3.1415928, 3.1415928);",
+    "sinh": "return near((exp{f}(x) - exp{f}(-x)) / 2);",
+    "cosh": "return between(1.0, 3.4e38, near((exp{f}(x) + exp{f}(-x)) / 2));",
+    "tanh": "return any(-1.0, 1.0);",
+    "sigmoid": "return any(0.0, 1.0);",
+    "softplus": "return near(((x > 0) ? x : 0) + any(0.0, 0.6931472));",
+    "sqrt": "return sqrt{f}(x);",
+}
+KNOWN = frozenset(_BODIES)
+_PROTOTYPE = re.compile(r"^(?:float|double) (\w+)\(([^()]*)\);$", re.MULTILINE)
+
+
+def kernel_bounds(model: ExportedC) -> list[str]:
+    """A definition for each function that the export's own math header declares."""
+    header = model.folder / "src" / f"{model.prefix}_math.h"
+    if not header.is_file():
+        return []
+    suffix = "f" if model.dtype == "float32" else ""
+    found: list[str] = []
+    for name, arguments in _PROTOTYPE.findall(header.read_text(encoding="utf-8")):
+        body = _BODIES.get(name.removeprefix(f"{model.prefix}_"))
+        if body is None:
+            body = "return any(-3.4e38, 3.4e38);"
+        # what a bound does not depend on
+        unused = [f"(void){argument.split()[-1]};" for argument in arguments.split(",")]
+        real = f"{model.prefix}_real"
+        lines = [*unused, body.replace("{f}", suffix)]
+        found.append(
+            "\n".join([f"{real} {name}({arguments})", "{", *(f"    {line}" for line in lines), "}"])
+        )
+    return found

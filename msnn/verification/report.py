@@ -1,0 +1,103 @@
+"""Shows a verification: tables for the terminal, REPORT.md, and JSON values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from msnn.tables import table_text
+from msnn.verification.check import Figures, Result
+from msnn.verification.verify import Verification
+
+_CHECKS = ("check", "target", "", "detail")
+_FIGURES = (
+    "target",
+    "instructions min",
+    "mean",
+    "max",
+    "flash",
+    "data",
+    "bss",
+    "stack painted",
+    "stack bound",
+)
+_LEGEND = (
+    "Instructions of one step, counted in QEMU: not cycles. Flash, .data and .bss in bytes: a "
+    "linked program less the same one without the model. Stack in bytes: painted words that a "
+    "step overwrote, and the bound from the call graph (none where a library routine's is unknown)."
+)
+
+
+def verification_text(verification: Verification) -> str:
+    """The results as a table, then the figures, then every finding."""
+    parts = [table_text(_CHECKS, [_check_row(result) for result in verification.results])]
+    figures = list(_figure_rows(verification))
+    if figures:
+        parts.append(table_text(_FIGURES, figures, numbers=range(1, len(_FIGURES))))
+        parts.append(_LEGEND)
+    parts += [_listed(result) for result in verification.results if result.findings]
+    return "\n\n".join(parts)
+
+
+def verification_markdown(verification: Verification) -> str:
+    """The same as a page."""
+    parts = [
+        f"# Verification of `{verification.model.prefix}`",
+        _markdown(_CHECKS, [_check_row(result) for result in verification.results]),
+    ]
+    figures = list(_figure_rows(verification))
+    if figures:
+        parts += ["## Figures", _markdown(_FIGURES, figures), _LEGEND]
+    for result in verification.results:
+        lines = [*result.findings, *result.notes]
+        if lines:
+            listed = "\n".join(f"- `{line.replace('`', chr(39))}`" for line in lines)
+            parts += [f"## {result.check}, {result.target}", listed]
+    if verification.missing:
+        parts.append(f"Missing tools: `{verification.install_line}`")
+    return "\n\n".join(parts) + "\n"
+
+
+def verification_values(verification: Verification) -> dict[str, Any]:
+    """JSON values."""
+    return {
+        "model": verification.model.prefix,
+        "results": [asdict(result) for result in verification.results],
+        "found": verification.found,
+        "install": verification.install_line if verification.missing else None,
+    }
+
+
+def _check_row(result: Result) -> tuple[str, ...]:
+    verdict = {"ok": "ok", "found": "FOUND", "missing": "MISSING", "left out": "left out"}
+    return result.check, result.target, verdict[result.verdict], result.detail
+
+
+def _figure_rows(verification: Verification) -> Iterator[tuple[str, ...]]:
+    for result in verification.results:
+        for figures in result.figures:
+            yield result.target, *_figure_cells(figures)
+
+
+def _figure_cells(figures: Figures) -> tuple[str, ...]:
+    least, mean, most = figures.instructions
+    return (
+        str(least),
+        f"{mean:.1f}",
+        str(most),
+        str(figures.flash),
+        str(figures.data),
+        str(figures.bss),
+        str(figures.stack_painted),
+        "" if figures.stack_bound is None else str(figures.stack_bound),
+    )
+
+
+def _listed(result: Result) -> str:
+    return "\n".join([f"{result.check}, {result.target}:", *(f"  {f}" for f in result.findings)])
+
+
+def _markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in lines)

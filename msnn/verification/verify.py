@@ -1,0 +1,86 @@
+"""Runs the checks of an export side by side and collects what they found."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from os import cpu_count
+from pathlib import Path
+from typing import Literal
+
+from msnn.verification.bare_metal import board_checks
+from msnn.verification.check import Check, Result
+from msnn.verification.exported_c import ExportedC, read_exported_c
+from msnn.verification.fuzz import fuzz_check
+from msnn.verification.host import host_checks, misra_check
+from msnn.verification.proof import proof_check
+from msnn.verification.tools import Tool
+
+Target = Literal["host", "m0", "m4", "m7", "rv32"]
+TARGETS: tuple[Target, ...] = ("host", "m4", "m7", "m0", "rv32")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What shall be checked."""
+
+    targets: frozenset[str]
+    proof: bool = False
+    misra: bool = False
+    fuzz: int = 0
+    """Seconds; 0 for none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """All results, in the order of the checks."""
+
+    model: ExportedC
+    results: tuple[Result, ...]
+
+    @property
+    def found(self) -> bool:
+        return any(result.verdict == "found" for result in self.results)
+
+    @property
+    def missing(self) -> tuple[Tool, ...]:
+        tools = (tool for result in self.results for tool in result.missing)
+        return tuple(dict.fromkeys(tools))
+
+    @property
+    def install_line(self) -> str:
+        """What brings all missing tools."""
+        packages = dict.fromkeys(p for tool in self.missing for p in tool.package.split())
+        return f"apt-get install {' '.join(packages)}"
+
+
+def verify(folder: Path, wanted: Wanted) -> Verification:
+    """Checks the export in a folder; SpecError (E1046) where there is none.
+
+    Nothing is written into the folder. What a missing tool would have checked is among the
+    results.
+    """
+    model = read_exported_c(folder)
+    checks = tuple(_checks(model, wanted))
+    with tempfile.TemporaryDirectory() as place:
+        return Verification(model, _all_results(checks, Path(place)))
+
+
+def _all_results(checks: Sequence[Check], place: Path) -> tuple[Result, ...]:
+    with ThreadPoolExecutor(max_workers=cpu_count() or 1) as pool:
+        folders = (place / str(number) for number in range(len(checks)))
+        return tuple(pool.map(Check.result, checks, folders))
+
+
+def _checks(model: ExportedC, wanted: Wanted) -> Iterator[Check]:
+    if "host" in wanted.targets:
+        yield from host_checks(model)
+    yield from board_checks(model, wanted.targets)
+    if wanted.misra:
+        yield misra_check(model)
+    if wanted.proof:
+        yield proof_check(model)
+    if wanted.fuzz:
+        yield fuzz_check(model, wanted.fuzz)

@@ -1,0 +1,216 @@
+"""`msnn verify` on the gallery: nothing to find there, and every kind of fault is found."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from compiler.kernels.table import KERNELS
+from msnn.cli.application import run
+from msnn.verification.kernel_bounds import KNOWN
+from msnn.verification.tools import (
+    ARM_GCC,
+    ARM_QEMU,
+    CLANG,
+    CPPCHECK,
+    FRAMA_C,
+    GCC,
+    LIBFUZZER,
+    RISCV_GCC,
+    RISCV_QEMU,
+    Tool,
+)
+from tests.conditions import miss
+from tests.examples.gallery import GALLERY, NAMES, spec_of
+
+HOST = (GCC, CLANG, CPPCHECK, FRAMA_C)
+BOARDS = (ARM_GCC, ARM_QEMU, RISCV_GCC, RISCV_QEMU)
+
+PLANT = """
+msnn: 1
+name: plant
+sample_time: 1 s
+inputs:
+  u: {range: [0, 2]}
+outputs:
+  y: 1 / (u - 1)
+"""
+
+
+def require(*tools: Tool) -> None:
+    for tool in tools:
+        if not tool.is_there:
+            miss(f"{tool.command} is not installed: apt-get install {tool.package}")
+
+
+def exported(spec: Path, folder: Path) -> Path:
+    assert run(["export", str(spec), "--initial", "--to", "c", "--out", str(folder)]) == 0
+    return folder / "c"
+
+
+def verified(
+    capsys: pytest.CaptureFixture[str], folder: Path, *options: str
+) -> tuple[int, dict[str, Any]]:
+    capsys.readouterr()
+    code = run(["verify", str(folder), "--format", "json", *options])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_the_reference_model_on_every_target(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(*HOST, *BOARDS)
+    folder = exported(spec_of(GALLERY, "reference"), tmp_path)
+    code, said = verified(capsys, folder, "--targets", "all", "--proof", "--misra")
+    assert code == 0, said
+    figures = {r["target"]: r["figures"][0] for r in said["results"] if r["figures"]}
+    assert len(figures) == 10
+    for board in figures.values():
+        least, mean, most = board["instructions"]
+        assert 100 < least <= mean <= most < 20_000
+        assert board["data"] == 0
+        assert 500 < board["flash"] < 8_000
+        # the samples of the window and the speed
+        assert 25 * 4 <= board["bss"] <= 128
+        assert board["stack_bound"] is None or board["stack_painted"] <= board["stack_bound"]
+    assert "# Verification of `reference`" in (folder / "REPORT.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "reference"])
+def test_the_gallery_has_nothing_to_find(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(*HOST)
+    folder = exported(spec_of(GALLERY, name), tmp_path)
+    code, said = verified(capsys, folder, "--proof", "--misra")
+    assert code == 0, said
+
+
+def test_a_changed_constant_differs_from_the_golden_vectors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(GCC, CLANG, ARM_GCC, ARM_QEMU)
+    folder = exported(spec_of(GALLERY, "reference"), tmp_path)
+    source = folder / "src" / "reference.c"
+    text = source.read_text(encoding="utf-8")
+    assert "0.05f" in text
+    source.write_text(text.replace("0.05f", "0.0500001f"), encoding="utf-8")
+    code, said = verified(capsys, folder, "--targets", "host,m4")
+    assert code == 1
+    found = {(r["check"], r["target"]) for r in said["results"] if r["verdict"] == "found"}
+    assert found == {
+        ("golden vectors", "gcc"),
+        ("golden vectors", "clang"),
+        ("sanitizers", "gcc"),
+        ("golden vectors", "Cortex-M4F -O2"),
+        ("golden vectors", "Cortex-M4F -Os"),
+    }
+
+
+def test_a_warning_and_a_breach_of_misra_are_findings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(GCC, CLANG, CPPCHECK)
+    folder = exported(spec_of(GALLERY, "two_tanks"), tmp_path)
+    source = folder / "src" / "two_tanks.c"
+    with source.open("a", encoding="utf-8") as file:
+        file.write("int stray(double x) { if (x == 1.0) goto out; return 1; out: return 0; }\n")
+    code, said = verified(capsys, folder, "--misra")
+    assert code == 1
+    lines = [line for result in said["results"] for line in result["findings"]]
+    assert any("-Wfloat-equal" in line for line in lines)
+    assert any("misra-c2012-8.4" in line for line in lines)
+
+
+def test_a_division_by_zero_is_an_alarm_with_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(FRAMA_C)
+    spec = tmp_path / "plant.msnn.yaml"
+    spec.write_text(PLANT, encoding="utf-8")
+    code, said = verified(capsys, exported(spec, tmp_path), "--targets", "", "--proof")
+    assert code == 1
+    (line,) = said["results"][0]["findings"]
+    assert "div" in line
+    assert "(spec plant.msnn.yaml:8)" in line
+
+
+def test_what_the_spec_does_not_bound_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(FRAMA_C)
+    folder = exported(spec_of(GALLERY, "heater"), tmp_path)
+    _, said = verified(capsys, folder, "--targets", "", "--proof")
+    notes = said["results"][0]["notes"]
+    assert "assumed |element.state| <= 1e+06: the spec has no range" in notes
+    assert any(note.startswith("proved oven_next in -") for note in notes)
+
+
+def test_the_fuzzer_finds_a_write_outside_an_array(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(CLANG, LIBFUZZER)
+    folder = exported(spec_of(GALLERY, "reference"), tmp_path)
+    assert verified(capsys, folder, "--targets", "", "--fuzz", "2")[0] == 0
+    source = folder / "src" / "reference.c"
+    text = source.read_text(encoding="utf-8")
+    weak = "    s->u_history[s->unset] = 0.0f;\n    /* outputs */\n"
+    source.write_text(text.replace("    /* outputs */\n", weak), encoding="utf-8")
+    code, said = verified(capsys, folder, "--targets", "", "--fuzz", "10")
+    assert code == 1
+    assert any("runtime error" in line for line in said["results"][0]["findings"])
+
+
+def test_a_missing_tool_is_named_and_the_rest_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require(GCC)
+    folder = exported(spec_of(GALLERY, "tyre"), tmp_path)
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for command in ("gcc", "as", "ld"):
+        found = shutil.which(command)
+        assert found is not None
+        (tools / command).symlink_to(found)
+    monkeypatch.setenv("PATH", str(tools))
+    code, said = verified(capsys, folder, "--targets", "host,m0", "--proof")
+    assert code == 5
+    assert said["install"] == (
+        "apt-get install clang g++ gcc-arm-none-eabi libnewlib-arm-none-eabi "
+        "qemu-system-arm frama-c-base"
+    )
+    verdicts = {(r["check"], r["target"]): r["verdict"] for r in said["results"]}
+    assert verdicts["golden vectors", "gcc"] == "ok"
+    assert verdicts["golden vectors", "clang"] == "missing"
+
+
+def test_a_folder_without_an_export_is_a_diagnostic(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.json").write_text("[1]", encoding="utf-8")
+    assert run(["verify", str(tmp_path)]) == 1
+    assert "error[E1046]" in capsys.readouterr().err
+
+
+def test_names_that_are_no_c_names_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = exported(spec_of(GALLERY, "tyre"), tmp_path)
+    about = folder / "tyre.json"
+    text = about.read_text(encoding="utf-8").replace('"prefix": "tyre"', '"prefix": "../tyre"')
+    about.write_text(text, encoding="utf-8")
+    assert run(["verify", str(folder)]) == 1
+    assert "error[E1046]" in capsys.readouterr().err
+
+
+def test_an_unknown_target_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["verify", ".", "--targets", "m4,avr"]) == 2
+    assert "`avr` is none of host, m4, m7, m0, rv32 and all" in capsys.readouterr().err
+
+
+def test_every_kernel_has_bounds_for_the_proof() -> None:
+    assert set(KERNELS) == KNOWN
