@@ -22,6 +22,7 @@ FLAGS = (
     "-fno-math-errno",
     "-fno-trapping-math",
     "-Wno-psabi",
+    "-pthread",
     "-shared",
     "-fPIC",
 )

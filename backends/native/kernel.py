@@ -18,6 +18,7 @@ from backends.native.kernel_structs import (
     OptimizerStruct,
     ProblemStruct,
     VariablesStruct,
+    WorkStruct,
     aligned,
     pointer,
     pointers,
@@ -28,10 +29,11 @@ from compiler.program import Parameter, Program
 from compiler.training_step import training_step
 
 FloatArray = NDArray[np.float64]
-Reals = NDArray[Any]
-"""Arrays of the kernel's own type."""
 
 LANES = {"float32": 16, "float64": 8}
+
+KEPT_BYTES = 32 << 20
+"""A thread keeps all rows of a rollout up to here; beyond it computes a segment at a time again."""
 
 
 class Method(IntEnum):
@@ -54,7 +56,11 @@ class Losses:
 class Kernel:
     """One program, its loops closed, compiled for this machine. Raises NoCompilerError."""
 
-    def __init__(self, program: Program, dtype: Dtype) -> None:
+    def __init__(
+        self, program: Program, dtype: Dtype, threads: int = 1, kept_bytes: int = KEPT_BYTES
+    ) -> None:
+        self._threads = threads
+        self._kept_bytes = kept_bytes
         self.source: KernelSource = kernel_source(training_step(program), dtype)
         self.program = program
         self.dtype = np.dtype(dtype)
@@ -63,8 +69,7 @@ class Kernel:
         built = compiled_kernel(self.source.text)
         self.built = built
         self._library = built.library
-        self._library.msnn_work_lanes.restype = ctypes.c_int64
-        self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
+        self._library.msnn_work_bytes.restype = ctypes.c_int64
         self._library.msnn_train.restype = ctypes.c_int64
 
     def groups(self, starts: Rows, steps: Rows) -> Groups:
@@ -84,10 +89,16 @@ class Kernel:
         """The logs as the kernel reads them."""
         return Data(self, series, skip, scored)
 
-    def work(self, horizon: int) -> Reals:
-        """Memory for one group over a horizon, aligned for vectors."""
-        size = self._library.msnn_work_lanes(horizon) * self.lanes
-        return aligned(size, self.dtype)
+    def _work(self, groups: Groups, largest: int) -> _Work:
+        """Memory for a call whose batches have at most so many groups."""
+        steps = int(groups["steps"].max())
+        alone = WorkStruct(None, steps, 0, 1, 1)
+        kept = self._library.msnn_work_bytes(ctypes.byref(alone)) <= self._kept_bytes
+        threads = min(self._threads, max(largest, 1))
+        struct = WorkStruct(None, steps, largest, int(kept), threads)
+        memory = aligned(self._library.msnn_work_bytes(ctypes.byref(struct)))
+        struct.memory = memory.ctypes.data
+        return _Work(struct, memory)
 
     def losses(
         self,
@@ -102,7 +113,7 @@ class Kernel:
         count = len(self.source.losses)
         sums, counts = np.zeros(count), np.zeros(count)
         slope = np.zeros(len(physical), self.dtype)
-        work = self.work(int(groups["steps"].max()))
+        work = self._work(groups, len(groups))
         theta = np.asarray(physical, self.dtype)
         scale = np.asarray(weights, float)
         self._library.msnn_losses(
@@ -112,7 +123,7 @@ class Kernel:
             pointer(theta),
             pointer(scale),
             ctypes.c_int(data.missing),
-            pointer(work),
+            ctypes.byref(work.struct),
             pointer(slope) if gradient else None,
             pointer(sums),
             pointer(counts),
@@ -133,7 +144,7 @@ class Kernel:
         """
         count = len(self.source.losses)
         sums, counts = np.zeros(count), np.zeros(count)
-        work = self.work(int(groups["steps"].max()))
+        work = self._work(groups, int(np.diff(bounds).max()))
         scale = np.asarray(weights, float)
         variables.optimizer.missing = int(data.missing)
         done = self._library.msnn_train(
@@ -144,7 +155,7 @@ class Kernel:
             ctypes.byref(variables.addresses),
             ctypes.byref(variables.optimizer),
             pointer(scale),
-            pointer(work),
+            ctypes.byref(work.struct),
             pointer(sums),
             pointer(counts),
         )
@@ -153,6 +164,14 @@ class Kernel:
     def fill_in_physical(self, variables: Variables) -> None:
         """Fills in the physical values of the raw variables that move."""
         self._library.msnn_physical(ctypes.byref(variables.addresses))
+
+
+@dataclass(frozen=True, slots=True)
+class _Work:
+    """The memory of a call, alive as long as what points to it."""
+
+    struct: WorkStruct
+    memory: NDArray[np.uint8]
 
 
 class Data:

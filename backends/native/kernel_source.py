@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -82,6 +81,8 @@ def kernel_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
         *(printer.function(one.function) for one in made.values()),
         _text("driver.c"),
         _group(memory, made),
+        _text("threads.c"),
+        _text("optimizers.c"),
         _text("batches.c"),
     ]
     return KernelSource(
@@ -99,30 +100,31 @@ def _text(name: str) -> str:
 # ---- the loops around them
 
 
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """One array over the time of a group."""
+
+    name: str
+    elements: int
+    extra: int
+    """Rows more than steps: of a state, those that the next step begins with."""
+    first: int = 0
+    """The sample of its first row, counted from the first step."""
+
+
 def _group(memory: Memory, made: Mapping[str, ModelFunction]) -> str:
-    arrays: list[dict[str, Any]] = []
-    for index, tape in enumerate(memory.signals.values()):
-        extra = tape.last - tape.first
-        arrays.append(
-            {"name": tape.name, "elements": tape.elements, "extra": extra, "adjoint": False}
-            | {"signal": index, "first": tape.first}
-        )
-    for tape in memory.buffers.values():
-        arrays.append(
-            {"name": tape.name, "elements": tape.elements, "extra": tape.last, "adjoint": True}
-            | {"signal": None}
-        )
-    for name, state in memory.plain.values():
-        arrays.append(
-            {"name": name, "elements": size_of(state.axes), "extra": 1, "adjoint": True}
-            | {"signal": None}
-        )
-    for tape in (*memory.rows.values(), *memory.echoes.values()):
-        arrays.append(
-            {"name": tape.name, "elements": tape.elements, "extra": tape.last, "adjoint": False}
-            | {"signal": None}
-        )
-    echoes = [{"name": t.name, "before": t.last * t.elements} for t in memory.echoes.values()]
+    arrays = {
+        "logs": [
+            _Rows(tape.name, tape.elements, tape.last - tape.first, tape.first)
+            for tape in memory.signals.values()
+        ],
+        "states": [
+            *(_Rows(tape.name, tape.elements, tape.last) for tape in memory.buffers.values()),
+            *(_Rows(name, size_of(state.axes), 1) for name, state in memory.plain.values()),
+        ],
+        "rows": [_Rows(tape.name, tape.elements, 0) for tape in memory.rows.values()],
+        "echoes": [_Rows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()],
+    }
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         undefined=StrictUndefined,
@@ -130,6 +132,5 @@ def _group(memory: Memory, made: Mapping[str, ModelFunction]) -> str:
         lstrip_blocks=True,
         autoescape=False,  # noqa: S701  (C, not HTML; every name is an identifier made here)
     )
-
     arguments = {f"{name}_arguments": ", ".join(one.values) for name, one in made.items()}
-    return environment.get_template("group.c.j2").render(arrays=arrays, echoes=echoes, **arguments)
+    return environment.get_template("group.c.j2").render(**arrays, **arguments)

@@ -25,7 +25,7 @@ class ProblemStruct(ctypes.Structure):
 
 
 class VariablesStruct(ctypes.Structure):
-    """`struct variables` of templates/native/batches.c."""
+    """`struct variables` of templates/native/optimizers.c."""
 
     _fields_ = tuple(
         (name, ctypes.c_void_p)
@@ -34,7 +34,7 @@ class VariablesStruct(ctypes.Structure):
 
 
 class OptimizerStruct(ctypes.Structure):
-    """`struct optimizer` of templates/native/batches.c."""
+    """`struct optimizer` of templates/native/optimizers.c."""
 
     _fields_ = (
         ("method", ctypes.c_int32),
@@ -48,6 +48,18 @@ class OptimizerStruct(ctypes.Structure):
     )
 
 
+class WorkStruct(ctypes.Structure):
+    """`struct work` of templates/native/batches.c."""
+
+    _fields_ = (
+        ("memory", ctypes.c_void_p),
+        ("steps", ctypes.c_int64),
+        ("groups", ctypes.c_int64),
+        ("kept", ctypes.c_int32),
+        ("threads", ctypes.c_int32),
+    )
+
+
 def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
     """The address of the first element; the array must outlive its use."""
     return ctypes.c_void_p(array.ctypes.data)
@@ -58,8 +70,8 @@ def pointers(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:
     return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
 
 
-def aligned(size: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Zeros that begin where a vector may."""
-    raw = np.zeros(size * dtype.itemsize + _ALIGNMENT, np.uint8)
+def aligned(size: int) -> NDArray[np.uint8]:
+    """Bytes that begin where a vector may."""
+    raw = np.zeros(size + _ALIGNMENT, np.uint8)
     offset = -raw.ctypes.data % _ALIGNMENT
-    return raw[offset : offset + size * dtype.itemsize].view(dtype)
+    return raw[offset : offset + size]

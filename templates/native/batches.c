@@ -1,194 +1,216 @@
-/* Batches and optimisers: whole epochs run here, so that no call is paid for each batch. */
-enum { LINEAR = 0, BETWEEN = 1, ABOVE = 2, BELOW = 3 };
-enum { ADAM = 0, ADAMW = 1, SGD = 2 };
+/* Batches: their losses and slopes, and whole epochs, so that no call is paid for each batch. */
+/* Groups of one job, whose gradients are added lane by lane before the lanes are. The sum of a batch
+   is taken over these blocks in their order, whoever did them: its bits depend on no thread. */
+#define BLOCK 4
 
-struct variables {
-    const int32_t *kind;            /* how each number follows from its raw variable */
-    const double *low;
-    const double *high;
-    const double *scale;
-    const real *rate;               /* learning rate of each number; 0: it is held */
-    real *raw;
-    real *physical;
-    real *first;                    /* moments of the optimiser */
-    real *second;
+/* Memory of a call; `memory` has msnn_work_bytes and begins where a vector may. */
+struct work {
+    void *memory;
+    int64_t steps;                  /* of the longest group */
+    int64_t groups;                 /* of the largest batch */
+    int32_t kept;                   /* whether all rows of a rollout are kept */
+    int32_t threads;
 };
 
-struct optimizer {
-    int32_t method;
-    int32_t missing;                /* targets may be missing: count before scaling */
-    double beta1;
-    double beta2;
-    double epsilon;
-    double decay;
-    double clip;                    /* 0: none */
-    int64_t steps;                  /* taken so far */
+#define VECTORS(bytes) (((bytes) + sizeof(lanes) - 1) / sizeof(lanes))
+#define BLOCKS(groups) ((size_t)(((groups) + BLOCK - 1) / BLOCK))
+
+static size_t lanes_of_thread(const struct work *w)
+{
+    return PARAMETERS + lanes_of_group((size_t)w->steps, w->kept);
+}
+
+int64_t msnn_work_bytes(const struct work *w)
+{
+    const size_t blocks = BLOCKS(w->groups);
+    const size_t results = VECTORS(blocks * LOSSES * sizeof(double)) * 2
+                         + VECTORS(blocks * PARAMETERS * sizeof(real));
+    const size_t own = (size_t)w->threads * lanes_of_thread(w);
+    return (int64_t)((PARAMETERS + results + own) * sizeof(lanes));
+}
+
+/* One batch, and where its parts are found. */
+struct batch {
+    const struct problem *problem;
+    const struct work *work;
+    const struct group *groups;
+    int64_t n;
+    const lanes *scale;
+    int slopes_wanted;
+    int counts_wanted;
+    lanes *theta;
+    double *sums;                   /* a row a block */
+    double *counts;
+    real *slopes;
+    lanes *own;                     /* of all threads */
 };
 
-static double softplus(double x) { return fmax(x, 0.0) + log1p(exp(-fabs(x))); }
-
-static double sigmoid(double x)
+static struct batch batch_in(const struct problem *p, const struct work *w,
+                             const struct group *groups, int64_t n, const lanes *scale)
 {
-    const double small = exp(-fabs(x));
-    return x >= 0.0 ? 1.0 / (1.0 + small) : small / (1.0 + small);
+    const size_t numbers = BLOCKS(w->groups) * LOSSES;
+    lanes *const theta = w->memory;
+    lanes *const sums = theta + PARAMETERS;
+    lanes *const counts = sums + VECTORS(numbers * sizeof(double));
+    lanes *const slopes = counts + VECTORS(numbers * sizeof(double));
+    lanes *const own = slopes + VECTORS(BLOCKS(w->groups) * PARAMETERS * sizeof(real));
+    return (struct batch){p, w, groups, n, scale, 0, 0, theta, (double *)sums, (double *)counts,
+                          (real *)slopes, own};
 }
 
-/* Physical values of the raw variables that move. */
-void msnn_physical(struct variables *v)
+static void run_block(void *context, int64_t number, int seat)
 {
-    for (int i = 0; i < PARAMETERS; i++) {
-        const double raw = (double)v->raw[i];
-        if (v->rate[i] == 0) {
-            continue;
-        }
-        switch (v->kind[i]) {
-        case BETWEEN: v->physical[i] = (real)(v->low[i] + (v->high[i] - v->low[i]) * sigmoid(raw)); break;
-        case ABOVE: v->physical[i] = (real)(v->low[i] + v->scale[i] * softplus(raw)); break;
-        case BELOW: v->physical[i] = (real)(v->high[i] - v->scale[i] * softplus(-raw)); break;
-        default: v->physical[i] = (real)(raw * v->scale[i]); break;
-        }
+    const struct batch *const b = context;
+    lanes *const collected = b->own + (size_t)seat * lanes_of_thread(b->work);
+    lanes *const rest = collected + PARAMETERS;
+    double *const sums = b->sums + number * LOSSES;
+    double *const counts = b->counts_wanted ? b->counts + number * LOSSES : NULL;
+    const int64_t begin = number * BLOCK;
+    const int64_t end = begin + BLOCK < b->n ? begin + BLOCK : b->n;
+    for (int l = 0; l < LOSSES; l++) {
+        sums[l] = 0;
+        b->counts[number * LOSSES + l] = 0;
+    }
+    memset(collected, 0, PARAMETERS * sizeof *collected);
+    for (int64_t k = begin; k < end; k++) {
+        run_group(b->problem, &b->groups[k], b->theta, b->scale, b->work->kept, rest,
+                  b->slopes_wanted ? collected : NULL, sums, counts);
+    }
+    for (int i = 0; b->slopes_wanted && i < PARAMETERS; i++) {
+        b->slopes[number * PARAMETERS + i] = sum_lanes(collected[i]);
     }
 }
 
-/* d physical / d raw of one number. */
-static double slope(const struct variables *v, int i)
+static void add_rows(const double *rows, size_t count, double *sums)
 {
-    const double raw = (double)v->raw[i];
-    switch (v->kind[i]) {
-    case BETWEEN: return (v->high[i] - v->low[i]) * sigmoid(raw) * sigmoid(-raw);
-    case ABOVE: return v->scale[i] * sigmoid(raw);
-    case BELOW: return v->scale[i] * sigmoid(-raw);
-    default: return v->scale[i];
-    }
-}
-
-/* Groups whose gradients are added lane by lane before the lanes are: fixed, whatever the batch. */
-#define GROUPS_ADDED 4
-
-/* Sums and counts of every loss over the groups, and the gradient in physical values if wanted. */
-int msnn_losses(const struct problem *p, const struct group *groups, int64_t n, const real *physical,
-                const double *weights, int missing, real *work, real *gradient, double *sums,
-                double *counts)
-{
-    lanes theta[PARAMETERS + 1];
-    lanes scale[LOSSES + 1];
-    lanes collected[PARAMETERS + 1];
-    for (int i = 0; i < PARAMETERS; i++) {
-        theta[i] = splat(physical[i]);
-    }
     memset(sums, 0, LOSSES * sizeof *sums);
-    memset(counts, 0, LOSSES * sizeof *counts);
-    if (gradient == NULL || missing || HAS_ROOT) {
-        for (int64_t k = 0; k < n; k++) {
-            run_group(p, &groups[k], theta, scale, (lanes *)work, NULL, sums, counts);
+    for (size_t k = 0; k < count; k++) {
+        for (int l = 0; l < LOSSES; l++) {
+            sums[l] += rows[k * LOSSES + l];
         }
+    }
+}
+
+/* How many elements each loss counts where no target is missing and every row is scored. */
+static void count_all(const struct batch *b, double *counts)
+{
+    memset(counts, 0, LOSSES * sizeof *counts);
+    for (int64_t k = 0; k < b->n; k++) {
+        double used = 0;
+        for (int i = 0; i < LANES; i++) {
+            used += b->groups[k].used[i] ? 1.0 : 0.0;
+        }
+        for (int l = 0; l < LOSSES; l++) {
+            const double steps = fmax((double)(b->groups[k].steps - b->problem->skip), 0.0);
+            counts[l] += used * steps * ELEMENTS[l];
+        }
+    }
+}
+
+/* Sums and counts of every loss over a batch, and the gradient in physical values if wanted. */
+static void batch_losses(struct team *team, struct batch *b, const real *physical,
+                         const double *weights, int missing, real *restrict gradient, double *sums,
+                         double *counts)
+{
+    const size_t blocks = BLOCKS(b->n);
+    lanes scale[LOSSES + 1];
+    b->scale = scale;
+    for (int i = 0; i < PARAMETERS; i++) {
+        b->theta[i] = splat(physical[i]);
+    }
+    b->slopes_wanted = 0;
+    b->counts_wanted = 1;
+    if (gradient == NULL || missing || HAS_ROOT) {
+        share(team, (int64_t)blocks, run_block, b);
+        add_rows(b->sums, blocks, sums);
+        add_rows(b->counts, blocks, counts);
         if (gradient == NULL) {
-            return 0;
+            return;
         }
     } else {
-        for (int64_t k = 0; k < n; k++) {
-            double used = 0;
-            for (int i = 0; i < LANES; i++) {
-                used += groups[k].used[i] ? 1.0 : 0.0;
-            }
-            for (int l = 0; l < LOSSES; l++) {
-                counts[l] += used * fmax((double)(groups[k].steps - p->skip), 0.0) * ELEMENTS[l];
-            }
-        }
+        count_all(b, counts);
     }
     for (int l = 0; l < LOSSES; l++) {
         const double root = IS_ROOT[l] ? sqrt(sums[l] / fmax(counts[l], 1.0)) : 0.5;
-        const double share = counts[l] > 0 && root > 0 ? weights[l] / (2.0 * root * counts[l]) : 0.0;
-        scale[l] = splat((real)share);
+        const double slope = counts[l] > 0 && root > 0 ? weights[l] / (2.0 * root * counts[l]) : 0.0;
+        scale[l] = splat((real)slope);
     }
+    b->slopes_wanted = 1;
+    b->counts_wanted = 0;
+    share(team, (int64_t)blocks, run_block, b);
+    add_rows(b->sums, blocks, sums);
     memset(gradient, 0, PARAMETERS * sizeof *gradient);
-    memset(sums, 0, LOSSES * sizeof *sums);
-    for (int64_t k = 0; k < n; k += GROUPS_ADDED) {
-        memset(collected, 0, sizeof collected);
-        for (int64_t m = k; m < n && m < k + GROUPS_ADDED; m++) {
-            run_group(p, &groups[m], theta, scale, (lanes *)work, collected, sums, NULL);
-        }
+    for (size_t k = 0; k < blocks; k++) {
+        const real *restrict const slopes = b->slopes + k * PARAMETERS;
         for (int i = 0; i < PARAMETERS; i++) {
-            gradient[i] += sum_lanes(collected[i]);
+            gradient[i] += slopes[i];
         }
     }
-    return 0;
 }
 
-/* One step of the optimiser along the gradient in raw variables; numbers of rate 0 stay. */
-static void move(struct variables *v, struct optimizer *o, const real *restrict gradient)
+/* As `batch_losses` for the one batch of all groups. */
+void msnn_losses(const struct problem *p, const struct group *groups, int64_t n,
+                 const real *physical, const double *weights, int missing, const struct work *work,
+                 real *gradient, double *sums, double *counts)
 {
-    o->steps += 1;
-    const real *restrict const rate = v->rate;
-    real *restrict const raw = v->raw;
-    real *restrict const first = v->first;
-    real *restrict const second = v->second;
-    /* 1 − β is rounded once: in float32, 1 − 0.999f is off by 1e-5 */
-    const real b1 = (real)o->beta1;
-    const real b2 = (real)o->beta2;
-    const real c1 = (real)(1.0 - o->beta1);
-    const real c2 = (real)(1.0 - o->beta2);
-    const real decay = (real)o->decay;
-    if (o->method == SGD) {
-        for (int i = 0; i < PARAMETERS; i++) {
-            const real g = gradient[i] + decay * raw[i];
-            first[i] = o->steps == 1 ? g : b1 * first[i] + g;
-            raw[i] -= rate[i] * first[i];
-        }
-        return;
+    struct team team;
+    struct batch b = batch_in(p, work, groups, n, NULL);
+    open_team(&team, work->threads);
+    batch_losses(&team, &b, physical, weights, missing, gradient, sums, counts);
+    close_team(&team);
+}
+
+/* A step along the gradient of one batch; 0 if its losses or slopes are not finite. */
+static int train_batch(struct team *team, struct batch *b, struct variables *v, struct optimizer *o,
+                       const double *weights, double *sums, double *counts)
+{
+    real gradient[PARAMETERS + 1];
+    double batch_sums[LOSSES + 1];
+    double batch_counts[LOSSES + 1];
+    batch_losses(team, b, v->physical, weights, o->missing, gradient, batch_sums, batch_counts);
+    double total = 0;
+    for (int l = 0; l < LOSSES; l++) {
+        const double mean = batch_sums[l] / fmax(batch_counts[l], 1.0);
+        total += weights[l] * (IS_ROOT[l] ? sqrt(mean) : mean);
     }
-    const real shrunk = o->method == ADAMW ? decay : 0;
-    const real added = o->method == ADAMW ? 0 : decay;
-    const real rate_scale = (real)(1.0 / (1.0 - pow(o->beta1, (double)o->steps)));
-    const real size_scale = (real)(1.0 / sqrt(1.0 - pow(o->beta2, (double)o->steps)));
-    const real epsilon = (real)o->epsilon;
+    double squares = 0;
     for (int i = 0; i < PARAMETERS; i++) {
-        const real from = raw[i] - rate[i] * shrunk * raw[i];
-        const real g = gradient[i] + added * from;
-        first[i] += c1 * (g - first[i]);
-        second[i] = b2 * second[i] + c2 * g * g;
-        const real size = square_root(second[i]) * size_scale + epsilon;
-        raw[i] = from - rate[i] * rate_scale * (first[i] / size);
+        gradient[i] *= v->rate[i] == 0 ? 0 : (real)slope(v, i);
+        squares += v->rate[i] == 0 ? 0.0 : (double)gradient[i] * (double)gradient[i];
     }
+    if (!isfinite(total) || !isfinite(squares)) {
+        return 0;
+    }
+    for (int l = 0; l < LOSSES; l++) {
+        sums[l] += batch_sums[l];
+        counts[l] += batch_counts[l];
+    }
+    if (o->clip > 0 && sqrt(squares) > o->clip) {
+        const double factor = o->clip / (sqrt(squares) + 1e-6);
+        for (int i = 0; i < PARAMETERS; i++) {
+            gradient[i] *= (real)factor;
+        }
+    }
+    move(v, o, gradient);
+    msnn_physical(v);
+    return 1;
 }
 
 /* Batches of groups in order; returns how many were finite, all if none stopped it. */
 int64_t msnn_train(const struct problem *p, const struct group *groups, const int64_t *bounds,
                    int64_t batches, struct variables *v, struct optimizer *o, const double *weights,
-                   real *work, double *sums, double *counts)
+                   const struct work *work, double *sums, double *counts)
 {
-    for (int64_t b = 0; b < batches; b++) {
-        real gradient[PARAMETERS + 1];
-        double batch_sums[LOSSES + 1];
-        double batch_counts[LOSSES + 1];
-        const int64_t n = bounds[b + 1] - bounds[b];
-        msnn_losses(p, groups + bounds[b], n, v->physical, weights, o->missing, work, gradient,
-                    batch_sums, batch_counts);
-        double total = 0;
-        for (int l = 0; l < LOSSES; l++) {
-            const double mean = batch_sums[l] / fmax(batch_counts[l], 1.0);
-            total += weights[l] * (IS_ROOT[l] ? sqrt(mean) : mean);
+    struct team team;
+    int64_t done = 0;
+    open_team(&team, work->threads);
+    while (done < batches) {
+        struct batch b = batch_in(p, work, groups + bounds[done], bounds[done + 1] - bounds[done], NULL);
+        if (!train_batch(&team, &b, v, o, weights, sums, counts)) {
+            break;
         }
-        double squares = 0;
-        for (int i = 0; i < PARAMETERS; i++) {
-            gradient[i] *= v->rate[i] == 0 ? 0 : (real)slope(v, i);
-            squares += v->rate[i] == 0 ? 0.0 : (double)gradient[i] * (double)gradient[i];
-        }
-        if (!isfinite(total) || !isfinite(squares)) {
-            return b;
-        }
-        for (int l = 0; l < LOSSES; l++) {
-            sums[l] += batch_sums[l];
-            counts[l] += batch_counts[l];
-        }
-        if (o->clip > 0 && sqrt(squares) > o->clip) {
-            const double factor = o->clip / (sqrt(squares) + 1e-6);
-            for (int i = 0; i < PARAMETERS; i++) {
-                gradient[i] *= (real)factor;
-            }
-        }
-        move(v, o, gradient);
-        msnn_physical(v);
+        done++;
     }
-    return batches;
+    close_team(&team);
+    return done;
 }

@@ -30,6 +30,7 @@ typedef int64_t wide_mask __attribute__((vector_size(LANES * sizeof(int64_t))));
 #define every_lane ((mask)all(-1))
 #define no_lane ((mask)all(0))
 #define inline_function static inline __attribute__((always_inline, unused))
+#define never_inline __attribute__((noinline))
 
 inline_function lanes splat(real v) { return (lanes)all(v); }
 inline_function words splat_word(uint32_t v) { return (words)all(v); }

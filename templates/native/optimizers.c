@@ -1,0 +1,100 @@
+/* Raw variables, their physical values, and the optimisers that move them. */
+enum { LINEAR = 0, BETWEEN = 1, ABOVE = 2, BELOW = 3 };
+enum { ADAM = 0, ADAMW = 1, SGD = 2 };
+
+struct variables {
+    const int32_t *kind;            /* how each number follows from its raw variable */
+    const double *low;
+    const double *high;
+    const double *scale;
+    const real *rate;               /* learning rate of each number; 0: it is held */
+    real *raw;
+    real *physical;
+    real *first;                    /* moments of the optimiser */
+    real *second;
+};
+
+struct optimizer {
+    int32_t method;
+    int32_t missing;                /* targets may be missing: count before scaling */
+    double beta1;
+    double beta2;
+    double epsilon;
+    double decay;
+    double clip;                    /* 0: none */
+    int64_t steps;                  /* taken so far */
+};
+
+static double softplus(double x) { return fmax(x, 0.0) + log1p(exp(-fabs(x))); }
+
+static double sigmoid(double x)
+{
+    const double small = exp(-fabs(x));
+    return x >= 0.0 ? 1.0 / (1.0 + small) : small / (1.0 + small);
+}
+
+/* Physical values of the raw variables that move. */
+void msnn_physical(struct variables *v)
+{
+    for (int i = 0; i < PARAMETERS; i++) {
+        const double raw = (double)v->raw[i];
+        if (v->rate[i] == 0) {
+            continue;
+        }
+        switch (v->kind[i]) {
+        case BETWEEN: v->physical[i] = (real)(v->low[i] + (v->high[i] - v->low[i]) * sigmoid(raw)); break;
+        case ABOVE: v->physical[i] = (real)(v->low[i] + v->scale[i] * softplus(raw)); break;
+        case BELOW: v->physical[i] = (real)(v->high[i] - v->scale[i] * softplus(-raw)); break;
+        default: v->physical[i] = (real)(raw * v->scale[i]); break;
+        }
+    }
+}
+
+/* d physical / d raw of one number. */
+static double slope(const struct variables *v, int i)
+{
+    const double raw = (double)v->raw[i];
+    switch (v->kind[i]) {
+    case BETWEEN: return (v->high[i] - v->low[i]) * sigmoid(raw) * sigmoid(-raw);
+    case ABOVE: return v->scale[i] * sigmoid(raw);
+    case BELOW: return v->scale[i] * sigmoid(-raw);
+    default: return v->scale[i];
+    }
+}
+
+/* One step of the optimiser along the gradient in raw variables; numbers of rate 0 stay. */
+static void move(struct variables *v, struct optimizer *o, const real *restrict gradient)
+{
+    o->steps += 1;
+    const real *restrict const rate = v->rate;
+    real *restrict const raw = v->raw;
+    real *restrict const first = v->first;
+    real *restrict const second = v->second;
+    /* 1 − β is rounded once: in float32, 1 − 0.999f is off by 1e-5 */
+    const real b1 = (real)o->beta1;
+    const real b2 = (real)o->beta2;
+    const real c1 = (real)(1.0 - o->beta1);
+    const real c2 = (real)(1.0 - o->beta2);
+    const real decay = (real)o->decay;
+    if (o->method == SGD) {
+        for (int i = 0; i < PARAMETERS; i++) {
+            const real g = gradient[i] + decay * raw[i];
+            first[i] = o->steps == 1 ? g : b1 * first[i] + g;
+            raw[i] -= rate[i] * first[i];
+        }
+        return;
+    }
+    const real shrunk = o->method == ADAMW ? decay : 0;
+    const real added = o->method == ADAMW ? 0 : decay;
+    const real rate_scale = (real)(1.0 / (1.0 - pow(o->beta1, (double)o->steps)));
+    const real size_scale = (real)(1.0 / sqrt(1.0 - pow(o->beta2, (double)o->steps)));
+    const real epsilon = (real)o->epsilon;
+    for (int i = 0; i < PARAMETERS; i++) {
+        const real from = raw[i] - rate[i] * shrunk * raw[i];
+        const real g = gradient[i] + added * from;
+        first[i] += c1 * (g - first[i]);
+        second[i] = b2 * second[i] + c2 * g * g;
+        const real size = square_root(second[i]) * size_scale + epsilon;
+        raw[i] = from - rate[i] * rate_scale * (first[i] / size);
+    }
+}
