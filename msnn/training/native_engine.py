@@ -37,7 +37,7 @@ class NativeEngine:
     ) -> None:
         self._plan = plan
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
-        self._kernel = Kernel(plan.rollout.program, plan.dtype)
+        self._kernel = Kernel(plan.rollout.program, plan.dtype, plan.threads)
         rule, rate = _rule(plan)
         rates = {name: rate * plan.lr_factors.get(name, 1.0) for name in plan.trained}
         self._variables = Variables(self._kernel, rule, weights, rates)

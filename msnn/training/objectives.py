@@ -87,7 +87,7 @@ class KernelObjective:
         evaluation_rows: RowsByLoss | None,
     ) -> None:
         self._model, self._plan, self._series = model, plan, series
-        self._kernel = Kernel(plan.rollout.program, plan.dtype)
+        self._kernel = Kernel(plan.rollout.program, plan.dtype, plan.threads)
         self._train = self._kernel.data(series, plan.rollout.skip, train_rows)
         self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
         self._weights = [plan.loss_weights[name] for name in self._kernel.source.losses]

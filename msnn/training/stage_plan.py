@@ -42,6 +42,7 @@ class StagePlan:
     seed: int
     dtype: Literal["float32", "float64"]
     engine: Literal["auto", "native", "torch"]
+    threads: int
     span: Span | None
 
     def record(self) -> dict[str, object]:
@@ -69,6 +70,7 @@ class StagePlan:
             "seed": self.seed,
             "dtype": self.dtype,
             "engine": self.engine,
+            "threads": self.threads,
         }
 
 
@@ -142,6 +144,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         seed=stage.seed,
         dtype=stage.dtype,
         engine=stage.engine,
+        threads=stage.threads,
         span=span,
     )
 

@@ -95,6 +95,24 @@ def test_both_engines_train_alike(model: str, optimizer: str) -> None:
             np.testing.assert_allclose(native_weights[name], weight, atol=20 * tolerance * scale)
 
 
+@pytest.mark.parametrize("optimizer", ["adam: {lr: 0.01}", "lbfgs: {iterations: 4}"])
+def test_threads_of_a_stage_change_no_bit(optimizer: str) -> None:
+    require_tool("gcc", install="apt install gcc")
+    text, _ = MODELS["vehicle"]
+    found: list[dict[str, FloatArray]] = []
+    for threads in (1, 3):
+        program, plan = planned(text, f"rollout: 8, threads: {threads}, optimizer: {{{optimizer}}}")
+        arguments = (plan, log_of(program), initial(program), None, None)
+        engine = (
+            TorchEngine(*arguments, KernelObjective)
+            if "lbfgs" in optimizer
+            else NativeEngine(*arguments)
+        )
+        found.append(trained(engine, runs_of(8), 2)[1])
+    for name, weight in found[0].items():
+        np.testing.assert_array_equal(found[1][name], weight)
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_lbfgs_along_the_gradient_of_a_kernel(model: str) -> None:
     require_tool("gcc", install="apt install gcc")
