@@ -56,15 +56,16 @@ class LanePrinter(Printer):
 
     def statement(self, statement: Statement) -> Iterable[str]:
         match statement:
-            case TimeLoop(time, _, step, body, rest):
+            case TimeLoop(variable=time, stop=step, body=body, rest=rest):
                 begin = f"{HORIZON} - ({HORIZON} % {step}U)" if rest else "0"
                 stop = (
                     f"{time} < {HORIZON}" if rest or step == 1 else f"{time} + {step} <= {HORIZON}"
                 )
                 by = 1 if rest else step
                 yield f"for (size_t {time} = {begin}; {stop}; {time} += {by}) {{"
-            case Loop(variable, start, stop, body):
-                yield f"for (size_t {variable} = {start}; {variable} < {stop}; {variable}++) {{"
+            case Loop(variable, start, stop, body, step):
+                by = "++" if step == 1 else f" += {step}"
+                yield f"for (size_t {variable} = {start}; {variable} < {stop}; {variable}{by}) {{"
             case _:
                 yield from super().statement(statement)
                 return

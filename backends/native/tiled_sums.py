@@ -85,7 +85,7 @@ class TiledSum:
         for rest in (False, True):
             inner = scope.inner()
             self._nest({}, self.axes, tiles, 1 if rest else times, inner, store)
-            scope.add(TimeLoop(TIME, 0, times, tuple(inner.statements), rest))
+            scope.add(TimeLoop(TIME, 0, times, tuple(inner.statements), rest=rest))
 
     def _tiles(self) -> dict[str, int]:
         """Results at once along each axis: the last two axes that are longer than 1 share them."""
