@@ -51,12 +51,15 @@ class Compiled:
     warnings: tuple[Diagnostic, ...]
 
 
-def compile_spec(spec: Spec, *, strict_units: bool = False, spec_hash: str = "") -> Compiled:
+def compile_spec(
+    spec: Spec, *, strict_units: bool = False, spec_hash: str = "", draw: int = 0
+) -> Compiled:
     """The program of a spec, in window form.
 
     Raises SpecError with every mistake found; with `strict_units` units that do not fit are errors.
+    Another `draw` has other initial values where they are drawn.
     """
-    lowered = _lowered(spec)
+    lowered = _lowered(spec, draw)
     model, findings = lowered.model, lowered.model.findings
     diagnostics = tuple(
         replace(d, severity="error") if strict_units and d.code in ("W0504", "W0505") else d
@@ -97,11 +100,11 @@ _MOST_LOWERINGS = 100
 """Lengths and axes of buffers settle in two or three, later by at most one equation a lowering."""
 
 
-def _lowered(spec: Spec) -> _Lowered:
+def _lowered(spec: Spec, draw: int) -> _Lowered:
     """The spec lowered until the buffers that it needs are those that it has."""
     remembered: dict[str, Remembered] = {}
     for _ in range(_MOST_LOWERINGS):
-        lowered = _lowered_once(spec, remembered)
+        lowered = _lowered_once(spec, remembered, draw)
         found = lowered.model.histories.found()
         if found == remembered:
             break
@@ -116,8 +119,8 @@ def _lowered(spec: Spec) -> _Lowered:
     return lowered
 
 
-def _lowered_once(spec: Spec, remembered: Mapping[str, Remembered]) -> _Lowered:
-    model = Model(spec, Findings(), remembered)
+def _lowered_once(spec: Spec, remembered: Mapping[str, Remembered], draw: int) -> _Lowered:
+    model = Model(spec, Findings(), remembered, draw)
     outputs = _outputs(model)
     states = _states(model)
     losses = _losses(model, outputs)

@@ -7,7 +7,10 @@ import hashlib
 import numpy as np
 
 
-def generator_of(name: str) -> np.random.Generator:
-    """A counter-based generator (Philox; Salmon et al. 2011) keyed by an array's name."""
-    digest = hashlib.sha256(name.encode()).digest()
+def generator_of(name: str, draw: int = 0) -> np.random.Generator:
+    """A counter-based generator (Philox; Salmon et al. 2011) keyed by an array's name.
+
+    Another `draw` is another generator for each array. No name of a spec has a space.
+    """
+    digest = hashlib.sha256((f"{name} {draw}" if draw else name).encode()).digest()
     return np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:8], "little")))

@@ -73,9 +73,13 @@ def train(
     TrainingInterruptedError.
     """
     from msnn.training import train as engine
+    from msnn.weights_file import initial_weights
 
     options = engine.TrainingOptions(
-        runs=None if runs is None else Path(runs), resume=resume, spec_text=model.text
+        runs=None if runs is None else Path(runs),
+        resume=resume,
+        spec_text=model.text,
+        redrawn=lambda draw: initial_weights(compile_spec(model.spec, draw=draw).program),
     )
     dataset = _measured(model, data, data_root, "training")
     try:

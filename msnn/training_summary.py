@@ -23,17 +23,18 @@ class Recorded:
     def __init__(self, shown: Progress) -> None:
         self.shown = shown
         self.stages: list[tuple[StageEnd, dict[str, float]]] = []
-        self._losses: dict[str, float] = {}
+        self._losses: dict[int, dict[str, float]] = {}
 
     def stage_started(self, event: StageStart) -> None:
+        self._losses = {}
         self.shown.stage_started(event)
 
     def epoch_ended(self, event: EpochEnd) -> None:
-        self._losses = event.losses
+        self._losses[event.attempt] = event.losses
         self.shown.epoch_ended(event)
 
     def stage_ended(self, event: StageEnd) -> None:
-        self.stages.append((event, self._losses))
+        self.stages.append((event, self._losses.get(event.attempt, {})))
         self.shown.stage_ended(event)
 
     def warned(self, diagnostic: Diagnostic) -> None:
@@ -96,6 +97,8 @@ def training_record(
                 "losses": found,
                 "seconds": end.seconds,
                 "ended": end.reason,
+                "run": end.attempt,
+                "runs": end.attempts,
             }
             for end, found in recorded.stages
         ],

@@ -82,7 +82,7 @@ class Stage(Entry):
     """One stage of training; each starts from the best weights of the one before."""
 
     noun: ClassVar[str] = "a training stage"
-    later: ClassVar[frozenset[str]] = frozenset({"schedule", "starts"})
+    later: ClassVar[frozenset[str]] = frozenset({"schedule"})
 
     name: NewName | None = None
     epochs: PositiveCount = 100
@@ -98,6 +98,7 @@ class Stage(Entry):
     dtype: Dtype = "float32"
     engine: EngineName = "auto"
     threads: PositiveCount = 1
+    starts: PositiveCount = 1
     weight_decay: NonNegativeNumber = 0.0
 
     @classmethod

@@ -112,7 +112,8 @@ class LayerContext:
         name = f"{self.name}.{suffix}"
         if initializer is not None:
             return initial_values(self.model, name, initializer, full)
-        return generator_of(name).uniform(-bound, bound, tuple(axis.size for axis in full))
+        generator = generator_of(name, self.model.draw)
+        return generator.uniform(-bound, bound, tuple(axis.size for axis in full))
 
     def apply(self, function: Located[str], nodes: Sequence[NodeId]) -> NodeId:
         """The value of a builtin or of a function of the spec at operands of the same axes.

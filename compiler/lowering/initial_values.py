@@ -44,9 +44,9 @@ def initial_values(
     shape = tuple(axis.size for axis in axes)
     match initializer.choice:
         case NormalInitializer() as normal:
-            return generator_of(name).normal(normal.mean, normal.std, shape)
+            return generator_of(name, model.draw).normal(normal.mean, normal.std, shape)
         case UniformInitializer() as uniform:
-            return generator_of(name).uniform(uniform.min, uniform.max, shape)
+            return generator_of(name, model.draw).uniform(uniform.min, uniform.max, shape)
         case ExpInitializer() | NegexpInitializer() | LinInitializer() as shaped:
             position = _position(model, name, shaped, axes)
             along = [1] * len(axes)

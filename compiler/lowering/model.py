@@ -41,9 +41,15 @@ class Model:
     """A spec being lowered: its names, the graphs that grow, and what was found on the way."""
 
     def __init__(
-        self, spec: Spec, findings: Findings, remembered: Mapping[str, Remembered]
+        self,
+        spec: Spec,
+        findings: Findings,
+        remembered: Mapping[str, Remembered],
+        draw: int = 0,
     ) -> None:
         self.spec = spec
+        self.draw = draw
+        """Which initial values are drawn, where they are."""
         self.findings = findings
         self.scope = Scope(spec, findings)
         seconds = spec.sample_time.value if spec.sample_time else None

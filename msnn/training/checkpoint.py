@@ -16,10 +16,12 @@ from backends.safetensors_bytes import safetensors_bytes
 from msnn.data.dataset import FloatArray
 from msnn.rollout import LossSum
 from msnn.training.engine import EngineState, LossSums
+from msnn.training.stage_result import StageResult
 from spec_schema.diagnostics import SpecError
 from spec_schema.errors import training as errors
 
 _FORMAT = 1
+_LEADER = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +30,7 @@ class Checkpoint:
 
     spec_hash: str
     stage: int
+    attempt: int
     epoch: int
     """Epochs of the stage that are complete."""
     batch: int
@@ -38,22 +41,29 @@ class Checkpoint:
     best_epoch: int
     best: Mapping[str, FloatArray]
     engine: EngineState
+    leader: StageResult | None
+    """The best of the attempts before this one."""
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Writes the file whole or not at all."""
     arrays = {f"best/{name}": np.asarray(v) for name, v in checkpoint.best.items()}
+    leader = checkpoint.leader
+    if leader is not None:
+        arrays |= {f"leader/{name}": np.asarray(v) for name, v in leader.best.items()}
     arrays |= {f"engine{name}": np.asarray(v) for name, v in checkpoint.engine.arrays.items()}
     record = {
         "format": _FORMAT,
         "spec_hash": checkpoint.spec_hash,
         "stage": checkpoint.stage,
+        "attempt": checkpoint.attempt,
         "epoch": checkpoint.epoch,
         "batch": checkpoint.batch,
         "sums": {name: [s.total, s.count] for name, s in checkpoint.sums.items()},
         "best_value": checkpoint.best_value,
         "best_epoch": checkpoint.best_epoch,
         "engine": checkpoint.engine.structure,
+        "leader": None if leader is None else [getattr(leader, name) for name in _LEADER],
     }
     write_bytes(path, safetensors_bytes(arrays, {"msnn": json.dumps(record)}))
 
@@ -70,17 +80,39 @@ def read_checkpoint(path: Path) -> Checkpoint:
         return Checkpoint(
             spec_hash=record["spec_hash"],
             stage=int(record["stage"]),
+            attempt=int(record["attempt"]),
             epoch=int(record["epoch"]),
             batch=int(record["batch"]),
             sums={name: LossSum(float(t), int(n)) for name, (t, n) in record["sums"].items()},
             best_value=float(record["best_value"]),
             best_epoch=int(record["best_epoch"]),
-            best={n.removeprefix("best/"): a for n, a in arrays.items() if n.startswith("best/")},
+            best=_below("best/", arrays),
             engine=EngineState(
-                {n.removeprefix("engine"): a for n, a in arrays.items() if n.startswith("engine")},
+                _below("engine", arrays),
                 record["engine"],
             ),
+            leader=_leader(record["leader"], _below("leader/", arrays)),
         )
     except (OSError, SafetensorError, KeyError, ValueError, TypeError) as error:
         reason = f"{path.name} is not a checkpoint of this version"
         raise SpecError((errors.other_checkpoint(str(path.parent), reason),)) from error
+
+
+def _below(prefix: str, arrays: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """The arrays whose names begin so, without that."""
+    return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
+
+
+def _leader(record: list[Any] | None, best: Mapping[str, FloatArray]) -> StageResult | None:
+    if record is None:
+        return None
+    value, best_epoch, epochs, reason, seconds, attempt = record
+    return StageResult(
+        best,
+        float(value),
+        int(best_epoch),
+        int(epochs),
+        str(reason),
+        float(seconds),
+        int(attempt),
+    )

@@ -20,6 +20,7 @@ class StageStart:
     starts: int
     horizon: str
     monitored_on: str
+    attempts: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,9 @@ class EpochEnd:
     """An epoch that is done; losses are those of the spec, the total is weighted."""
 
     stage: str
+    attempt: int
+    """Which run of the stage (`starts:`), from 1 to `attempts`."""
+    attempts: int
     epoch: int
     epochs: int
     total: float
@@ -35,7 +39,7 @@ class EpochEnd:
     best: float
     best_epoch: int
     seconds: float
-    """Since the stage began."""
+    """Since the attempt began."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,9 @@ class StageEnd:
     """A stage that is over, and why."""
 
     stage: str
+    attempt: int
+    """The one that was best; the numbers are its own."""
+    attempts: int
     epochs: int
     best: float
     best_epoch: int
@@ -93,6 +100,7 @@ class Lines:
         self._line(
             f"stage {event.number}/{event.stages} {event.name}: {event.epochs} epochs, "
             f"{event.starts} starts, horizon {event.horizon}, best on {event.monitored_on}"
+            + (f", best of {event.attempts} runs" if event.attempts > 1 else "")
         )
 
     def epoch_ended(self, event: EpochEnd) -> None:
@@ -101,9 +109,11 @@ class Lines:
         if now - self._shown < self._interval:
             return
         self._shown = now
-        left = event.seconds / event.epoch * (event.epochs - event.epoch)
+        epochs_left = event.epochs * (event.attempts - event.attempt + 1) - event.epoch
+        left = event.seconds / event.epoch * epochs_left
         text = (
-            f"  epoch {event.epoch}/{event.epochs}  loss {event.total:.4g}  "
+            f"  {_run(event.attempt, event.attempts)}"
+            f"epoch {event.epoch}/{event.epochs}  loss {event.total:.4g}  "
             f"monitor {event.monitor:.4g}  best {event.best:.4g} (epoch {event.best_epoch})  "
             f"{event.seconds:.1f} s, {left:.0f} s left"
         )
@@ -116,8 +126,8 @@ class Lines:
     def stage_ended(self, event: StageEnd) -> None:
         """Says how the stage went."""
         self._line(
-            f"  {event.reason} after {event.epochs} epochs, best {event.best:.6g} "
-            f"(epoch {event.best_epoch}), {event.seconds:.1f} s"
+            f"  {_run(event.attempt, event.attempts)}{event.reason} after {event.epochs} epochs, "
+            f"best {event.best:.6g} (epoch {event.best_epoch}), {event.seconds:.1f} s"
         )
 
     def warned(self, diagnostic: Diagnostic) -> None:
@@ -128,3 +138,7 @@ class Lines:
         start = "\r\x1b[2K" if self._terminal else ""
         self._stream.write(f"{start}{text}\n")
         self._stream.flush()
+
+
+def _run(attempt: int, attempts: int) -> str:
+    return f"run {attempt}/{attempts}: " if attempts > 1 else ""

@@ -43,6 +43,8 @@ class StagePlan:
     dtype: Literal["float32", "float64"]
     engine: Literal["auto", "native", "torch"]
     threads: int
+    attempts: int
+    """How often the stage is run, from other initial values each time."""
     span: Span | None
 
     def record(self) -> dict[str, object]:
@@ -71,6 +73,7 @@ class StagePlan:
             "dtype": self.dtype,
             "engine": self.engine,
             "threads": self.threads,
+            "starts": self.attempts,
         }
 
 
@@ -145,6 +148,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         dtype=stage.dtype,
         engine=stage.engine,
         threads=stage.threads,
+        attempts=stage.starts,
         span=span,
     )
 

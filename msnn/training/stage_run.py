@@ -9,29 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.program import Measure
-from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.rollout import LossSum, entry_value
 from msnn.training.checkpoint import Checkpoint
 from msnn.training.engine import Engine, LossSums
 from msnn.training.progress import EpochEnd
 from msnn.training.stage_plan import TOTAL, StagePlan
+from msnn.training.stage_result import StageResult, Weights
 
-Weights = Mapping[str, FloatArray]
 EVALUATION_BATCH = 4096
 """Rollouts that the monitor runs side by side; bounds its memory."""
-
-
-@dataclass(frozen=True, slots=True)
-class StageResult:
-    """How a stage ended; epoch 0 is the weights that it began with."""
-
-    best: Weights
-    best_value: float
-    best_epoch: int
-    epochs: int
-    reason: str
-    seconds: float
 
 
 class Interrupted(Exception):  # noqa: N818  (an event, no error)
@@ -44,7 +31,7 @@ class Interrupted(Exception):  # noqa: N818  (an event, no error)
 
 @dataclass(slots=True)
 class StageRun:
-    """A stage with its engine and data; `run` goes through its epochs."""
+    """One attempt at a stage with its engine and data; `run` goes through its epochs."""
 
     plan: StagePlan
     engine: Engine
@@ -53,6 +40,7 @@ class StageRun:
     spec_hash: str
     stop_asked: Callable[[], bool]
     epoch_ended: Callable[[EpochEnd], None]
+    attempt: int = 0
     epoch: int = 0
     batch: int = 0
     best_value: float = float("inf")
@@ -91,6 +79,7 @@ class StageRun:
             self.epoch,
             reason,
             time.monotonic() - began,
+            self.attempt,
         )
 
     def checkpoint(self) -> Checkpoint:
@@ -99,6 +88,7 @@ class StageRun:
         return Checkpoint(
             self.spec_hash,
             self.plan.index,
+            self.attempt,
             self.epoch,
             self.batch,
             self.sums or {},
@@ -106,10 +96,11 @@ class StageRun:
             self.best_epoch,
             self.best,
             self.engine.state(),
+            None,
         )
 
     def _run_epoch(self) -> LossSums:
-        order = shuffled(len(self.train), self.plan.seed, self.plan.index, self.epoch)
+        order = shuffled(len(self.train), self.plan.seed, self.plan.index, self.epoch, self.attempt)
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
         # a last batch that is smaller is the same as one filled up with members of weight 0
@@ -154,6 +145,8 @@ class StageRun:
         self.epoch_ended(
             EpochEnd(
                 stage=self.plan.name,
+                attempt=self.attempt + 1,
+                attempts=self.plan.attempts,
                 epoch=self.epoch,
                 epochs=self.plan.epochs,
                 total=self._total(losses),
@@ -167,8 +160,8 @@ class StageRun:
 
 
 def shuffled(
-    count: int, seed: int, stage: int, epoch: int
+    count: int, seed: int, stage: int, epoch: int, attempt: int = 0
 ) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """The order of an epoch's starts: a counter decides it, so that a resumed run has the same."""
-    source = np.random.Philox(np.random.SeedSequence([seed, stage, epoch]))
+    source = np.random.Philox(np.random.SeedSequence([seed, stage, epoch, attempt]))
     return np.random.Generator(source).permutation(count)

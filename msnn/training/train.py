@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
+
+import numpy as np
 
 from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray
@@ -19,9 +21,11 @@ from msnn.training.engine import NonFiniteLossError
 from msnn.training.engines import open_engine
 from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.run_folder import RunFolder, interrupted_run, new_run_folder
+from msnn.training.stage_attempts import StageAttempts
 from msnn.training.stage_data import StageData, stage_data
 from msnn.training.stage_plan import StagePlan, plan_stages
-from msnn.training.stage_run import Interrupted, StageResult, StageRun
+from msnn.training.stage_result import StageResult
+from msnn.training.stage_run import Interrupted, StageRun
 from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import training as errors
@@ -36,6 +40,8 @@ class TrainingOptions:
     resume: bool = False
     spec_text: str | None = None
     """The text of the spec, to be kept beside the weights."""
+    redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
+    """Other initial values, by number, for the further runs of a stage with `starts:`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +96,7 @@ def train(
     folder, checkpoint = _folder(program, options)
     if folder is not None and checkpoint is None:
         folder.write_description(_description(program, plans, data), options.spec_text)
-    run = _Run(program, data, ready, folder, progress, findings.in_order)
+    run = _Run(program, data, ready, folder, progress, findings.in_order, options.redrawn)
     with _end_on_interrupt() as stop_asked:
         return run.through(dict(weights or initial_weights(program)), checkpoint, stop_asked)
 
@@ -103,6 +109,7 @@ class _Run:
     folder: RunFolder | None
     progress: Progress
     warnings: tuple[Diagnostic, ...]
+    redrawn: Callable[[int], Mapping[str, FloatArray]] | None
 
     def through(
         self,
@@ -114,7 +121,7 @@ class _Run:
         for plan, data in self.stages:
             if checkpoint is not None and plan.index < checkpoint.stage:
                 continue
-            stage = self._stage(plan, data, weights, stop_asked)
+            stage = self._attempts(plan, data, weights, stop_asked)
             if checkpoint is not None and plan.index == checkpoint.stage:
                 stage.resume(checkpoint)
             self._announce(plan, data)
@@ -131,8 +138,7 @@ class _Run:
                 self._keep(stage.best or weights)
                 if self.folder is not None:  # a resumed run may have been the latest
                     self.folder.be_not_latest()
-                now = stage.engine.weights()
-                diagnostic = explain_divergence(plan, self.data, now, fault.runs, stage.epoch + 1)
+                diagnostic = self._explained(stage.current, fault)
                 found = self._result(stage.best or weights, done)
                 raise TrainingDivergedError(diagnostic, found) from None
             done.append(result)
@@ -144,28 +150,56 @@ class _Run:
             self.folder.become_latest()
         return self._result(weights, done)
 
-    def _stage(
+    def _attempts(
         self,
         plan: StagePlan,
         data: StageData,
         weights: Mapping[str, FloatArray],
         stop_asked: threading.Event,
-    ) -> StageRun:
-        opened = open_engine(plan, self.data.series, weights, data)
-        engine = opened.engine
-        for note in opened.notes:
-            self.progress.warned(note)
-        if engine.moved:
-            self.progress.warned(errors.moved_off_bound(engine.moved))
-        return StageRun(
-            plan,
-            engine,
-            data.train,
-            data.watched,
-            self.program.spec_hash,
-            stop_asked.is_set,
-            self._epoch_ended,
-        )
+    ) -> StageAttempts:
+        def opened(attempt: int) -> StageRun:
+            begin = self._begin(plan, weights, attempt)
+            opened = open_engine(plan, self.data.series, begin, data)
+            engine = opened.engine
+            for note in opened.notes if attempt == 0 else ():
+                self.progress.warned(note)
+            if engine.moved:
+                self.progress.warned(errors.moved_off_bound(engine.moved))
+            return StageRun(
+                plan,
+                engine,
+                data.train,
+                data.watched,
+                self.program.spec_hash,
+                stop_asked.is_set,
+                self._epoch_ended,
+                attempt,
+            )
+
+        return StageAttempts(plan, opened, self._left_out)
+
+    def _begin(
+        self, plan: StagePlan, weights: Mapping[str, FloatArray], attempt: int
+    ) -> Mapping[str, FloatArray]:
+        """Where an attempt begins: trained parameters at their initial values are drawn again."""
+        if attempt == 0 or self.redrawn is None:
+            return weights
+        initial, drawn = initial_weights(self.program), self.redrawn(attempt)
+        return {
+            name: drawn[name]
+            if name in plan.trained and np.array_equal(value, initial[name])
+            else value
+            for name, value in weights.items()
+        }
+
+    def _left_out(self, attempt: StageRun, fault: NonFiniteLossError) -> None:
+        why = self._explained(attempt, fault)
+        number = attempt.attempt + 1
+        self.progress.warned(errors.attempt_left_out(number, attempt.plan.attempts, why))
+
+    def _explained(self, attempt: StageRun, fault: NonFiniteLossError) -> Diagnostic:
+        now, epoch = attempt.engine.weights(), attempt.epoch + 1
+        return explain_divergence(attempt.plan, self.data, now, fault.runs, epoch)
 
     def _announce(self, plan: StagePlan, data: StageData) -> None:
         self.progress.stage_started(
@@ -177,6 +211,7 @@ class _Run:
                 starts=len(data.train),
                 horizon=str(plan.rollout.horizon),
                 monitored_on=data.watched_set,
+                attempts=plan.attempts,
             )
         )
 
@@ -199,6 +234,8 @@ class _Run:
 def _stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
     return StageEnd(
         plan.name,
+        result.attempt + 1,
+        plan.attempts,
         result.epochs,
         result.best_value,
         result.best_epoch,

@@ -281,6 +281,17 @@ def at_bound(name: str, span: Span | None) -> Diagnostic:
     )
 
 
+def attempt_left_out(number: int, attempts: int, why: Diagnostic) -> Diagnostic:
+    """W0906: one of several runs of a stage that diverged while others go on."""
+    return Diagnostic(
+        "W0906",
+        "warning",
+        f"run {number} of {attempts} is left out: {why.message}",
+        why.span,
+        why.label,
+    )
+
+
 def no_native_engine(stage: str, reason: str, span: Span | None) -> Diagnostic:
     """E0922: kernels asked for where there can be none."""
     return Diagnostic(

@@ -1,0 +1,24 @@
+"""How a stage of training ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from msnn.data.dataset import FloatArray
+
+Weights = Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class StageResult:
+    """The best weights and where they were found; epoch 0 is what the attempt began with."""
+
+    best: Weights
+    best_value: float
+    best_epoch: int
+    epochs: int
+    reason: str
+    seconds: float
+    attempt: int
+    """Which of the stage's attempts this is, from 0."""
