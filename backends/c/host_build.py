@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import shlex
-import shutil
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-_COMPILERS = ("gcc", "clang", "cc")
-
-
-class CompilerMissingError(Exception):
-    """This machine has no C compiler that is known here."""
-
-    def __init__(self) -> None:
-        super().__init__("no C compiler found: set CC, or install gcc or clang")
+from backends.c_compiler import find_compiler
 
 
 class CompilerFailedError(Exception):
@@ -25,23 +16,6 @@ class CompilerFailedError(Exception):
     def __init__(self, command: Sequence[str], output: str) -> None:
         super().__init__(f"{shlex.join(command)}\n{output}")
         self.output = output
-
-
-def find_compiler() -> tuple[str, ...]:
-    """The command of a C compiler: the words of `CC`, else gcc, clang or cc.
-
-    Raises CompilerMissingError.
-    """
-    chosen = shlex.split(os.environ.get("CC", ""))
-    if chosen:
-        if shutil.which(chosen[0]) is None:
-            raise CompilerMissingError
-        return tuple(chosen)
-    for name in _COMPILERS:
-        found = shutil.which(name)
-        if found is not None:
-            return (found,)
-    raise CompilerMissingError
 
 
 def build_library(

@@ -6,12 +6,12 @@ import ctypes
 import hashlib
 import os
 import platform
-import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 from backends.atomic_write import replacing
+from backends.c_compiler import find_compiler
 
 FLAGS = (
     "-std=gnu11",
@@ -31,30 +31,8 @@ be told from numbers, and the math kernels lose the roundings they are made of. 
 writes long sums as several short ones."""
 
 
-class NoCompilerError(Exception):
-    """No C compiler is on the path."""
-
-
 class KernelBuildError(Exception):
     """The compiler refused a kernel: a bug of the emitter, with the compiler's own words."""
-
-
-@dataclass(frozen=True, slots=True)
-class Compiler:
-    """A C compiler: the command, and what its version says."""
-
-    command: tuple[str, ...]
-    version: str
-
-
-def find_compiler() -> Compiler:
-    """The compiler of CC, else gcc, clang or cc. Raises NoCompilerError."""
-    for name in filter(None, (os.environ.get("CC"), "gcc", "clang", "cc")):
-        path = shutil.which(name)
-        if path is not None:
-            told = subprocess.run([path, "--version"], capture_output=True, text=True, check=False)
-            return Compiler((path,), told.stdout.partition("\n")[0])
-    raise NoCompilerError("no C compiler: install gcc or clang, or set CC")
 
 
 def cache_folder() -> Path:
@@ -86,11 +64,11 @@ class Built:
 def compiled_kernel(source: str) -> Built:
     """The loaded kernel of a source, compiled if it was not yet.
 
-    Raises NoCompilerError and KernelBuildError. Several processes may ask for one kernel at once:
-    each builds its own file and the rename is atomic.
+    Raises CompilerMissingError and KernelBuildError. Several processes may ask for one kernel at
+    once: each builds its own file and the rename is atomic.
     """
     compiler = find_compiler()
-    described = "\n".join((source, *FLAGS, *compiler.command, compiler.version, _processor()))
+    described = "\n".join((source, *FLAGS, *compiler, _version(compiler), _processor()))
     key = hashlib.sha256(described.encode()).hexdigest()[:32]
     path = cache_folder() / f"{key}.so"
     if not path.exists():
@@ -98,12 +76,18 @@ def compiled_kernel(source: str) -> Built:
     return Built(ctypes.CDLL(str(path)), path.with_suffix(".checked"))
 
 
-def _compile(compiler: Compiler, source: str, path: Path) -> None:
+def _compile(compiler: tuple[str, ...], source: str, path: Path) -> None:
     with replacing(path) as temporary:
-        command = [*compiler.command, *FLAGS, "-o", str(temporary), "-x", "c", "-", "-lm"]
+        command = [*compiler, *FLAGS, "-o", str(temporary), "-x", "c", "-", "-lm"]
         done = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise KernelBuildError(done.stderr[-2000:])
+
+
+def _version(compiler: tuple[str, ...]) -> str:
+    """What the compiler says of itself."""
+    told = subprocess.run([*compiler, "--version"], capture_output=True, text=True, check=False)
+    return told.stdout.partition("\n")[0]
 
 
 def _processor() -> str:

@@ -54,7 +54,7 @@ class Losses:
 
 
 class Kernel:
-    """One program, its loops closed, compiled for this machine. Raises NoCompilerError."""
+    """One program, its loops closed, compiled for this machine. Raises CompilerMissingError."""
 
     def __init__(
         self, program: Program, dtype: Dtype, threads: int = 1, kept_bytes: int = KEPT_BYTES

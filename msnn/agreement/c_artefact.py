@@ -13,8 +13,9 @@ import numpy as np
 
 from backends.c import COptions
 from backends.c.c_step import CStep
-from backends.c.host_build import CompilerFailedError, CompilerMissingError, build_library
+from backends.c.host_build import CompilerFailedError, build_library
 from backends.c.interface import Interface, c_interface
+from backends.c_compiler import CompilerMissingError
 from msnn.agreement.judge import Arrays, Judgement
 from msnn.exporting import ExportPlan
 from msnn.failures import MissingExtraError

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from backends.native.compile_kernel import NoCompilerError
+from backends.c_compiler import CompilerMissingError
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.training.native_engine import NativeEngine
 from msnn.training.stage_data import StageData
@@ -52,7 +52,7 @@ def open_engine(
     if plan.engine != "torch":
         try:
             return OpenedEngine(_native(plan, arguments), ())
-        except NoCompilerError as error:
+        except CompilerMissingError as error:
             if plan.engine == "native":
                 found = errors.no_native_engine(plan.name, str(error), plan.span)
                 raise SpecError((found,)) from None

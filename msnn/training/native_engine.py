@@ -22,7 +22,7 @@ BATCHES_A_CALL = 200
 class NativeEngine:
     """Trains the parameters `plan.trained` of one stage; the others keep their values.
 
-    Raises NoCompilerError where there is no C compiler.
+    Raises CompilerMissingError where there is no C compiler.
     """
 
     batches_a_call = BATCHES_A_CALL

@@ -76,7 +76,7 @@ class TorchObjective:
 
 
 class KernelObjective:
-    """Asks a training kernel for losses and gradient. Raises NoCompilerError."""
+    """Asks a training kernel for losses and gradient. Raises CompilerMissingError."""
 
     def __init__(
         self,

@@ -1,0 +1,37 @@
+"""Finds a C compiler on this machine."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shlex
+import shutil
+import sys
+
+_COMPILERS = ("gcc", "clang", "cc")
+
+
+class CompilerMissingError(Exception):
+    """This machine has no C compiler that is known here."""
+
+    def __init__(self) -> None:
+        super().__init__("no C compiler found: install gcc, clang or `msnn[zig]`, or set CC")
+
+
+def find_compiler() -> tuple[str, ...]:
+    """The command: the words of `CC`, else gcc, clang or cc, else that of the wheel `ziglang`.
+
+    Raises CompilerMissingError.
+    """
+    chosen = shlex.split(os.environ.get("CC", ""))
+    if chosen:
+        if shutil.which(chosen[0]) is None:
+            raise CompilerMissingError
+        return tuple(chosen)
+    for name in _COMPILERS:
+        found = shutil.which(name)
+        if found is not None:
+            return (found,)
+    if importlib.util.find_spec("ziglang") is not None:
+        return (sys.executable, "-m", "ziglang", "cc")
+    raise CompilerMissingError
