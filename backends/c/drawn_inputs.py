@@ -22,11 +22,14 @@ def drawn_log(program: Program, random: np.random.Generator) -> tuple[dict[str, 
     reads = extents(program.start, log=True)
     t0 = max([0, *(-extent.first for extent in reads.values())])
     rows = t0 + 1 + max([0, *(extent.last for extent in reads.values())])
+    # a measured state starts anywhere in its range
+    ranges = {state.name: state.range for state in program.states}
     log: dict[str, Array] = {}
     for name in reads:
         signal = program.signal(name)
         shape = tuple(axis.size for axis in signal.axes)
-        log[name] = random.uniform(*_drawable(signal), (rows, *shape))
+        limits = _drawable(signal.range or ranges.get(name))
+        log[name] = random.uniform(*limits, (rows, *shape))
     return log, t0
 
 
@@ -37,7 +40,7 @@ def drawn_series(input: InputField, steps: int, random: np.random.Generator) -> 
     one is outside the range, and the last is NaN, as it would spoil what follows.
     """
     signal = input.port.signal
-    series = random.uniform(*_drawable(signal), (steps, *input.field.shape))
+    series = random.uniform(*_drawable(signal.range), (steps, *input.field.shape))
     first = series.reshape(steps, -1)[:, 0]
     kinds = _outside(signal)
     match signal.on_invalid:
@@ -53,11 +56,11 @@ def drawn_series(input: InputField, steps: int, random: np.random.Generator) -> 
     return series
 
 
-def _drawable(signal: Signal) -> tuple[float, float]:
+def _drawable(range: tuple[float, float] | None) -> tuple[float, float]:
     """Finite limits to draw between."""
-    if signal.range is None:
+    if range is None:
         return -1.0, 1.0
-    low, high = signal.range
+    low, high = range
     if math.isfinite(low):
         return low, high if math.isfinite(high) else low + 2.0
     return (high - 2.0, high) if math.isfinite(high) else (-1.0, 1.0)

@@ -30,7 +30,7 @@ from backends.c.c_language import (
     Unsigned,
 )
 from backends.c.functions import is_nan
-from backends.c.golden_vectors import GoldenVectors
+from backends.c.golden_vectors import GoldenVectors, joined
 from backends.c.interface import Field, Interface
 from backends.c.places import Index, Place, variable
 from backends.c.scope import LocalNames, Scope
@@ -38,19 +38,23 @@ from backends.c.structs import RESERVED
 from backends.c.values import copy_value
 
 Array = NDArray[Any]
-_STEP = "step"
+_STEP, _RUN = "step", "run"
 
 
-def golden_functions(interface: Interface, golden: GoldenVectors) -> tuple[Function, ...]:
-    """`<prefix>_load_start(x0)`, `_load_inputs(u, step)`, `_results_differ(status, y, step)`."""
+def golden_functions(interface: Interface, runs: Sequence[GoldenVectors]) -> tuple[Function, ...]:
+    """`<prefix>_load_start(x0, run)`, `_load_inputs(u, step)`, `_results_differ(status, y, step)`.
+
+    Steps are counted through all runs.
+    """
     prefix = interface.prefix
-    starts = [(field, golden.windows[field.name]) for field, _ in interface.windows]
-    starts += [(field, golden.supplied[field.name]) for field, _ in interface.supplied]
+    golden = joined(runs)
+    starts = [(f, np.stack([run.windows[f.name] for run in runs])) for f, _ in interface.windows]
+    starts += [(f, np.stack([run.supplied[f.name] for run in runs])) for f, _ in interface.supplied]
     inputs = [(input.field, golden.inputs[input.field.name]) for input in interface.inputs]
     outputs = [(field, golden.outputs[field.name]) for field in interface.outputs]
     return (
         *((differs_function(prefix),) if outputs else ()),
-        _load_start(interface, starts),
+        _load_start(interface, starts, len(runs)),
         _load_inputs(interface, inputs, len(golden.status)),
         _comparison(interface, outputs, golden),
     )
@@ -86,11 +90,11 @@ def _table(name: str, fields: Sequence[tuple[Field, Array]], steps: int) -> Tabl
     return Table(name, tuple(numbers), hexadecimal=True)
 
 
-def _row(table: str, fields: Iterable[Field], step: str | None) -> list[Place]:
+def _row(table: str, fields: Iterable[Field], row: str) -> list[Place]:
     """Where each field stands in the table."""
     listed = list(fields)
     width = sum(field.size for field in listed)
-    begin = Index() if step is None else variable(step).times(width)
+    begin = variable(row).times(width)
     places: list[Place] = []
     for field in listed:
         place = Place.array(Name(table), field.shape)
@@ -99,11 +103,13 @@ def _row(table: str, fields: Iterable[Field], step: str | None) -> list[Place]:
     return places
 
 
-def _load_start(interface: Interface, starts: Sequence[tuple[Field, Array]]) -> Function:
+def _load_start(interface: Interface, starts: Sequence[tuple[Field, Array]], runs: int) -> Function:
     scope = Scope(LocalNames(interface.prefix))
     if starts:
-        scope.add(_table("golden", starts, 1))
-    return _loader(interface, scope, "start", Argument("init", "x0"), [f for f, _ in starts], None)
+        scope.add(_table("golden", starts, runs))
+    else:
+        scope.add(Discard(_RUN))
+    return _loader(interface, scope, "start", Argument("init", "x0"), [f for f, _ in starts], _RUN)
 
 
 def _load_inputs(
@@ -123,16 +129,18 @@ def _loader(
     name: str,
     struct: Argument,
     fields: list[Field],
-    step: str | None,
+    row_name: str,
 ) -> Function:
     """Copies one row of the table `golden` into a struct."""
     prefix = interface.prefix
     if not fields:
         scope.assign(Member(struct.name, RESERVED), Unsigned(0))
-    for field, row in zip(fields, _row("golden", fields, step), strict=True):
+    for field, row in zip(fields, _row("golden", fields, row_name), strict=True):
         copy_value(row, field.place(struct.name), scope, interface.options.unroll)
-    arguments = [Argument(f"{prefix}_{struct.type}_t *", struct.name)]
-    arguments += [] if step is None else [Argument("uint32_t", step)]
+    arguments = [
+        Argument(f"{prefix}_{struct.type}_t *", struct.name),
+        Argument("uint32_t", row_name),
+    ]
     body = tuple(scope.statements)
     return Function(f"{prefix}_load_{name}", "void", tuple(arguments), body, static=True)
 

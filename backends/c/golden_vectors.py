@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,8 +40,12 @@ def golden_vectors(
     weights: Mapping[str, Array],
     steps: int,
     seed: int = 0,
+    *,
+    from_init: bool = False,
 ) -> GoldenVectors:
     """`steps` steps from a drawn past, each from the states that the one before left.
+
+    With `from_init` they begin without a past, as after `init`.
 
     The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
     """
@@ -68,6 +72,10 @@ def golden_vectors(
             name = input.field.name
             checked = apply_policy(input.port.signal, inputs[name][k], seen[name], dtype)
             seen[name], bits = checked[0], bits | checked[1]
+        if from_init and interface.from_record:
+            states = _unset(interpreter, interface, states, _log_of_step(interface, seen), k)
+            waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
+            bits |= Status.UNINITIALISED if waits else Status(0)
         result = interpreter.step(*_log_of_step(interface, seen), states, losses=False)
         states = result.next_states
         for name, values in outputs.items():
@@ -80,8 +88,51 @@ def golden_vectors(
     return GoldenVectors(windows, starts, inputs, outputs, status)
 
 
-def expected_text(interface: Interface, golden: GoldenVectors) -> str:
-    """One line a step: the status, then each output's bits, in hexadecimal digits; or `nan`."""
+def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
+    """The steps of all runs one after the other, with the start of the first."""
+    first = runs[0]
+    return replace(
+        first,
+        inputs={n: np.concatenate([run.inputs[n] for run in runs]) for n in first.inputs},
+        outputs={n: np.concatenate([run.outputs[n] for run in runs]) for n in first.outputs},
+        status=np.concatenate([run.status for run in runs]),
+    )
+
+
+def _unset(
+    interpreter: Interpreter,
+    interface: Interface,
+    states: dict[str, Array],
+    log: tuple[dict[str, Array], int],
+    step: int,
+) -> dict[str, Array]:
+    """States after `init`: the first step fills buffers with its newest sample.
+
+    A buffer's sample may be computed from other buffers, so they are filled until none changes.
+    """
+    if step > 0:
+        return states
+    filled = {
+        name: np.zeros_like(value) if name in interface.from_record else value
+        for name, value in states.items()
+    }
+    for _ in interface.filled_by_first:
+        following = interpreter.step(*log, filled, losses=False).next_states
+        for name in interface.filled_by_first:
+            newest = following[name][..., -1:]
+            filled[name] = np.broadcast_to(newest, filled[name].shape).copy()
+    return filled
+
+
+def expected_text(interface: Interface, runs: Sequence[GoldenVectors]) -> str:
+    """One line a step: the status, then each output's bits, in hexadecimal digits; or `nan`.
+
+    There is an empty line between two runs.
+    """
+    return "\n".join(_expected_run(interface, run) for run in runs)
+
+
+def _expected_run(interface: Interface, golden: GoldenVectors) -> str:
     steps = len(golden.status)
     parts = [golden.outputs[field.name].reshape(steps, -1) for field in interface.outputs]
     rows = np.concatenate(parts, axis=1) if parts else np.empty((steps, 0), np.float32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from compiler.program import Program
 SELFTEST_STEPS = 16
 """Golden steps that travel with the code to the target."""
 
-_TEST_STEPS = 200
-"""Golden steps of the test program."""
+_TEST_RUNS, _TEST_STEPS = 10, 25
+"""Golden runs of the test program, each from another past and the last without one, and the steps
+of each."""
 
 _SELFTEST_SEED, _TEST_SEED = 1, 2
 
@@ -32,7 +33,7 @@ def selftest_text(
     dtype, prefix = interface.options.dtype, interface.prefix
     printer = Printer(prefix, dtype)
     golden = golden_vectors(program, interface, weights, SELFTEST_STEPS, _SELFTEST_SEED)
-    functions = _golden(interface, golden)
+    functions = _golden(interface, [golden])
     if kernels:
         if not interface.outputs:
             functions.append(printer.function(differs_function(prefix)))
@@ -58,21 +59,32 @@ def selftest_text(
 def test_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
     """`test/<prefix>_sil.c`, the vectors that it replays, and the bits that it must answer."""
     prefix = interface.prefix
-    golden = golden_vectors(program, interface, weights, _TEST_STEPS, _TEST_SEED)
+    runs = [
+        golden_vectors(
+            program,
+            interface,
+            weights,
+            _TEST_STEPS,
+            _TEST_SEED + run,
+            from_init=run == _TEST_RUNS - 1,
+        )
+        for run in range(_TEST_RUNS)
+    ]
     vectors = render(
         "vectors.h.j2",
         interface,
         "Golden vectors",
         guard=f"{prefix.upper()}_VECTORS_H",
-        functions=_golden(interface, golden),
+        functions=_golden(interface, runs),
     )
+    main = render("main.c.j2", interface, "Test program", runs=_TEST_RUNS, steps=_TEST_STEPS)
     return {
-        f"test/{prefix}_sil.c": render("main.c.j2", interface, "Test program", steps=_TEST_STEPS),
+        f"test/{prefix}_sil.c": main,
         f"test/{prefix}_vectors.h": vectors,
-        f"test/{prefix}_expected.txt": expected_text(interface, golden),
+        f"test/{prefix}_expected.txt": expected_text(interface, runs),
     }
 
 
-def _golden(interface: Interface, vectors: GoldenVectors) -> list[str]:
+def _golden(interface: Interface, runs: Sequence[GoldenVectors]) -> list[str]:
     printer = Printer(interface.prefix, interface.options.dtype)
-    return [printer.function(function) for function in golden_functions(interface, vectors)]
+    return [printer.function(function) for function in golden_functions(interface, runs)]

@@ -141,9 +141,9 @@ class _Build:
     def instructions(self) -> tuple[int, float, int]:
         """Of a step: least, mean and most."""
         text = (self.folder / "counts.txt").read_text(encoding="utf-8")
-        idle, *counts = (int(line) for line in text.split())
-        steps = len(self.model.expected)
-        own = [count - idle + _RETURN for count in counts[:steps]]
+        counts = [int(line) for line in text.split()]
+        idle, first = counts[0], len(self.model.expected) // self.model.runs
+        own = [count - idle + _RETURN for count in counts[first : first + len(self.model.expected)]]
         return min(own), sum(own) / len(own), max(own)
 
     def sizes(self) -> tuple[int, int, int]:

@@ -44,6 +44,8 @@ class ExportedC:
     outputs: tuple[Member, ...]
     expected: tuple[str, ...]
     """What each golden step answers: status and bits of the outputs in hexadecimal digits."""
+    runs: int
+    """Of as many steps each; all but the last begin with a reset, the last with init."""
 
     @property
     def include(self) -> Path:
@@ -89,7 +91,8 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
         inputs=_members(structs["in"]),
         state=_members(structs["state"]),
         outputs=_members(structs["out"]),
-        expected=tuple(expected.splitlines()),
+        expected=tuple(line for line in expected.splitlines() if line),
+        runs=len(expected.rstrip("\n").split("\n\n")),
     )
 
 

@@ -20,7 +20,8 @@ def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -
         "prefix": model.prefix,
         "takes_parameters": model.takes_parameters,
         "params": f", &{model.prefix}_params_default" if model.takes_parameters else "",
-        "steps": len(model.expected),
+        "runs": model.runs,
+        "steps": len(model.expected) // model.runs,
         "reals": model.reals,
     }
     text = _environment().get_template(f"{template}.j2").render(**common, **facts)
