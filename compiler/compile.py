@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from compiler.builder import GraphBuilder
-from compiler.liveness import needed
+from compiler.liveness import needed, needed_over_time
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.histories import Remembered
+from compiler.lowering.histories import Known
 from compiler.lowering.losses import default_loss, lower_loss
 from compiler.lowering.model import Model
 from compiler.lowering.scope import Kind
@@ -102,13 +101,13 @@ _MOST_LOWERINGS = 100
 
 def _lowered(spec: Spec, draw: int) -> _Lowered:
     """The spec lowered until the buffers that it needs are those that it has."""
-    remembered: dict[str, Remembered] = {}
+    known = Known()
     for _ in range(_MOST_LOWERINGS):
-        lowered = _lowered_once(spec, remembered, draw)
-        found = lowered.model.histories.found()
-        if found == remembered:
+        lowered = _lowered_once(spec, known, draw)
+        found = lowered.model.found()
+        if found == known:
             break
-        remembered = found
+        known = found
     else:
         raise AssertionError("the buffers of a spec do not settle")
     lowered.states.extend(lowered.model.histories.states())
@@ -119,8 +118,8 @@ def _lowered(spec: Spec, draw: int) -> _Lowered:
     return lowered
 
 
-def _lowered_once(spec: Spec, remembered: Mapping[str, Remembered], draw: int) -> _Lowered:
-    model = Model(spec, Findings(), remembered, draw)
+def _lowered_once(spec: Spec, known: Known, draw: int) -> _Lowered:
+    model = Model(spec, Findings(), known, draw)
     outputs = _outputs(model)
     states = _states(model)
     losses = _losses(model, outputs)
@@ -132,7 +131,7 @@ def _outputs(model: Model) -> list[Output]:
     found: list[Output] = []
     for name, entry in model.spec.outputs.items():
         try:
-            node = model.entry(name, entry, _STEP, entry.place.key)
+            node = model.entries.value(name, entry, _STEP, entry.place.key)
             predicts = _prediction(model, name, entry)
         except LoweringFailed:
             continue
@@ -225,16 +224,20 @@ def _states(model: Model) -> list[State]:
 
 
 def _report_log_reads(model: Model, outputs: list[Output], table: list[State]) -> None:
-    """A deployed step has no log: outputs and states must do without (losses need not)."""
+    """A deployed step has no log: outputs and their states must do without (losses need not)."""
     graph = model.builder(_STEP).graph()
+    following = {state.name: state.next for state in table}
+    _, deployed = needed_over_time(graph, following, [output.node for output in outputs])
     results = [(output.name, output.node, output.span) for output in outputs]
-    results += [(state.name, state.next, state.span) for state in table]
+    results += [(s.name, s.next, s.span) for s in table if s.name in deployed]
+    reported: set[int] = set()
     for name, node, span in results:
         for index, is_needed in enumerate(needed(graph, (node,))):
             op = graph[index].op
-            if is_needed and isinstance(op, ReadLog):
+            if is_needed and isinstance(op, ReadLog) and index not in reported:
                 place = graph[index].span or span
                 assert place is not None
+                reported.add(index)
                 model.findings.report(times.target_in_step(op.signal, name, place))
 
 
@@ -242,7 +245,7 @@ def _unused_equations(model: Model) -> None:
     """Lowers the equations that nothing needs, so that their mistakes are found too."""
     for name, entry in model.spec.equations.items():
         with suppress(LoweringFailed):
-            model.entry(name, entry, _STEP, entry.place.key)
+            model.entries.value(name, entry, _STEP, entry.place.key)
 
 
 def _report_unused(model: Model) -> None:

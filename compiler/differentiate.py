@@ -163,7 +163,7 @@ class _Rule:
             case Negate():
                 return b.negate(g)
             case Multiply():
-                return b.multiply(g, args[1 - position])
+                return self._times(args[1 - position])
             case Divide():
                 share = b.divide(g, args[1])
                 return share if position == 0 else b.negate(b.multiply(share, self.node))
@@ -179,8 +179,7 @@ class _Rule:
                 return self._chosen(args[0], position == 1)
             case Apply(function=function):
                 derivative = SCALAR_FUNCTIONS[function].derivatives[position]
-                slope = derivative(b, args, self.node)
-                return b.multiply(g, slope)
+                return self._times(derivative(b, args, self.node))
             case Broadcast():
                 return self._summed_to(b.type(args[0]).axes, g)
             case Reshape():
@@ -201,6 +200,16 @@ class _Rule:
                 raise AssertionError("an operation without real operands has no shares")
             case _:
                 assert_never(node.op)
+
+    def _times(self, slope: NodeId) -> NodeId:
+        """adjoint · slope, without the product where the adjoint is the 1 of a plain gradient."""
+        b = self.builder
+        seed = b.node(self.adjoint)
+        if isinstance(seed.op, Broadcast):
+            seed = b.node(seed.args[0])
+        if seed.op == Constant((1.0,)) and b.type(slope).axes == b.type(self.adjoint).axes:
+            return slope
+        return b.multiply(self.adjoint, slope)
 
     def _chosen(self, condition: NodeId, when: bool) -> NodeId:
         """The adjoint where the condition has this value, elsewhere 0."""

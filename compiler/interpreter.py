@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from compiler.liveness import needed
+from compiler.liveness import needed, states_beside_the_log
 from compiler.node_evaluators import Array, Evaluator, Surroundings, evaluator
 from compiler.ops import ReadLog, ReadSignal, ReadState, Window
 from compiler.program import Extent, Graph, NodeId, Program
@@ -59,13 +59,18 @@ class Interpreter:
             raise ValueError(message)
         self.weights = physical_weights(program, weights or {})
         states = program.states
-        wanted = [output.node for output in program.outputs] + [state.next for state in states]
-        scored = [loss.prediction for loss in program.losses]
+        following = {state.name: state.next for state in states}
+        beside = states_beside_the_log(program.step, following)
+        self._simulated = {n: node for n, node in following.items() if n not in beside}
+        outputs = [output.node for output in program.outputs]
+        scored = [state.next for state in states]
+        scored += [loss.prediction for loss in program.losses]
         scored += [loss.target for loss in program.losses if loss.target is not None]
         with np.errstate(all="ignore"):
             self._start = self._prepared(program.start, [state.start for state in states])
-            self._simulate = self._prepared(program.step, wanted)
-            self._score = self._prepared(program.step, wanted + scored)
+            simulated = [*outputs, *self._simulated.values()]
+            self._simulate = self._prepared(program.step, simulated)
+            self._score = self._prepared(program.step, outputs + scored)
 
     def start(self, log: Mapping[str, Array], t0: ArrayLike) -> States:
         """The states before the first step of runs that begin at rows t0."""
@@ -84,13 +89,18 @@ class Interpreter:
         *,
         losses: bool = True,
     ) -> StepValues:
-        """One step at rows t; without `losses` the log needs no targets."""
+        """One step at rows t; without `losses` the log needs no targets.
+
+        States that only losses need and that read the log are then left out.
+        """
         rows = _rows(t)
         plan = self._score if losses else self._simulate
+        every = {state.name: state.next for state in self.program.states}
+        following = every if losses else self._simulated
         values = plan.run(Surroundings(log, rows, self._cast(states)))
         return StepValues(
             {out.name: _value(values, out.node, rows) for out in self.program.outputs},
-            {state.name: _value(values, state.next, rows) for state in self.program.states},
+            {name: _value(values, node, rows) for name, node in following.items()},
             {
                 loss.name: (
                     _value(values, loss.prediction, rows),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from compiler.liveness import needed
+from compiler.liveness import needed, needed_over_time
 from compiler.op_rules import LONGEST_NAME, Sources, broken_axes, broken_rule
 from compiler.ops import ReadLog, ReadSignal, ReadState, Window
 from compiler.program import (
@@ -182,12 +182,13 @@ def _check_loss(step: Graph, loss: Loss) -> None:
 
 def _check_log_reads(program: Program) -> None:
     step = program.step
-    deployed = [output.node for output in program.outputs]
-    deployed += [state.next for state in program.states]
+    outputs = [output.node for output in program.outputs]
+    # a state that only losses need runs beside the log
+    deployed, _ = needed_over_time(step, {s.name: s.next for s in program.states}, outputs)
     targets = [loss.target for loss in program.losses if loss.target is not None]
-    for index, node in _reached(step, deployed):
-        if isinstance(node.op, ReadLog):
-            raise InvalidProgram(f"node {index}: an output or a state reads the log", node)
+    for index, node in step:
+        if deployed[index] and isinstance(node.op, ReadLog):
+            raise InvalidProgram(f"node {index}: an output or its state reads the log", node)
     for index, node in _reached(step, targets):
         if isinstance(node.op, ReadSignal | ReadState | Window):
             raise InvalidProgram(f"node {index}: a target reads the simulation", node)

@@ -13,6 +13,7 @@ import numpy as np
 
 from backends.atomic_write import write_text
 from compiler.interpreter import Interpreter
+from compiler.liveness import states_beside_the_log
 from compiler.passes.close_loop import close_loop
 from compiler.program import Output, Program, Role
 from msnn.data.dataset import Dataset, FloatArray, Record
@@ -45,7 +46,10 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
         inputs = {signal.name for signal in program.signals if signal.role is Role.INPUT}
         predicted = (out.predicts.signal for out in program.outputs if out.predicts is not None)
         close = dict.fromkeys(name for name in predicted if name in inputs)
-    closed = replace(close_loop(program, tuple(close)), losses=())
+    closed = close_loop(program, tuple(close))
+    beside = states_beside_the_log(closed.step, {s.name: s.next for s in closed.states})
+    kept = tuple(state for state in closed.states if state.name not in beside)
+    closed = replace(closed, losses=(), states=kept)
     wanted = [output.node for output in closed.outputs] + [state.next for state in closed.states]
     read = {**reads(closed.step, wanted)}
     read |= reads(closed.start, [state.start for state in closed.states])

@@ -14,6 +14,22 @@ class Euler(Entry):
     substeps: PositiveCount = 1
 
 
+class SemiImplicit(Entry):
+    """Symplectic Euler, one state after the other as listed, with steps of dt/substeps."""
+
+    noun: ClassVar[str] = "the semi_implicit integrator"
+
+    substeps: PositiveCount = 1
+
+
+class LinearImplicit(Entry):
+    """Linearly implicit Euler, for stiff systems of few states, with steps of dt/substeps."""
+
+    noun: ClassVar[str] = "the linear_implicit integrator"
+
+    substeps: PositiveCount = 1
+
+
 class Midpoint(Entry):
     """The explicit midpoint rule, a Runge-Kutta method of order 2, with steps of dt/substeps."""
 
@@ -30,19 +46,25 @@ class RungeKutta4(Entry):
     substeps: PositiveCount = 1
 
 
+Method = Euler | SemiImplicit | LinearImplicit | Midpoint | RungeKutta4
+
+
 class Integrator(Variant):
     """The method by which continuous states go from t to t+1."""
 
     noun: ClassVar[str] = "integrator"
-    later: ClassVar[frozenset[str]] = frozenset({"semi_implicit", "linear_implicit"})
 
     euler: Euler | None = None
+    semi_implicit: SemiImplicit | None = None
+    linear_implicit: LinearImplicit | None = None
     midpoint: Midpoint | None = None
     rk4: RungeKutta4 | None = None
 
     @property
-    def choice(self) -> Euler | Midpoint | RungeKutta4:
+    def choice(self) -> Method:
         """The one that is given."""
-        given = self.euler or self.midpoint or self.rk4
+        given = (
+            self.euler or self.semi_implicit or self.linear_implicit or self.midpoint or self.rk4
+        )
         assert given is not None
         return given

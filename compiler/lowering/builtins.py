@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from compiler.builder import GraphBuilder
+from compiler.lowering.derivatives import lower_derivative
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.gradients import lower_gradient
+from compiler.lowering.integrals import lower_integral
 from compiler.lowering.matrix_builtins import (
     lower_eye,
     lower_outer,
@@ -239,10 +242,15 @@ BUILTINS: dict[str, Builtin] = {
     "smooth_sign": Builtin(1, 2, lower_smooth_sign, doc="smooth_sign(x, width) = tanh(x / width)."),
     "linspace": Builtin(3, 3, number_list("linspace"), doc="linspace(first, last, count)."),
     "arange": Builtin(1, 3, number_list("arange"), doc="arange(start, stop, step), stop excluded."),
+    "integral": Builtin(
+        1, 1, lower_integral, ("method", "init"), "Integral over time since the start of a run."
+    ),
+    "der": Builtin(1, 1, lower_derivative, ("method",), "Derivative with respect to time."),
+    "grad": Builtin(2, 2, lower_gradient, doc="grad(y, x): Σ ∂y/∂x in one sample, shape of x."),
     "zeros": Builtin(1, 1, number_list("zeros"), doc="zeros(count)."),
     "ones": Builtin(1, 1, number_list("ones"), doc="ones(count)."),
 }
-"""By name; `next`, `flow` and `der` are in `states.py`, losses in `losses.py`."""
+"""By name; `next` and `flow` are in `states.py`, losses in `losses.py`."""
 
-NOT_YET = frozenset(["dropout", "grad", "integral"])
+NOT_YET = frozenset(["dropout"])
 """Builtins of the language that this version names but does not have."""

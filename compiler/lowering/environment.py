@@ -79,6 +79,14 @@ class Environment:
         """Windows are held over a step of the integrator (R6): the states as they are at t."""
         return replace(self, stage=None)
 
+    def at_start(self) -> Environment:
+        """This place in the start of a run: what it reads before t0 is evaluated over the log."""
+        arguments = {
+            name: Argument(argument.expression, argument.environment.at_start())
+            for name, argument in self.arguments.items()
+        }
+        return replace(self, part=Part.START, stage=None, arguments=arguments)
+
     @property
     def is_elsewhere(self) -> bool:
         """Whether anything but the one sample at t is meant."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from compiler.lowering.environment import Environment, Part
-from compiler.lowering.expressions import window_of
+from compiler.lowering.expressions import lower, window_of
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.fitted import fitted
 from compiler.program import History, NodeId
 from compiler.program import State as ProgramState
 from compiler.types import WINDOW, Axis, Type
@@ -29,6 +30,17 @@ class Remembered:
 
     length: int
     axes: tuple[Axis, ...] = ()
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a lowering found out that the next one begins with."""
+
+    buffers: Mapping[str, Remembered] = field(default_factory=dict[str, Remembered])
+    measured: frozenset[str] = frozenset()
+    """States that are logged, where it matters."""
+    variables: frozenset[str] = frozenset()
+    """Equations and outputs that gradients are taken with respect to."""
 
 
 class Histories:
@@ -67,6 +79,28 @@ class Histories:
             samples = builder.window(_buffer(name), self._now(name, entry, span), length)
         part = builder.slice(samples, WINDOW, length + first, length + last + 1)
         return part if environment.window is not None else builder.element(part, WINDOW, 0)
+
+    def before(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
+        """Past samples of a state in the start graph: its `history:`, else its log (R5)."""
+        builder = self._model.builder(_START)
+        window = environment.window
+        length = window[1] - window[0] + 1 if window is not None else 0
+        axes = self._model.arrays.axes_of(entry)
+        wanted = (*axes, Axis(WINDOW, length)) if length else axes
+        if entry.history is not None:
+            there = _START.shifted(environment.shift)
+            if window is not None:
+                node = window_of(self._model, entry.history, there, *window)
+            else:
+                node = lower(self._model, entry.history, there)
+            what = f"`history` of `{name}`"
+            return fitted(self._model, what, node, Type(wanted), entry.history, builder)
+        if not self._model.is_measured(name):
+            self._model.findings.report(errors.history_needed(name, span))
+            raise LoweringFailed
+        first, last = window or (0, 0)
+        type = Type(wanted, entry.unit.value if entry.unit else None)
+        return builder.log(name, first + environment.shift, last + environment.shift, type)
 
     def found(self) -> dict[str, Remembered]:
         """What this lowering needs: lengths, and the axes that the values turned out to have."""
@@ -112,7 +146,7 @@ class Histories:
     def _now(self, name: str, entry: State | Equation | Output, span: Span) -> NodeId:
         if isinstance(entry, State):
             return self._model.states.value(name, entry, span, _STEP)
-        return self._model.entry(name, entry, _STEP, span)
+        return self._model.entries.value(name, entry, _STEP, span)
 
     def _start(self, name: str, entry: State | Equation | Output, remembered: Remembered) -> NodeId:
         """Samples before t0, from the first that exists: `history:`, the log, inputs alone (R5)."""
@@ -121,7 +155,8 @@ class Histories:
         wanted = (*remembered.axes, Axis(WINDOW, length))
         if entry.history is not None:
             node = window_of(model, entry.history, _START, -length, -1)
-            return model.states.fitted(f"`history` of `{name}`", node, wanted, entry.history)
+            what = f"`history` of `{name}`"
+            return fitted(model, what, node, Type(wanted), entry.history, builder)
         if isinstance(entry, State):
             if name not in model.measured:
                 return self._missing(name)
@@ -131,10 +166,10 @@ class Histories:
             ahead = model.sampling.samples(entry.predicts.ahead)
             signal = entry.predicts.signal.value
             return builder.log(signal, ahead - length, ahead - 1, Type(wanted))
-        node = model.tried(lambda: window_of(model, entry.expr, _START, -length, -1))
+        node = model.entries.tried(lambda: window_of(model, entry.expr, _START, -length, -1))
         if node is None:
             return self._missing(name)
-        return model.states.fitted(f"the past of `{name}`", node, wanted, entry.expr)
+        return fitted(model, f"the past of `{name}`", node, Type(wanted), entry.expr, builder)
 
     def _missing(self, name: str) -> NodeId:
         self._model.findings.report(errors.history_needed(name, self._places[name]))

@@ -6,13 +6,12 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from compiler.builder import GraphBuilder
-from compiler.liveness import needed
+from compiler.liveness import reads_simulation
 from compiler.lowering.cross_entropy import lower_cross_entropy
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.loss_terms import terms_of
-from compiler.ops import ReadSignal, ReadState, Window
 from compiler.program import Loss, Measure, NodeId, Output
 from compiler.types import Type
 from spec_schema.errors import names
@@ -89,7 +88,7 @@ def _measured(model: Model, function: str, call: Call) -> tuple[Measure, NodeId,
     if function == "cross_entropy":
         cost, missing = lower_cross_entropy(model, call, _LOSS)
         # only what was recorded can be missing
-        return Measure.MEAN, cost, None if _is_simulated(builder, missing) else missing
+        return Measure.MEAN, cost, None if reads_simulation(builder.graph(), missing) else missing
     if len(call.arguments) == 1:
         value = lower(model, call.arguments[0], _LOSS)
         type = builder.type(value)
@@ -112,21 +111,14 @@ def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[
     Every measure is the same for a swapped pair. Two simulated values are compared by their
     difference, the target is 0.
     """
-    if not _is_simulated(builder, target):
+    graph = builder.graph()
+    if not reads_simulation(graph, target):
         return prediction, target
-    if not _is_simulated(builder, prediction):
+    if not reads_simulation(graph, prediction):
         return target, prediction
     difference = builder.subtract(prediction, target)
     type = builder.type(difference)
     return difference, builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
-
-
-def _is_simulated(builder: GraphBuilder, value: NodeId) -> bool:
-    graph = builder.graph()
-    return any(
-        live and isinstance(node.op, ReadSignal | ReadState | Window)
-        for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
-    )
 
 
 def _penalty(model: Model, function: str, argument: Expression) -> NodeId:

@@ -1,15 +1,17 @@
-"""The states that layers keep between steps, one set for each signal that a layer runs on."""
+"""The states that layers and calls keep between steps, one for each signal that they run on."""
 
 from __future__ import annotations
 
-from compiler.program import NodeId, State
+from collections.abc import Hashable
+
+from compiler.program import State
 
 
 class Memories:
-    """What layers remember; the same layer called on the same signal is the same memory."""
+    """What is remembered; the same layer or call on the same signal is the same memory."""
 
     def __init__(self) -> None:
-        self._names: dict[tuple[str, tuple[NodeId, ...]], str] = {}
+        self._names: dict[tuple[str, tuple[Hashable, ...]], str] = {}
         self._calls: dict[str, int] = {}
         self._states: dict[str, State] = {}
 
@@ -18,12 +20,12 @@ class Memories:
         """All of them, in the order of first use."""
         return tuple(self._states.values())
 
-    def name(self, layer: str, arguments: tuple[NodeId, ...]) -> str:
+    def name(self, owner: str, call: tuple[Hashable, ...]) -> str:
         """Name of the state of a call: `h.state`, and `h.state2` on a second signal."""
-        key = (layer, arguments)
+        key = (owner, call)
         if key not in self._names:
-            number = self._calls[layer] = self._calls.get(layer, 0) + 1
-            self._names[key] = f"{layer}.state{number if number > 1 else ''}"
+            number = self._calls[owner] = self._calls.get(owner, 0) + 1
+            self._names[key] = f"{owner}.state{number if number > 1 else ''}"
         return self._names[key]
 
     def keep(self, state: State) -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 from compiler.builder import GraphBuilder
 from compiler.lowering.arrays import Arrays
 from compiler.lowering.builtins import BUILTINS, NOT_YET, lower_builtin
-from compiler.lowering.environment import Environment, Part, Stage, Time
-from compiler.lowering.expressions import lower
+from compiler.lowering.entries import Entries
+from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.functions import argument_value, inlined
-from compiler.lowering.histories import Histories, Remembered
+from compiler.lowering.gradients import Gradients
+from compiler.lowering.histories import Histories, Known
 from compiler.lowering.layer_calls import lower_layer
 from compiler.lowering.losses import LOSS_FUNCTIONS
 from compiler.lowering.memories import Memories
@@ -22,7 +21,7 @@ from compiler.program import NodeId
 from compiler.types import WINDOW, Axis, Type
 from spec_schema.diagnostics import Findings
 from spec_schema.dimensions import Dimension
-from spec_schema.errors import names, states, time
+from spec_schema.errors import names, time
 from spec_schema.errors import shapes as shape_errors
 from spec_schema.expression import Call, Expression, Member, Name
 from spec_schema.layers import Layer
@@ -40,13 +39,7 @@ _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 class Model:
     """A spec being lowered: its names, the graphs that grow, and what was found on the way."""
 
-    def __init__(
-        self,
-        spec: Spec,
-        findings: Findings,
-        remembered: Mapping[str, Remembered],
-        draw: int = 0,
-    ) -> None:
+    def __init__(self, spec: Spec, findings: Findings, known: Known, draw: int = 0) -> None:
         self.spec = spec
         self.draw = draw
         """Which initial values are drawn, where they are."""
@@ -58,22 +51,32 @@ class Model:
         self._step = GraphBuilder()
         self.arrays = Arrays(self)
         self.states = States(self)
-        self.histories = Histories(self, remembered)
+        self.histories = Histories(self, known.buffers)
         self.memories = Memories()
+        self.gradients = Gradients()
         self.measured: dict[str, State] = {}
         """States whose log is read somewhere (R6): the data must have them."""
+        self._known_measured = known.measured
+        self._asked_measured = False
         self.first_calls: dict[str, str] = {}
         """Shapes of the arguments of each layer's first call."""
         self.used: set[str] = set()
         """Names that something refers to."""
-        self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
-        self._active: list[str] = []
-        self._loops: list[set[str]] = []
-        """Algebraic loops that are reported: entered elsewhere, it is the same loop."""
+        self.entries = Entries(self, known.variables)
 
     def builder(self, environment: Environment) -> GraphBuilder:
         """The graph that the environment's nodes belong to."""
         return self._builders.get(environment.part, self._step)
+
+    def found(self) -> Known:
+        """What this lowering found out that the next one must begin with."""
+        measured = frozenset(self.measured) if self._asked_measured else frozenset[str]()
+        return Known(self.histories.found(), measured, frozenset(self.gradients.variables))
+
+    def is_measured(self, name: str) -> bool:
+        """Whether a state is known to be logged; where it matters, the next lowering knows it."""
+        self._asked_measured = True
+        return name in self.measured or name in self._known_measured
 
     # ---- names
 
@@ -86,7 +89,7 @@ class Model:
         if name.name == "pi":
             return builder.constant(_PI)
         if name.name == "dt":
-            return builder.constant(self._sample_time(name.span), unit=_SECOND)
+            return builder.constant(self.sample_time("`dt`", name.span), unit=_SECOND)
         declared = self.declared(name.name, name.span)
         match declared.entry:
             case Signal() as signal:
@@ -101,7 +104,7 @@ class Model:
             case State() as state:
                 return self.states.value(name.name, state, name.span, environment)
             case Equation() | Output() as entry:
-                return self.entry(name.name, entry, environment, name.span)
+                return self.entries.value(name.name, entry, environment, name.span)
             case Layer() | Function() | Dimension():
                 self.findings.report(names.not_a_value(name.name, declared.kind.value, name.span))
                 raise LoweringFailed
@@ -129,65 +132,6 @@ class Model:
             self.measured.setdefault(member.base, entry)
         return self._signal(member.base, entry, member.span, environment, logged=True)
 
-    def entry(
-        self, name: str, entry: Equation | Output, environment: Environment, span: Span
-    ) -> NodeId:
-        """The value of an equation or output, lowered once a time and stage.
-
-        At another time than t every signal in it is read at that time (R1). Where that cannot be,
-        because it depends on a state or on itself, its past values are kept.
-        """
-        own = environment.of_entry()
-        if own.is_elsewhere and own.part is Part.STEP:
-            own = own.without_stage()
-            recomputed = None
-            if name not in self._active and entry.history is None:
-                recomputed = self.tried(lambda: self._lowered(name, entry, own, span))
-            if recomputed is not None:
-                return recomputed
-            if own.latest <= 0:
-                return self.histories.read(name, entry, span, own)
-        return self._lowered(name, entry, own, span)
-
-    def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
-        """The node, or None where lowering fails; nothing is reported and nothing remembered."""
-        mark, loops = self.findings.mark(), len(self._loops)
-        known = set(self._entries)
-        try:
-            return lower_it()
-        except LoweringFailed:
-            self.findings.forget(mark)
-            del self._loops[loops:]
-            for key in set(self._entries) - known:
-                if self._entries[key] is None:
-                    del self._entries[key]
-            return None
-
-    def _lowered(self, name: str, entry: Equation | Output, own: Environment, span: Span) -> NodeId:
-        key = (name, own.part, own.time, own.stage)
-        if name in self._active:
-            loop = self._active[self._active.index(name) :]
-            if not any(set(loop) == known for known in self._loops):
-                self.findings.report(states.algebraic_loop((*loop, name), span))
-                self._loops.append(set(loop))
-            raise LoweringFailed
-        if key in self._entries:
-            node = self._entries[key]
-            if node is None:
-                raise LoweringFailed
-            return node
-        self._active.append(name)
-        try:
-            self._entries[key] = None  # stays when lowering fails
-            node = lower(self, entry.expr, own)
-            builder = self.builder(own)
-            self.arrays.agree_on_unit(builder, node, name, entry)
-            builder.name(node, name)
-            self._entries[key] = node
-        finally:
-            self._active.pop()
-        return node
-
     # ---- calls
 
     def call(self, call: Call, environment: Environment) -> NodeId:
@@ -205,7 +149,7 @@ class Model:
         if name in environment.arguments:
             self.findings.report(names.not_callable(name, "an argument", function.span))
             raise LoweringFailed
-        if name in ("next", "flow", "der"):
+        if name in ("next", "flow"):
             return self.states.call(name, call, environment)
         builtin = BUILTINS.get(name)
         if builtin is not None and name not in self.scope:
@@ -261,13 +205,14 @@ class Model:
         entry = self.scope[dimension].entry if dimension in self.scope else None
         return entry.labels if isinstance(entry, Dimension) else ()
 
-    # ---- inside
-
-    def _sample_time(self, span: Span) -> float:
+    def sample_time(self, what: str, span: Span) -> float:
+        """Seconds between samples; reports what needs them in a static model."""
         if self.sampling.sample_time is None:
-            self.findings.report(time.needs_sample_time("`dt`", span))
+            self.findings.report(time.needs_sample_time(what, span))
             raise LoweringFailed
         return self.sampling.sample_time
+
+    # ---- inside
 
     def _signal(
         self,

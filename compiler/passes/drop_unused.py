@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from compiler.builder import GraphBuilder
 from compiler.graph_copy import copy_node
-from compiler.liveness import needed
-from compiler.ops import ReadLog, ReadSignal, ReadState, Window
-from compiler.program import Graph, NodeId, Output, Program, Role, State, parameters_read
+from compiler.liveness import needed, needed_over_time
+from compiler.ops import ReadLog, ReadSignal
+from compiler.program import Graph, NodeId, Output, Program, Role, parameters_read
 
 
 def drop_unused(program: Program) -> Program:
@@ -55,23 +55,10 @@ def drop_unused(program: Program) -> Program:
 
 def _live(program: Program) -> tuple[list[bool], set[str]]:
     """The needed nodes of the step, and the names of the needed states."""
-    states: dict[str, State] = {state.name: state for state in program.states}
-    live, names = [False] * len(program.step), set[str]()
-    waiting = [output.node for output in program.outputs]
+    wanted = [output.node for output in program.outputs]
     for loss in program.losses:
-        waiting += [loss.prediction] if loss.target is None else [loss.prediction, loss.target]
-    while waiting:
-        index = waiting.pop()
-        if live[index]:
-            continue
-        live[index] = True
-        node = program.step[index]
-        waiting += node.args
-        if isinstance(node.op, ReadState | Window):
-            name = node.op.name if isinstance(node.op, ReadState) else node.op.state
-            names.add(name)
-            waiting.append(states[name].next)
-    return live, names
+        wanted += [loss.prediction] if loss.target is None else [loss.prediction, loss.target]
+    return needed_over_time(program.step, {s.name: s.next for s in program.states}, wanted)
 
 
 def _kept(graph: Graph, live: list[bool]) -> tuple[Graph, dict[NodeId, NodeId]]:

@@ -46,11 +46,12 @@ def guard_untaken(program: Program) -> Program:
     roots += [state.next for state in program.states]
     roots += [loss.prediction for loss in program.losses]
     roots += [loss.target for loss in program.losses if loss.target is not None]
-    program = with_step(program, *_guarded(program.step, roots))
-    return with_start(program, *_guarded(program.start, [s.start for s in program.states]))
+    program = with_step(program, *guarded(program.step, roots))
+    return with_start(program, *guarded(program.start, [s.start for s in program.states]))
 
 
-def _guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[Graph, dict[NodeId, NodeId]]:
+def guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[Graph, dict[NodeId, NodeId]]:
+    """The guarded nodes that the roots are made of, and where each of them is now."""
     roots = list(roots)
     guards = _guards(graph, roots)
     builder = GraphBuilder()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from compiler.builder import GraphBuilder
 from compiler.graph_copy import copy_node, with_start, with_step
+from compiler.ops import Reshape
 from compiler.program import Graph, NodeId, Program
 
 
 def share_common(program: Program) -> Program:
     """Merges nodes of equal operation, operands and type; the first one's place and name stay.
 
-    Before and after: any form.
+    Reshapes in a row become one, and none where that leaves the type as it is. Before and after:
+    any form.
 
         %1: scalar m = %0 * %0
         %2: scalar m = %0 * %0
@@ -27,5 +29,19 @@ def _shared(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     for index, node in graph:
-        copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+        args = tuple(copies[arg] for arg in node.args)
+        if isinstance(node.op, Reshape):
+            args = (_before_reshapes(builder, args[0]),)
+        if isinstance(node.op, Reshape) and builder.type(args[0]) == node.type:
+            copies[index] = args[0]
+            if node.label is not None:
+                builder.name(args[0], node.label)
+        else:
+            copies[index] = copy_node(builder, node, args)
     return builder.graph(), copies
+
+
+def _before_reshapes(builder: GraphBuilder, value: NodeId) -> NodeId:
+    while isinstance(builder.node(value).op, Reshape):
+        value = builder.node(value).args[0]
+    return value

@@ -183,7 +183,7 @@ BROKEN: dict[str, Program] = {
     "the start reads the simulation": replace(
         BASE, start=Graph((*BASE.start.nodes, Node(ReadState("x"), (), Type((K,)))))
     ),
-    "node 4: an output or a state reads the log": _output(node=4),
+    "node 4: an output or its state reads the log": _output(node=4),
     "node 0: a target reads the simulation": _loss(target=0),
 }
 

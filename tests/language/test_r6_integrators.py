@@ -121,3 +121,144 @@ def test_r6_vector_states() -> None:
     for step in range(8):
         np.testing.assert_allclose(found[step], q, rtol=1e-13)
         q = q + 0.1 * (u[step] - np.array([1.0, 2, 3]) * q)
+
+
+OSCILLATOR = """
+inputs: {u: N}
+states:
+  v: {der: "-x + 0 * u", init: 0}
+  x: {der: v, init: 1}
+outputs: {y: x, e: "0.5 * x**2 + 0.5 * v**2"}
+"""
+
+
+def semi_implicit(v: float, x: float, h: float) -> tuple[float, float]:
+    v = v - h * x
+    return v, x + h * v
+
+
+def test_r6_semi_implicit_moves_states_as_listed() -> None:
+    """Velocity first, then the position with the new velocity; listed otherwise, otherwise."""
+    log = {"u": np.zeros(60)}
+    found = simulated(OSCILLATOR + "integrator: {semi_implicit: {substeps: 2}}", log, 0, 50)
+    v, x = 0.0, 1.0
+    for step in range(50):
+        assert found[step] == pytest.approx(x, rel=1e-12, abs=1e-14)
+        for _ in range(2):
+            v, x = semi_implicit(v, x, 0.05)
+    swapped = OSCILLATOR.replace('v: {der: "-x + 0 * u", init: 0}', "").replace(
+        "x: {der: v, init: 1}", 'x: {der: v, init: 1}\n  v: {der: "-x + 0 * u", init: 0}'
+    )
+    found = simulated(swapped + "integrator: semi_implicit", log, 0, 50)
+    v, x = 0.0, 1.0
+    for step in range(50):
+        assert found[step] == pytest.approx(x, rel=1e-12, abs=1e-14)
+        x = x + 0.1 * v
+        v = v - 0.1 * x
+
+
+def test_r6_semi_implicit_keeps_the_energy_of_an_oscillator() -> None:
+    """Symplectic: the energy oscillates by O(h) and does not drift; explicit Euler doubles it."""
+    log = {"u": np.zeros(2001)}
+    energy = simulated(OSCILLATOR + "integrator: semi_implicit", log, 0, 2000, output="e")
+    assert np.all(np.abs(energy - 0.5) < 0.05)
+    assert simulated(OSCILLATOR + "integrator: euler", log, 0, 200, output="e")[-1] > 1
+
+
+@pytest.mark.parametrize(
+    ("method", "order"),
+    [("euler", 1), ("semi_implicit", 1), ("linear_implicit", 1), ("midpoint", 2), ("rk4", 4)],
+)
+def test_r6_order_of_convergence(method: str, order: int) -> None:
+    """Halving the step divides the error at a fixed time by 2 to the order."""
+    text = """
+        inputs: {u: N}
+        states:
+          x: {der: "v + 0 * u", init: 1}
+          v: {der: "-sin(x) - 0.3 * v**3", init: 0.5}
+        outputs: {y: x}
+        """
+    log = {"u": np.zeros(12)}
+
+    def at_one_second(method: str, substeps: int) -> float:
+        spec = text + f"integrator: {{{method}: {{substeps: {substeps}}}}}"
+        return float(simulated(spec, log, 0, 11)[-1])
+
+    exact = at_one_second("rk4", 16)
+    coarse, fine = (abs(at_one_second(method, n) - exact) for n in (1, 2))
+    # the next term of the error is what is left of the step at this step size
+    assert np.log2(coarse / fine) == pytest.approx(order, abs=0.25)
+
+
+def test_r6_linear_implicit_is_linear_algebra() -> None:
+    """For x' = A x + b the method is (I - h A) Δ = h (A x + b), vectors as well as scalars."""
+    text = """
+        dims: {joint: 2}
+        inputs: {u: {dims: joint}}
+        parameters: {K: {dims: [joint], init: [30, 4]}}
+        states:
+          q: {dims: joint, der: w, init: 1}
+          w: {dims: joint, der: "u - K * q - 0.2 * w * s"}
+          s: {der: "sum(q) - 3 * s", init: 0.5}
+        integrator: {linear_implicit: {substeps: 2}}
+        outputs: {y: q, z: s}
+        """
+    u = np.random.default_rng(3).normal(size=(20, 2))
+    K = np.array([30.0, 4.0])
+    x, h = np.array([1.0, 1, 0, 0, 0.5]), 0.05
+    found, last = simulated(text, {"u": u}, 0, 15), simulated(text, {"u": u}, 0, 15, output="z")
+    for step in range(15):
+        np.testing.assert_allclose(np.append(found[step], last[step]), x[[0, 1, 4]], rtol=1e-10)
+        for _ in range(2):
+            q, w, s = x[:2], x[2:4], x[4]
+            f = np.concatenate([w, u[step] - K * q - 0.2 * w * s, [q.sum() - 3 * s]])
+            J = np.zeros((5, 5))
+            J[:2, 2:4] = np.eye(2)
+            J[2:4, :2] = -np.diag(K)
+            J[2:4, 2:4] = -0.2 * s * np.eye(2)
+            J[2:4, 4] = -0.2 * w
+            J[4] = [1, 1, 0, 0, -3]
+            x = x + np.linalg.solve(np.eye(5) - h * J, h * f)
+
+
+def test_r6_linear_implicit_stays_stable_on_a_stiff_system() -> None:
+    """Van der Pol with μ = 100: the explicit methods leave every bound within a few steps."""
+    text = """
+        inputs: {u: N}
+        states:
+          x: {der: "v + 0 * u", init: 2}
+          v: {der: "100 * (1 - x**2) * v - x"}
+        outputs: {y: x}
+        """
+    log = {"u": np.zeros(900)}
+    found = simulated(text + "integrator: linear_implicit", log, 0, 600)
+    assert np.all(np.abs(found) < 2.2)
+    with np.errstate(all="ignore"):
+        assert not np.isfinite(simulated(text + "integrator: rk4", log, 0, 600)[-1])
+
+
+@pytest.mark.parametrize("x0", [1.0, 2.0])
+@pytest.mark.parametrize(
+    ("law", "method", "seconds", "factor"),
+    [
+        ("x", "euler", 1, 2),
+        ("x", "midpoint", 1, 2.5),
+        ("x", "rk4", 1, 65 / 24),
+        ("x", "euler", 0.1, 1.1),
+        ("x", "midpoint", 0.1, 1.105),
+        ("-2 * x", "euler", 0.1, 0.8),
+        ("-2 * x", "midpoint", 0.1, 0.82),
+        ("-2 * x", "rk4", 0.1, 0.8187333333333333),
+    ],
+)
+def test_r6_reference_cases_of_nnodely(
+    law: str, method: str, seconds: float, factor: float, x0: float
+) -> None:
+    text = f"""
+        sample_time: {seconds} s
+        inputs: {{u: N}}
+        states: {{x: {{der: "{law} + 0 * u", init: {x0}}}}}
+        integrator: {method}
+        outputs: {{y: next(x)}}
+        """
+    assert simulated(text, {"u": np.zeros(2)}, 0, 1)[0] == pytest.approx(factor * x0, rel=1e-14)

@@ -17,6 +17,7 @@ from compiler.passes.close_loop import close_loop
 from compiler.program import Measure, Program
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
+from tests.native.calculus_models import CALCULUS
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -105,6 +106,7 @@ MODELS = {
     "classes": (CLASSES, ()),
     "filtered_joints": (FILTERED_JOINTS, ("q",)),
     "learned_start": (LEARNED_START, ()),
+    **CALCULUS,
 }
 
 

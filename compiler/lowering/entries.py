@@ -1,0 +1,112 @@
+"""Equations and outputs: each lowered once for every time and stage at which it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+from compiler.builder import GraphBuilder
+from compiler.lowering.environment import Environment, Part, Stage, Time
+from compiler.lowering.expressions import lower
+from compiler.lowering.failure import LoweringFailed
+from compiler.ops import Reshape
+from compiler.program import NodeId
+from compiler.types import Axis
+from spec_schema.errors import states
+from spec_schema.signals import Equation, Output
+from spec_schema.source import Span
+
+if TYPE_CHECKING:
+    from compiler.lowering.model import Model
+
+
+class Entries:
+    """The equations and outputs of a model."""
+
+    def __init__(self, model: Model, variables: frozenset[str]) -> None:
+        self._model = model
+        self._variables = variables
+        self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
+        self._active: list[str] = []
+        self._loops: list[set[str]] = []
+        """Algebraic loops that are reported: entered elsewhere, it is the same loop."""
+
+    def value(
+        self, name: str, entry: Equation | Output, environment: Environment, span: Span
+    ) -> NodeId:
+        """The value of an equation or output, lowered once a time and stage.
+
+        At another time than t every signal in it is read at that time (R1). Where that cannot be,
+        because it depends on a state or on itself, its past values are kept.
+        """
+        own = environment.of_entry()
+        if own.part is Part.START and own.latest < 0 and entry.history is not None:
+            return lower(self._model, entry.history, own)
+        if own.is_elsewhere and own.part is Part.STEP:
+            own = own.without_stage()
+            recomputed = None
+            if name not in self._active and entry.history is None:
+                recomputed = self.tried(lambda: self._lowered(name, entry, own, span))
+            if recomputed is not None:
+                return recomputed
+            if own.latest <= 0:
+                return self._model.histories.read(name, entry, span, own)
+        return self._lowered(name, entry, own, span)
+
+    def lowerings(self, name: str, environment: Environment) -> Iterator[tuple[Time, NodeId]]:
+        """Every time at which an entry is lowered in this part, and its node there."""
+        part = environment.of_entry().part
+        for (other, in_part, at, stage), node in self._entries.items():
+            if (other, in_part) == (name, part) and stage is None and node is not None:
+                yield at, node
+
+    def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
+        """The node, or None where lowering fails; nothing is reported and nothing remembered."""
+        mark, loops = self._model.findings.mark(), len(self._loops)
+        known = set(self._entries)
+        try:
+            return lower_it()
+        except LoweringFailed:
+            self._model.findings.forget(mark)
+            del self._loops[loops:]
+            for key in set(self._entries) - known:
+                if self._entries[key] is None:
+                    del self._entries[key]
+            return None
+
+    def _lowered(self, name: str, entry: Equation | Output, own: Environment, span: Span) -> NodeId:
+        key = (name, own.part, own.time, own.stage)
+        if name in self._active:
+            loop = self._active[self._active.index(name) :]
+            if not any(set(loop) == known for known in self._loops):
+                self._model.findings.report(states.algebraic_loop((*loop, name), span))
+                self._loops.append(set(loop))
+            raise LoweringFailed
+        if key in self._entries:
+            node = self._entries[key]
+            if node is None:
+                raise LoweringFailed
+            return node
+        self._active.append(name)
+        try:
+            self._entries[key] = None  # stays when lowering fails
+            node = lower(self._model, entry.expr, own)
+            builder = self._model.builder(own)
+            if name in self._variables:
+                node = _own_node(builder, name, node)
+            self._model.arrays.agree_on_unit(builder, node, name, entry)
+            builder.name(node, name)
+            self._entries[key] = node
+        finally:
+            self._active.pop()
+        return node
+
+
+def _own_node(builder: GraphBuilder, name: str, node: NodeId) -> NodeId:
+    """A node that stands for this entry alone: `2*x` elsewhere is another value than e = 2*x.
+
+    A gradient with respect to e must tell the two apart. `share_common` removes the detour.
+    """
+    type = builder.type(node)
+    detour = builder.emit(Reshape(), (node,), type.with_axes((Axis(f"={name}", type.size),)))
+    return builder.emit(Reshape(), (detour,), type)

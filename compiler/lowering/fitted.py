@@ -1,0 +1,37 @@
+"""Brings a value to the axes of the place that it is for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from compiler.builder import GraphBuilder
+from compiler.lowering.failure import LoweringFailed
+from compiler.program import NodeId
+from compiler.types import Type, describe_axes
+from spec_schema.errors import shapes
+from spec_schema.expression import Expression
+
+if TYPE_CHECKING:
+    from compiler.lowering.model import Model
+
+
+def fitted(
+    model: Model,
+    what: str,
+    node: NodeId,
+    type: Type,
+    expression: Expression,
+    builder: GraphBuilder,
+) -> NodeId:
+    """The value with exactly the axes of the type; a value without some of them is repeated.
+
+    A value whose unit is not known gets the type's.
+    """
+    found = builder.type(node).axes
+    if not set(found) <= set(type.axes):
+        wanted, shown = describe_axes(type.axes), describe_axes(found)
+        model.findings.report(shapes.wrong_axes(what, wanted, shown, expression.span))
+        raise LoweringFailed
+    if builder.type(node).unit is None:
+        builder.set_unit(node, type.unit)
+    return builder.broadcast(node, type.axes)
