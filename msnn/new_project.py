@@ -12,7 +12,10 @@ from backends.identifiers import c_identifier
 from msnn.sample_data import sample_records
 from spec_schema.diagnostics import SpecError
 from spec_schema.errors.commands import folder_exists, unusable_name
+from spec_schema.json_schema import json_schema_text
 from spec_schema.names import is_name, why_reserved
+
+SCHEMA_FILE = "msnn.schema.json"
 
 
 def new_project(folder: Path) -> Path:
@@ -49,5 +52,6 @@ def _texts(name: str) -> dict[str, str]:
         f"{name}.msnn.yaml": environment.get_template("spec.yaml.j2").render(facts),
         "README.md": environment.get_template("README.md.j2").render(facts),
         ".gitignore": "build/\nruns/\n",
+        SCHEMA_FILE: json_schema_text(),
         **{f"data/{file}": text for file, text in sample_records().items()},
     }

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from backends.step_interface import Port, port_names, step_interface
+from compiler.ops import ReadLog, ReadSignal
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import (
@@ -69,7 +70,7 @@ def interface_record(program: Program) -> dict[str, Any]:
 
 
 def windows_text(program: Program) -> str:
-    """Which samples of every signal the step, the losses and the start read."""
+    """Which samples of every signal the step, the losses and the start read, and in which lines."""
     step, log = extents(program.step, log=False), extents(program.step, log=True)
     start = extents(program.start, log=True)
     rows = [
@@ -79,15 +80,46 @@ def windows_text(program: Program) -> str:
             _samples(step.get(signal.name)),
             _samples(log.get(signal.name)),
             _samples(start.get(signal.name), "t0"),
+            _duration(program, step.get(signal.name)),
+            _lines_that_read(program, signal.name),
         )
         for signal in program.signals
     ]
     far = reach(program)
-    table = table_text(("signal", "role", "step reads", "losses read", "start reads"), rows)
+    table = table_text(_WINDOW_HEADER, rows)
     return (
         f"{table}\n\nA rollout of N steps from row t0 needs the rows "
         f"{_time('t0', -far.back)} … {_time('t0+N', far.ahead - 1)}."
     )
+
+
+_WINDOW_HEADER = (
+    "signal",
+    "role",
+    "step reads",
+    "losses read",
+    "start reads",
+    "duration",
+    "in lines",
+)
+
+
+def _duration(program: Program, extent: Extent | None) -> str:
+    """How much time the step's window covers: as a spec writes it, samples times sample time."""
+    if extent is None or program.sample_time is None:
+        return ""
+    return f"{(extent.last - extent.first + 1) * program.sample_time:g} s"
+
+
+def _lines_that_read(program: Program, name: str) -> str:
+    """The lines of the spec whose formulas read the signal."""
+    lines = {
+        node.span.line
+        for graph in (program.step, program.start)
+        for _, node in graph
+        if isinstance(node.op, ReadSignal | ReadLog) and node.op.signal == name and node.span
+    }
+    return ", ".join(map(str, sorted(lines)))
 
 
 def _step_form(program: Program) -> Program:

@@ -4,11 +4,12 @@ import re
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, TypeAlias
 
-from pydantic import BeforeValidator, ValidationInfo
+from pydantic import ValidationInfo
 
 from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry, RefusedError, findings_of
 from spec_schema.errors import schema as errors
+from spec_schema.json_fields import Gathering, one_or_many
 from spec_schema.plain_fields import number, read_items, reads, scalar
 from spec_schema.quantity_fields import UnitField
 from spec_schema.source import Span
@@ -57,7 +58,8 @@ def _pattern(node: Scalar, findings: Findings) -> list[Node]:
     return [Scalar(name, name, True, node.positions, node.span, node.key) for name in names]
 
 
-ColumnField: TypeAlias = Annotated[ColumnName, reads(_read_column)]
+_COLUMN = {"type": ["string", "integer"], "minimum": 0}
+ColumnField: TypeAlias = Annotated[ColumnName, reads(_read_column, _COLUMN)]
 
 
 class Column(Entry):
@@ -66,7 +68,7 @@ class Column(Entry):
     noun: ClassVar[str] = "a column"
     shorthand: ClassVar[str | None] = "column"
 
-    column: Annotated[tuple[ColumnField, ...], BeforeValidator(_expanded)]
+    column: Annotated[tuple[ColumnField, ...], Gathering(_expanded, schema=one_or_many)]
     unit: UnitField | None = None
     scale: Annotated[float, number()] = 1.0
     offset: Annotated[float, number()] = 0.0

@@ -36,4 +36,12 @@ def _read_dimension(node: Node, findings: Findings) -> Dimension:
     return Dimension(len(labels), tuple(labels), place)
 
 
-DimensionField: TypeAlias = Annotated[Dimension, reads(_read_dimension)]
+_LABEL = {"type": ["string", "number", "boolean"]}
+_SCHEMA = {
+    "type": ["integer", "array"],
+    "minimum": 1,
+    "items": _LABEL,
+    "minItems": 1,
+    "uniqueItems": True,
+}
+DimensionField: TypeAlias = Annotated[Dimension, reads(_read_dimension, _SCHEMA)]

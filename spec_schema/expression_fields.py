@@ -88,7 +88,17 @@ def _read_prediction(node: Node, findings: Findings) -> Prediction:
             raise RefusedError
 
 
-ExpressionField: TypeAlias = Annotated[Expression, reads(_read_expression)]
-ConditionField: TypeAlias = Annotated[Expression, reads(_read_condition)]
-ArrayField: TypeAlias = Annotated[Expression, reads(read_array)]
-PredictionField: TypeAlias = Annotated[Prediction, reads(_read_prediction)]
+EXPRESSION = {"type": ["string", "number"]}
+_NUMBERS = {"type": ["string", "number", "array"]}
+ARRAY = {
+    "type": ["string", "number", "array", "object"],
+    "items": _NUMBERS,
+    "minItems": 1,
+    "properties": {"linspace": {"type": "array", "items": EXPRESSION}},
+    "additionalProperties": False,
+}
+_PREDICTION = {"type": "string", "examples": ["x[t+1]"]}
+ExpressionField: TypeAlias = Annotated[Expression, reads(_read_expression, EXPRESSION)]
+ConditionField: TypeAlias = Annotated[Expression, reads(_read_condition, {"type": "string"})]
+ArrayField: TypeAlias = Annotated[Expression, reads(read_array, ARRAY)]
+PredictionField: TypeAlias = Annotated[Prediction, reads(_read_prediction, _PREDICTION)]

@@ -1,15 +1,16 @@
 """The layers a spec can declare."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
-from pydantic import PlainValidator, ValidationInfo, model_validator
+from pydantic import ValidationInfo, model_validator
 
 from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry, RefusedError, Variant, findings_of
 from spec_schema.errors import schema as errors
 from spec_schema.expression import Expression
-from spec_schema.expression_fields import ArrayField, ExpressionField, read_array
+from spec_schema.expression_fields import ARRAY, ArrayField, ExpressionField, read_array
+from spec_schema.json_fields import REFERENCE, Leaf
 from spec_schema.located import Located
 from spec_schema.names import normalised
 from spec_schema.plain_fields import (
@@ -47,29 +48,38 @@ def _read_statistic(node: Node, findings: Findings) -> Expression:
 
 
 def _read_membership(node: Node, findings: Findings) -> Membership | CustomMembership:
-    words: tuple[Membership, ...] = ("triangular", "rectangular", "gaussian")
     match node:
         case Table(entries={"function": Scalar() as function}) if len(node.entries) == 1:
             return CustomMembership(Located(normalised(function.text), function.span))
         case Table():
-            repair = f"write {', '.join(words)} or `{{function: NAME}}`"
+            repair = f"write {', '.join(_SHAPES)} or `{{function: NAME}}`"
             place = node.key or node.span
             findings.report(errors.wrong_kind("a membership", "another mapping", place, repair))
             raise RefusedError
         case _:
-            found = scalar(node, findings, f"one of {', '.join(words)}").text
-            for word in words:
+            found = scalar(node, findings, f"one of {', '.join(_SHAPES)}").text
+            for word in _SHAPES:
                 if word == found:
                     return word
-            findings.report(errors.unknown_choice(found[:60], node.span, words))
+            findings.report(errors.unknown_choice(found[:60], node.span, _SHAPES))
             raise RefusedError
 
+
+_SHAPES: tuple[Membership, ...] = get_args(Membership)
+_MEMBERSHIP = {
+    "type": ["string", "object"],
+    "pattern": f"^({'|'.join(_SHAPES)})$",
+    "examples": list(_SHAPES),
+    "properties": {"function": {"type": "string", "pattern": REFERENCE}},
+    "required": ["function"],
+    "additionalProperties": False,
+}
 
 LARGEST_ORDER = 64
 """Of a recursive filter: beyond it coefficients in single precision lose their meaning."""
 
 
-def order(least: int) -> PlainValidator:
+def order(least: int) -> Leaf:
     """Validates the order of a recursive filter."""
 
     def read(node: Node, findings: Findings) -> int:
@@ -80,7 +90,7 @@ def order(least: int) -> PlainValidator:
             raise RefusedError
         return found
 
-    return reads(read)
+    return reads(read, {"type": "integer", "minimum": least, "maximum": LARGEST_ORDER})
 
 
 class Fir(Entry):
@@ -112,7 +122,9 @@ class Fuzzify(Entry):
     noun: ClassVar[str] = "a fuzzify layer"
 
     centers: ArrayField | None = None
-    membership: Annotated[Membership | CustomMembership, reads(_read_membership)] = "triangular"
+    membership: Annotated[Membership | CustomMembership, reads(_read_membership, _MEMBERSHIP)] = (
+        "triangular"
+    )
     dim: Reference | None = None
     learn: Switch = False
     over: References = ()
@@ -172,8 +184,8 @@ class Normalize(Entry):
 
     noun: ClassVar[str] = "a normalize layer"
 
-    mean: Annotated[Expression, reads(_read_statistic)]
-    std: Annotated[Expression, reads(_read_statistic)]
+    mean: Annotated[Expression, reads(_read_statistic, ARRAY)]
+    std: Annotated[Expression, reads(_read_statistic, ARRAY)]
     unit: UnitField | None = None
 
 

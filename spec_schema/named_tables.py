@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from typing import Annotated, TypeAlias, TypeVar
 
-from pydantic import BeforeValidator, ValidationInfo
+from pydantic import ValidationInfo
 
 from spec_schema.entry import RefusedError, findings_of
 from spec_schema.errors import schema as errors
+from spec_schema.json_fields import Gathering, any_keys, declarations
 from spec_schema.names import is_name, why_reserved
 from spec_schema.yaml_nodes import Node, Scalar, Table, kind
 
@@ -42,5 +43,5 @@ def _read_table(node: Node, info: ValidationInfo) -> Table:
     return node
 
 
-Named: TypeAlias = Annotated[Mapping[str, Item], BeforeValidator(_read_declarations)]
-Keyed: TypeAlias = Annotated[Mapping[str, Item], BeforeValidator(_read_any_keys)]
+Named: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_declarations, schema=declarations)]
+Keyed: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_any_keys, schema=any_keys)]

@@ -11,6 +11,7 @@ _TAKEN = {
     "dt": "it is the sample time",
     "pi": "it is the number π",
 }
+RESERVED_PATTERN = "|".join((*_TAKEN, *keyword.kwlist))
 
 
 def normalised(name: str) -> str:

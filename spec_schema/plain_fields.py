@@ -4,11 +4,20 @@ import math
 from collections.abc import Callable
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
-from pydantic import BeforeValidator, PlainValidator, ValidationInfo
+from pydantic import ValidationInfo
 
 from spec_schema.diagnostics import Findings
 from spec_schema.entry import RefusedError, findings_of
 from spec_schema.errors import schema as errors
+from spec_schema.json_fields import (
+    NEW_NAME,
+    REFERENCE,
+    Gathering,
+    JsonSchema,
+    Leaf,
+    list_of,
+    one_or_many,
+)
 from spec_schema.located import Located
 from spec_schema.names import is_name, normalised, why_reserved
 from spec_schema.yaml_nodes import Listing, Node, Scalar, Table, kind, with_key
@@ -17,13 +26,13 @@ _OLD_BOOLEANS = {"yes", "no", "on", "off", "y", "n"}
 Item = TypeVar("Item")
 
 
-def reads(reader: Callable[[Node, Findings], Any]) -> PlainValidator:
-    """A pydantic validator out of a function from a node to a value."""
+def reads(reader: Callable[[Node, Findings], Any], schema: JsonSchema) -> Leaf:
+    """A pydantic validator out of a function from a node to a value, and what editors are told."""
 
     def validate(node: Node, info: ValidationInfo) -> Any:
         return reader(node, findings_of(info))
 
-    return PlainValidator(validate)
+    return Leaf(validate, schema=schema)
 
 
 def scalar(node: Node, findings: Findings, wanted: str) -> Scalar:
@@ -95,9 +104,7 @@ def read_number(node: Node, findings: Findings) -> float:
     return float(value)
 
 
-def number(
-    above: float = -math.inf, least: float = -math.inf, most: float = math.inf
-) -> PlainValidator:
+def number(above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> Leaf:
     """Validates a number with above < number, least ≤ number ≤ most."""
     limits = [
         f"above {above:g}" if above > -math.inf else "",
@@ -113,7 +120,9 @@ def number(
             raise RefusedError
         return value
 
-    return reads(read)
+    limits_of_schema = {"exclusiveMinimum": above, "minimum": least, "maximum": most}
+    finite = {key: limit for key, limit in limits_of_schema.items() if math.isfinite(limit)}
+    return reads(read, {"type": "number", **finite})
 
 
 def read_count(node: Node, findings: Findings, least: int) -> int:
@@ -154,12 +163,13 @@ def _read_language_version(node: Node, findings: Findings) -> int:
     return 1
 
 
-def count(least: int) -> PlainValidator:
+def count(least: int) -> Leaf:
     """Validates an integer of at least `least`."""
-    return reads(lambda node, findings: read_count(node, findings, least))
+    schema = {"type": "integer", "minimum": least, "exclusiveMaximum": _LARGEST_COUNT}
+    return reads(lambda node, findings: read_count(node, findings, least), schema)
 
 
-def choice(*now: str) -> PlainValidator:
+def choice(*now: str) -> Leaf:
     """Validates one of the words."""
 
     def read(node: Node, findings: Findings) -> str:
@@ -169,7 +179,7 @@ def choice(*now: str) -> PlainValidator:
         findings.report(errors.unknown_choice(found.text[:60], found.span, now))
         raise RefusedError
 
-    return reads(read)
+    return reads(read, {"type": "string", "enum": list(now)})
 
 
 def read_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
@@ -204,20 +214,29 @@ def _is_numeral(text: str) -> bool:
 
 
 _LARGEST_COUNT = 2**31
+_SCALAR = {"type": ["string", "number", "boolean"]}
 
-Text: TypeAlias = Annotated[str, reads(_read_text)]
-LocatedText: TypeAlias = Annotated[Located[str], reads(_read_located_text)]
-NewName: TypeAlias = Annotated[Located[str], reads(_read_new_name)]
-Reference: TypeAlias = Annotated[Located[str], reads(_read_reference)]
-Switch: TypeAlias = Annotated[bool, reads(_read_switch)]
-Character: TypeAlias = Annotated[str, reads(_read_character)]
-LanguageVersion: TypeAlias = Annotated[int, reads(_read_language_version)]
-Weight: TypeAlias = Annotated[Located[float], reads(_read_weight)]
+Text: TypeAlias = Annotated[str, reads(_read_text, _SCALAR)]
+LocatedText: TypeAlias = Annotated[Located[str], reads(_read_located_text, _SCALAR)]
+NewName: TypeAlias = Annotated[
+    Located[str], reads(_read_new_name, {"type": "string", "pattern": NEW_NAME})
+]
+Reference: TypeAlias = Annotated[
+    Located[str], reads(_read_reference, {"type": "string", "pattern": REFERENCE})
+]
+Switch: TypeAlias = Annotated[bool, reads(_read_switch, {"type": "boolean"})]
+Character: TypeAlias = Annotated[
+    str, reads(_read_character, {"type": ["string", "integer"], "minLength": 1, "maxLength": 1})
+]
+LanguageVersion: TypeAlias = Annotated[
+    int, reads(_read_language_version, {"type": "integer", "enum": [1]})
+]
+Weight: TypeAlias = Annotated[Located[float], reads(_read_weight, {"type": "number", "minimum": 0})]
 PositiveNumber: TypeAlias = Annotated[float, number(above=0.0)]
 NonNegativeNumber: TypeAlias = Annotated[float, number(least=0.0)]
 PositiveCount: TypeAlias = Annotated[int, count(1)]
 NonNegativeCount: TypeAlias = Annotated[int, count(0)]
 Dtype: TypeAlias = Annotated[Literal["float32", "float64"], choice("float32", "float64")]
-ManyOf: TypeAlias = Annotated[tuple[Item, ...], BeforeValidator(read_items)]
-EntriesOf: TypeAlias = Annotated[tuple[Item, ...], BeforeValidator(read_entries)]
+ManyOf: TypeAlias = Annotated[tuple[Item, ...], Gathering(read_items, schema=one_or_many)]
+EntriesOf: TypeAlias = Annotated[tuple[Item, ...], Gathering(read_entries, schema=list_of)]
 References: TypeAlias = ManyOf[Reference]

@@ -107,9 +107,34 @@ def _read_range(node: Node, findings: Findings) -> Located[tuple[float, float]]:
     return Located((low, high), node.span, node.key)
 
 
-UnitField: TypeAlias = Annotated[Located[Unit], reads(read_unit)]
-QuantityField: TypeAlias = Annotated[Quantity, reads(_read_quantity)]
-LengthField: TypeAlias = Annotated[Length, reads(read_length)]
-PositiveLength: TypeAlias = Annotated[Length, reads(read_positive_length)]
-SampleTime: TypeAlias = Annotated[Quantity, reads(_read_sample_time)]
-RangeField: TypeAlias = Annotated[Located[tuple[float, float]], reads(_read_range)]
+_NUMBER = rf"[+-]?{NUMBER_PATTERN}"
+_FACTOR = r"(1|[^\s\d*/^()+-][^\s*/^()]*(\^[+-]?[0-9]+)?)"
+_UNIT = rf"{_FACTOR}(\s*[*/]\s*{_FACTOR})*"
+_UNIT_SCHEMA = {
+    "type": ["string", "integer"],
+    "pattern": rf"^\s*{_UNIT}\s*$",
+    "minimum": 1,
+    "maximum": 1,
+}
+_QUANTITY_SCHEMA = {
+    "type": ["string", "number"],
+    "pattern": rf"^\s*{_NUMBER}(\s*{_UNIT})?\s*$",
+}
+_LENGTH = {
+    "type": ["string", "integer"],
+    "pattern": rf"^([0-9]{{1,9}}|{NUMBER_PATTERN}[ \t]*(us|ms|s|min|h))$",
+}
+POSITIVE_LENGTH = {**_LENGTH, "minimum": 1}
+_SAMPLE_TIME = {
+    "type": "string",
+    "pattern": rf"^\s*{_NUMBER}\s*{_UNIT}\s*$",
+    "examples": ["10 ms", "100 Hz"],
+}
+_NUMBERS = {"type": "number"}
+_RANGE = {"type": "array", "items": _NUMBERS, "minItems": 2, "maxItems": 2}
+UnitField: TypeAlias = Annotated[Located[Unit], reads(read_unit, _UNIT_SCHEMA)]
+QuantityField: TypeAlias = Annotated[Quantity, reads(_read_quantity, _QUANTITY_SCHEMA)]
+LengthField: TypeAlias = Annotated[Length, reads(read_length, {**_LENGTH, "minimum": 0})]
+PositiveLength: TypeAlias = Annotated[Length, reads(read_positive_length, POSITIVE_LENGTH)]
+SampleTime: TypeAlias = Annotated[Quantity, reads(_read_sample_time, _SAMPLE_TIME)]
+RangeField: TypeAlias = Annotated[Located[tuple[float, float]], reads(_read_range, _RANGE)]

@@ -34,7 +34,7 @@ def read_spec(
     schema together with its expressions.
     """
     findings = Findings()
-    source = _read_file(Path(path)) if text is None else SourceText(str(path), text)
+    source = read_file(Path(path)) if text is None else SourceText(str(path), text)
     # A byte order mark is not a character of the text.
     source = SourceText(source.path, source.text.removeprefix("\ufeff"))
     try:
@@ -55,7 +55,8 @@ def read_spec(
     return ReadResult(spec, findings.in_order, source)
 
 
-def _read_file(path: Path) -> SourceText:
+def read_file(path: Path) -> SourceText:
+    """The text of a file as it stands there; SpecError where it is not given or is not UTF-8."""
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -63,7 +63,13 @@ def _read_time_range(node: Listing, findings: Findings) -> TimeRange:
     return TimeRange(times[0], times[1], node.span)
 
 
-Share: TypeAlias = Annotated[Fraction | Blocks | TimeRange, reads(_read_share)]
+_SHARE = {
+    "type": ["number", "array"],
+    "minimum": 0,
+    "maximum": 1,
+    "items": {"type": ["integer", "string"], "minimum": 1},
+}
+Share: TypeAlias = Annotated[Fraction | Blocks | TimeRange, reads(_read_share, _SHARE)]
 
 
 class Split(Entry):

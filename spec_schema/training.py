@@ -25,10 +25,20 @@ from spec_schema.plain_fields import (
     choice,
     reads,
 )
-from spec_schema.quantity_fields import LengthField, PositiveLength, read_positive_length
+from spec_schema.quantity_fields import (
+    POSITIVE_LENGTH,
+    LengthField,
+    PositiveLength,
+    read_positive_length,
+)
 from spec_schema.yaml_nodes import Node, Scalar, Table
 
 Whole: TypeAlias = Literal["episode", "record"]
+_HORIZON = {
+    **POSITIVE_LENGTH,
+    "pattern": f"{POSITIVE_LENGTH['pattern']}|^(episode|record)$",
+    "examples": ["episode", "record"],
+}
 _WHOLE: dict[str, Whole] = {"episode": "episode", "record": "record"}
 
 
@@ -49,7 +59,7 @@ class Rollout(Entry):
     shorthand: ClassVar[str | None] = "horizon"
     later: ClassVar[frozenset[str]] = frozenset({"curriculum"})
 
-    horizon: Annotated[Length | Whole, reads(_read_horizon)]
+    horizon: Annotated[Length | Whole, reads(_read_horizon, _HORIZON)]
     stride: PositiveLength | None = None
     skip: LengthField | None = None
     close: References | None = None

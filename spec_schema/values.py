@@ -2,7 +2,7 @@
 
 from typing import Annotated, ClassVar, TypeAlias
 
-from pydantic import BeforeValidator, ValidationInfo, model_validator
+from pydantic import ValidationInfo, model_validator
 
 from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry, Variant, findings_of, single_key
@@ -10,6 +10,7 @@ from spec_schema.errors import schema as errors
 from spec_schema.errors import units as unit_errors
 from spec_schema.expression import Expression
 from spec_schema.expression_fields import ArrayField, ExpressionField
+from spec_schema.json_fields import Gathering, one_or_many
 from spec_schema.located import Located
 from spec_schema.plain_fields import (
     LocatedText,
@@ -188,7 +189,7 @@ def _different(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
     return items
 
 
-Arguments: TypeAlias = Annotated[tuple[NewName, ...], BeforeValidator(_different)]
+Arguments: TypeAlias = Annotated[tuple[NewName, ...], Gathering(_different, schema=one_or_many)]
 
 
 class Function(Entry):

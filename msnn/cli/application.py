@@ -12,9 +12,13 @@ import typer
 from msnn.cli import (
     check,
     compile,
+    diff,
+    doctor,
     explain,
     export,
+    fmt,
     init,
+    schema,
     show,
     simulate,
     train,
@@ -48,6 +52,10 @@ for _verb in (
     verify.verify,
     show.show,
     explain.explain,
+    schema.schema,
+    diff.diff,
+    fmt.fmt,
+    doctor.doctor,
 ):
     app.command(_verb.__name__.rstrip("_"))(_verb)
 

@@ -15,8 +15,8 @@ def init(
 ) -> None:
     """Make a project that works.
 
-    A folder with a spec, a little simulated data and a README that shows the next steps. Nothing
-    that exists is overwritten.
+    A folder with a spec, the JSON Schema that helps editors with it, a little simulated data and a
+    README that shows the next steps. Nothing that exists is overwritten.
     """
     from msnn.cli.console import result
     from msnn.new_project import new_project

@@ -41,9 +41,9 @@ def test_a_broken_spec_is_explained_on_stderr(msnn: CommandLine, project: Path):
     assert said.out == ""
     assert said.err == (
         "error[E0301]: unknown name `kk`\n"
-        "  --> plant.msnn.yaml:16:17\n"
+        "  --> plant.msnn.yaml:23:17\n"
         "   |\n"
-        "16 |   a: (F - c*v - kk*x) / m          # Newton's law; a bare name is its value at t\n"
+        "23 |   a: (F - c*v - kk*x) / m          # Newton's law; a bare name is its value at t\n"
         "   |                 ^^ not an input, parameter, layer or equation\n"
         "   = help: did you mean `k`?\n"
     )
@@ -52,9 +52,9 @@ def test_a_broken_spec_is_explained_on_stderr(msnn: CommandLine, project: Path):
 def test_concise_and_github_diagnostics(msnn: CommandLine, project: Path):
     change(project, "k*x", "kk*x")
     concise = msnn("check", "--format", "concise", SPEC)
-    assert concise.err == "plant.msnn.yaml:16:17: error[E0301]: unknown name `kk`\n"
+    assert concise.err == "plant.msnn.yaml:23:17: error[E0301]: unknown name `kk`\n"
     github = msnn("check", "--format", "github", SPEC)
-    assert github.err.startswith("::error title=E0301,file=plant.msnn.yaml,line=16,")
+    assert github.err.startswith("::error title=E0301,file=plant.msnn.yaml,line=23,")
 
 
 def test_json_is_versioned_and_complete(msnn: CommandLine, project: Path):

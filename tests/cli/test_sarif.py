@@ -33,7 +33,7 @@ def test_every_file_is_in_one_log(msnn: CommandLine, project: Path):
     (location,) = first["locations"]
     assert location["physicalLocation"] == {
         "artifactLocation": {"uri": "plant.msnn.yaml"},
-        "region": {"startLine": 16, "startColumn": 17, "endLine": 16, "endColumn": 19},
+        "region": {"startLine": 23, "startColumn": 17, "endLine": 23, "endColumn": 19},
     }
     second = rest[0]["locations"][0]["physicalLocation"]["artifactLocation"]
     assert second == {"uri": "my%20plant%20%C2%B5.yaml"}

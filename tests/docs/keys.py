@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from inspect import isclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -12,8 +12,10 @@ from pydantic.fields import FieldInfo
 from spec_schema.columns import ColumnName
 from spec_schema.dimensions import Dimension
 from spec_schema.entry import Entry, Variant
+from spec_schema.entry_kinds import kinds_of, kinds_within
 from spec_schema.expression import Duration, Expression, Samples
 from spec_schema.expression_fields import Prediction
+from spec_schema.key_docs import key_doc
 from spec_schema.located import Located
 from spec_schema.quantity import Quantity
 from spec_schema.spec import Spec
@@ -43,29 +45,12 @@ _WORDS: Mapping[Any, str] = {
 
 def keys() -> str:
     """The spec, then every mapping in it in the order of first mention."""
-    return apart(*(_section(entry) for entry in _reachable(Spec)))
-
-
-def _reachable(first: type[Entry]) -> Iterator[type[Entry]]:
-    known, waiting = {first}, [first]
-    while waiting:
-        entry = waiting.pop(0)
-        yield entry
-        found = [e for f in _fields(entry).values() for e in _entries(f.annotation)]
-        inner = [e for e in dict.fromkeys(found) if e not in known]
-        known.update(inner)
-        waiting = [*inner, *waiting]
+    return apart(*(_section(entry) for entry in kinds_within(Spec)))
 
 
 def _fields(entry: type[Entry]) -> dict[str, FieldInfo]:
     fields = entry.model_fields.items()
     return {field.alias or name: field for name, field in fields if name != "place"}
-
-
-def _entries(annotation: Any) -> list[type[Entry]]:
-    if isclass(annotation) and issubclass(annotation, Entry):
-        return [annotation]
-    return [entry for part in get_args(annotation) for entry in _entries(part)]
 
 
 def _section(entry: type[Entry]) -> str:
@@ -75,10 +60,14 @@ def _section(entry: type[Entry]) -> str:
     is_variant = issubclass(entry, Variant)
     fields = _fields(entry).items()
     if is_variant:
-        parts.append(table(("variant", "value"), [(f"`{k}`", _kind(f)) for k, f in fields]))
+        variants = [(f"`{k}`", _kind(f), key_doc(entry, k)) for k, f in fields]
+        parts.append(table(("variant", "value", ""), variants))
     elif fields:
-        rows = [(f"`{key}`", _kind(field), _default(field)) for key, field in fields]
-        parts.append(table(("key", "value", "default"), rows))
+        rows = [
+            (f"`{key}`", _kind(field), _default(field), key_doc(entry, key))
+            for key, field in fields
+        ]
+        parts.append(table(("key", "value", "default", ""), rows))
     else:
         parts.append("No keys.")
     if entry.later:
@@ -113,7 +102,7 @@ def _said(annotation: Any) -> str:
     if origin in (Union, UnionType):
         return _said_union(args)
     if origin is tuple:
-        of = "list, each" if _entries(args[0]) else "one or a list of"
+        of = "list, each" if kinds_of(args[0]) else "one or a list of"
         return f"{of}: {_said(args[0])}"
     if origin is None:
         # a type of the schema's own: its docstring begins with how it is written, between backticks

@@ -1,0 +1,54 @@
+"""Validators that know what JSON Schema can say of the values they read."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+from pydantic import BeforeValidator, PlainValidator
+
+from spec_schema.names import RESERVED_PATTERN
+
+JsonSchema: TypeAlias = Mapping[str, Any]
+
+# Ranges are written out, because `\w` is ASCII in the JavaScript of editors; the signs of micro and
+# of ohm are there beside the Greek letters that normalisation makes of them.
+_NAME = "[A-Za-zµΩͰ-Ͽ][A-Za-z0-9_µΩͰ-Ͽ]*"
+NEW_NAME = rf"^(?!({RESERVED_PATTERN})$){_NAME}$"
+REFERENCE = rf"^{_NAME}(\.{_NAME})?$"
+
+
+@dataclass(frozen=True)
+class Leaf(PlainValidator):
+    """Reads one value; `schema` describes it as it is written."""
+
+    schema: JsonSchema = field(default_factory=dict[str, Any], compare=False)
+
+
+@dataclass(frozen=True)
+class Gathering(BeforeValidator):
+    """Prepares a list or mapping; `schema` describes it, given the schema of an item."""
+
+    schema: Callable[[JsonSchema], JsonSchema] = field(default=dict, compare=False)
+
+
+def one_or_many(item: JsonSchema) -> JsonSchema:
+    """A single item counts as a list of one; what is said of the item holds for both."""
+    types = item.get("type", [])
+    alone = [types] if isinstance(types, str) else list(types)
+    return {**item, "type": [*alone, "array"], "items": item}
+
+
+def list_of(item: JsonSchema) -> JsonSchema:
+    """A list."""
+    return {"type": "array", "items": item}
+
+
+def declarations(item: JsonSchema) -> JsonSchema:
+    """A mapping whose keys are new names."""
+    names = {"pattern": NEW_NAME}
+    return {"type": ["object", "null"], "propertyNames": names, "additionalProperties": item}
+
+
+def any_keys(item: JsonSchema) -> JsonSchema:
+    """A mapping whose keys are names or patterns of names."""
+    return {"type": ["object", "null"], "additionalProperties": item}

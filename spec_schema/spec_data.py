@@ -1,0 +1,103 @@
+"""A spec as plain values in its canonical form: shorthands written out, defaults filled in."""
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+from spec_schema.columns import ColumnName
+from spec_schema.dimensions import Dimension
+from spec_schema.entry import Entry, Variant
+from spec_schema.expression import (
+    Binary,
+    Call,
+    Compare,
+    Duration,
+    Expression,
+    Future,
+    ListLiteral,
+    Member,
+    Name,
+    Negate,
+    Number,
+    Past,
+    Samples,
+    Window,
+)
+from spec_schema.expression_fields import Prediction
+from spec_schema.expression_text import expression_text, length_text, number_text
+from spec_schema.layers import CustomMembership, Fuzzify
+from spec_schema.located import Located
+from spec_schema.quantity import Quantity
+from spec_schema.spec import Spec
+from spec_schema.splits import Blocks, Fraction, TimeRange
+from spec_schema.units import Unit
+
+
+def spec_data(spec: Spec) -> dict[str, Any]:
+    """Mappings, lists, texts, numbers and switches; as YAML or JSON they read as an equal spec.
+
+    Keys stand in the order of the grammar; what is empty or says nothing is left out.
+    """
+    return _entry(spec)
+
+
+def _entry(entry: Entry) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, field in type(entry).model_fields.items():
+        value = getattr(entry, name)
+        absent = value is None or (isinstance(value, tuple | Mapping) and not value)
+        if isinstance(entry, Fuzzify) and entry.over and name not in entry.model_fields_set:
+            # a grid takes its sets from others: not even the defaults of its own may be given
+            absent = True
+        if name != "place" and not absent:
+            values[field.alias or name] = _plain(value)
+    if isinstance(entry, Variant) and list(values) == ["value"]:
+        return values["value"]
+    return values
+
+
+def _plain(value: Any) -> Any:
+    match value:
+        case bool() | int() | str():
+            return value
+        case float():
+            return int(value) if value.is_integer() and abs(value) < _EXACT else value
+        case Entry():
+            return _entry(value)
+        case Located():
+            return _plain(cast("Located[Any]", value).value)
+        case Number(value=number):
+            return _plain(number)
+        case Unit(text=text):
+            return text
+        case Quantity(value=number, unit=unit):
+            return _plain(number) if unit is None else f"{number_text(number)} {unit.text}"
+        case Samples(count=count):
+            return count
+        case Duration():
+            return length_text(value)
+        case Prediction(signal=signal, ahead=ahead):
+            return f"{signal.value}[t+{length_text(ahead)}]"
+        case Dimension(size=size, labels=labels):
+            return list(labels) or size
+        case ColumnName(column=column):
+            return column
+        case Fraction(value=share):
+            return _plain(share)
+        case Blocks(numbers=numbers):
+            return list(numbers)
+        case TimeRange(start=start, stop=stop):
+            return [f"{number_text(time)} s" for time in (start, stop)]
+        case CustomMembership(function=function):
+            return {"function": function.value}
+        case tuple():
+            return [_plain(item) for item in cast("tuple[Any, ...]", value)]
+        case Mapping():
+            table = cast("Mapping[str, Any]", value)
+            return {name: _plain(item) for name, item in table.items()}
+        case _:
+            assert isinstance(value, _EXPRESSIONS), f"{type(value)} has no text"
+            return expression_text(cast("Expression", value))
+
+
+_EXACT = 2**53
+_EXPRESSIONS = (Binary, Call, Compare, Future, ListLiteral, Member, Name, Negate, Past, Window)

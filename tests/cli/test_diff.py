@@ -1,0 +1,99 @@
+"""`msnn diff`: what it says of equal, rewritten, renamed, retrained and other models."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.cli.command_line import CommandLine
+from tests.cli.test_check import SPEC, change
+
+NEW = "new.yaml"
+
+
+@pytest.fixture
+def copy(project: Path) -> Path:
+    (project / NEW).write_text((project / SPEC).read_text())
+    return project
+
+
+def _change(folder: Path, old: str, new: str) -> None:
+    text = (folder / NEW).read_text()
+    assert old in text
+    (folder / NEW).write_text(text.replace(old, new, 1))
+
+
+def test_a_copy_is_the_same(msnn: CommandLine, copy: Path):
+    said = msnn("diff", SPEC, NEW)
+    assert (said.code, said.out, said.err) == (0, "the same\n", "")
+
+
+def test_comments_layout_and_shorthands_are_only_text(msnn: CommandLine, copy: Path):
+    _change(copy, "integrator: rk4", "# a comment\n\nintegrator: {rk4: {substeps: 1}}")
+    _change(copy, "(F - c*v - k*x) / m", "(F - c * v - k * x) / m")
+    said = msnn("diff", SPEC, NEW)
+    assert said.code == 0
+    assert said.out == "the same model: only its text differs, such as comments or layout\n"
+
+
+def test_another_doc_is_shown_and_still_the_same(msnn: CommandLine, copy: Path):
+    _change(copy, "doc: stiffness", "doc: spring")
+    said = msnn("diff", SPEC, NEW)
+    assert said.code == 0
+    assert said.out.startswith("parameters.k.doc\n  - stiffness\n  + spring\n\nthe same model")
+
+
+def test_an_equation_a_bound_and_an_input(msnn: CommandLine, copy: Path):
+    _change(copy, "(F - c*v - k*x) / m", "(F - c*v - k*x**3) / m")
+    _change(copy, "{init: 2, unit: N*s/m", "{init: 2, min: 0, unit: N*s/m")
+    said = msnn("diff", SPEC, NEW)
+    assert said.code == 1
+    assert said.out == (
+        "parameters.c.min\n  + 0\n"
+        "equations.a.expr\n  - (F - c * v - k * x) / m\n  + (F - c * v - k * x**3) / m\n"
+        "\nthe models differ\n"
+    )
+
+
+def test_renaming_says_so(msnn: CommandLine, copy: Path):
+    text = (copy / NEW).read_text()
+    (copy / NEW).write_text(re.sub(r"\bk\b", "stiffness", text))
+    _change(copy, "doc: stiffness", "doc: stiffness")
+    said = msnn("diff", SPEC, NEW)
+    assert said.code == 1
+    assert said.out == ("k → stiffness\n\nonly renamed: all formulas and settings are the same\n")
+
+
+def test_a_renaming_beside_another_change_is_no_renaming(msnn: CommandLine, copy: Path):
+    text = (copy / NEW).read_text()
+    (copy / NEW).write_text(re.sub(r"\bk\b", "stiffness", text))
+    _change(copy, "init: 10,", "init: 11,")
+    assert msnn("diff", SPEC, NEW).out.endswith("the models differ\n")
+
+
+def test_only_the_workflow(msnn: CommandLine, copy: Path):
+    _change(copy, "epochs: 80", "epochs: 90")
+    said = msnn("diff", SPEC, NEW)
+    assert said.code == 1
+    assert said.out.startswith("train.0.epochs\n  - 80\n  + 90\n")
+    assert "how it is trained, validated or exported" in said.out
+
+
+def test_json_and_program_files(msnn: CommandLine, copy: Path):
+    change(copy, "epochs: 80", "epochs: 81")
+    assert msnn("compile", SPEC).code == 0
+    said = msnn("diff", "--format", "json", "build/plant.program.json", NEW)
+    assert said.code == 1
+    record = json.loads(said.out)
+    assert (record["version"], record["same"], record["kind"]) == (1, False, "workflow")
+    assert record["changes"] == [{"path": "train.0.epochs", "old": 81, "new": 80}]
+
+
+def test_a_broken_spec_is_said(msnn: CommandLine, copy: Path):
+    _change(copy, "k*x", "kk*x")
+    said = msnn("diff", SPEC, NEW)
+    assert (said.code, said.out) == (1, "")
+    assert "error[E0301]" in said.err

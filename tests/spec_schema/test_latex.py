@@ -1,0 +1,72 @@
+"""Formulas as LaTeX: what each form becomes, and that TeX's subset of matplotlib can set all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from msnn.latex import formulas
+from spec_schema.diagnostics import Findings
+from spec_schema.expression_latex import expression_latex, name_latex
+from spec_schema.expression_parser import parse_expression
+from spec_schema.reader import read_spec
+from spec_schema.source import SourceText
+from spec_schema.yaml_nodes import Positions
+from tests.spec_schema.test_json_schema import GOOD
+
+
+def _latex(text: str) -> str:
+    findings = Findings()
+    positions = Positions(SourceText("a.yaml", text), range(len(text) + 1))
+    expression = parse_expression(text, positions, findings)
+    assert expression is not None, findings.in_order
+    return expression_latex(expression)
+
+
+@pytest.mark.parametrize(
+    ("text", "latex"),
+    [
+        ("a + b * c", r"a + b \, c"),
+        ("(a + b) * c", r"\left(a + b\right) \, c"),
+        ("a - (b - c)", r"a - \left(b - c\right)"),
+        ("a / (b + c)", r"\frac{a}{b + c}"),
+        ("-a**2", r"-{a}^{2}"),
+        ("(-a)**2", r"{\left(-a\right)}^{2}"),
+        ("2 * 3", r"2 \cdot 3"),
+        ("1e-9 * a", r"1 \cdot 10^{-9} \, a"),
+        ("W @ q", r"W \cdot q"),
+        ("x[t-1]", "x_{t-1}"),
+        ("x[t-4:t]", "x_{t-4{:}t}"),
+        ("sin(θ_1)", r"\sin\left(\theta_{\mathrm{1}}\right)"),
+        ("sqrt(abs(x))", r"\sqrt{\left|x\right|}"),
+        ("relu(x)", r"\operatorname{relu}\left(x\right)"),
+        ("where(x < 0, 1, 2)", r"\operatorname{where}\left(x < 0, 1, 2\right)"),
+        ("x.meas", r"x^{\mathrm{meas}}"),
+    ],
+)
+def test_forms(text: str, latex: str) -> None:
+    assert _latex(text) == latex
+
+
+@pytest.mark.parametrize(
+    ("name", "latex"),
+    [
+        ("x", "x"),
+        ("Ω", r"\Omega"),
+        ("Α", r"\mathrm{Α}"),
+        ("λ", r"\lambda"),
+        ("tau_max", r"\mathrm{tau}_{\mathrm{max}}"),
+        ("x_next_1", r"x_{\mathrm{next,1}}"),
+    ],
+)
+def test_names(name: str, latex: str) -> None:
+    assert name_latex(name) == latex
+
+
+@pytest.mark.parametrize("path", GOOD, ids=lambda path: path.name)
+def test_matplotlib_sets_every_formula(path: Path) -> None:
+    mathtext = pytest.importorskip("matplotlib.mathtext", reason="pip install 'msnn[plot]'")
+    parser = mathtext.MathTextParser("path")
+    for left, right in formulas(read_spec(path).spec):
+        parser.parse(f"${left} = {right}$")
