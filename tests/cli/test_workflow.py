@@ -46,7 +46,7 @@ def test_init_makes_the_same_every_time(msnn: CommandLine):
     msnn("init", "one/plant")
     msnn("init", "two/plant")
     files = [p.relative_to("one") for p in Path("one").rglob("*") if p.is_file()]
-    assert len(files) == 13
+    assert len(files) == 14
     assert all(Path("one", f).read_bytes() == Path("two", f).read_bytes() for f in files)
 
 
@@ -124,7 +124,7 @@ def test_missing_data_ends_with_1(msnn: CommandLine, project: Path):
     said = msnn("train", SPEC)
     assert said.code == 1
     assert "error[E0801]: no data file matches `data/test/*.csv`" in said.err
-    assert f"--> {SPEC}:30:43" in said.err
+    assert f"--> {SPEC}:31:43" in said.err
     assert not (project / "runs").exists()
 
 
