@@ -29,6 +29,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -103,6 +104,8 @@ def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Sym
             return values[0] / values[1]
         case Negate():
             return -values[0]
+        case Dropout():
+            return values[0]
         case Minimum():
             return _nearer(values[0] <= values[1], values[0] > values[1], values)
         case Maximum():

@@ -21,6 +21,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -97,6 +98,8 @@ def _lower(
             return onnx.add("Div", values)
         case Negate():
             return onnx.add("Neg", values)
+        case Dropout():
+            return values[0]
         case Minimum():
             return onnx.add("Min", values)
         case Maximum():

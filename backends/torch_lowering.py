@@ -185,6 +185,8 @@ class _Lowering:
                 return self._call(torch.div, *args)
             case ops.Negate():
                 return self._call(torch.neg, *args)
+            case ops.Dropout():
+                return args[0]
             case ops.Minimum():
                 return self._extremum(torch.lt, args[0], node.args[1])
             case ops.Maximum():

@@ -19,6 +19,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -197,6 +198,9 @@ class GraphBuilder:
             left, right, axes = self.aligned(*args)
             return self.emit(Apply(function), (left, right), Type(axes, unit))
         return self.emit(Apply(function), args, self.type(args[0]).with_unit(unit))
+
+    def dropout(self, value: NodeId, rate: float, layer: str) -> NodeId:
+        return self.emit(Dropout(rate, layer), (value,), self.type(value))
 
     # ---- structure
 

@@ -27,6 +27,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -162,6 +163,8 @@ class _Rule:
                 return g if position == 0 else b.negate(g)
             case Negate():
                 return b.negate(g)
+            case Dropout():
+                return g
             case Multiply():
                 return self._times(args[1 - position])
             case Divide():

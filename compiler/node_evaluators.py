@@ -30,6 +30,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -104,6 +105,8 @@ def evaluator(
             return _binary(np.divide, args)
         case Negate():
             return lambda values, around: np.negative(values[args[0]])
+        case Dropout():
+            return lambda values, around: values[args[0]]
         case Minimum():
             return _binary(_minimum, args)
         case Maximum():

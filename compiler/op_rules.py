@@ -17,6 +17,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -87,6 +88,10 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str
             return _elementwise(type, operands) or _real(type, *operands)
         case Clamp():
             return _elementwise(type, operands) or _real(type, *operands)
+        case Dropout(rate):
+            if not 0 <= rate < 1:
+                return f"a share of {rate} cannot be left out"
+            return _elementwise(type, operands) or _real(type, *operands)
         case Apply(function):
             if function not in SCALAR_FUNCTIONS:
                 return f"there is no function `{function}`"
@@ -133,7 +138,7 @@ def _wrong_count(node: Node, operands: tuple[Type, ...]) -> str | None:
     match node.op:
         case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
             count = 0
-        case Negate() | Broadcast() | Reshape() | Slice() | Sum() | Window():
+        case Negate() | Dropout() | Broadcast() | Reshape() | Slice() | Sum() | Window():
             count = 1
         case Add() | Subtract() | Multiply() | Divide() | Minimum() | Maximum() | Compare():
             count = 2

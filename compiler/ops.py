@@ -127,6 +127,16 @@ class Apply:
     function: str
 
 
+@dataclass(frozen=True, slots=True)
+class Dropout:
+    """The operand; a stage of training leaves elements out at random (`draw_dropout`)."""
+
+    rate: float
+    """The share of elements that is left out, 0 … 1 without 1."""
+    layer: str
+    """The layer that it belongs to, empty for the builtin."""
+
+
 # ---- structure: same numbers in other axes, or sums along one axis
 
 
@@ -205,6 +215,7 @@ Op = (
     | Compare
     | Select
     | Apply
+    | Dropout
     | Broadcast
     | Reshape
     | Slice

@@ -54,6 +54,7 @@ _POLICIES: dict[str, InvalidPolicy] = {
 _FIELDS: dict[str, Callable[[Any, str], Any]] = {
     "str": as_text,
     "int": as_integer,
+    "float": as_number,
     "tuple[float, ...]": lambda value, place: tuple(
         as_number(item, place) for item in as_list(value, place)
     ),

@@ -15,6 +15,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -158,6 +159,8 @@ def _operation(node: Node) -> str:
             return " / ".join(args)
         case Negate():
             return f"-{listed}"
+        case Dropout(rate, layer):
+            return f"dropout({listed}, {rate!r}{f', {layer}' if layer else ''})"
         case Minimum():
             return f"min({listed})"
         case Maximum():

@@ -157,7 +157,7 @@ def _node(node: Node, files: _Files) -> Data:
     return data | _place("", node.span, files)
 
 
-def _plain(value: str | int | tuple[float, ...] | Enum) -> Any:
+def _plain(value: str | float | tuple[float, ...] | Enum) -> Any:
     match value:
         case Enum():
             return value.value

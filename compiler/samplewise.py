@@ -17,6 +17,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -169,6 +170,7 @@ def _sampled(
             | Compare()
             | Select()
             | Apply()
+            | Dropout()
             | Broadcast()
         ):
             return _of_operands(graph, node, sampled, fixed)

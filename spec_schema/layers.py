@@ -93,27 +93,30 @@ def order(least: int) -> Leaf:
     return reads(read, {"type": "integer", "minimum": least, "maximum": LARGEST_ORDER})
 
 
+Share: TypeAlias = Annotated[float, number(least=0.0, below=1.0)]
+
+
 class Fir(Entry):
     """A finite impulse response over a window; without `window` its argument is one."""
 
     noun: ClassVar[str] = "a fir layer"
-    later: ClassVar[frozenset[str]] = frozenset({"dropout"})
 
     window: PositiveLength | None = None
     out: Reference | None = None
     bias: Switch = False
     init: Initializer | None = None
+    dropout: Share = 0.0
 
 
 class Linear(Entry):
     """An affine map of the last dim of its argument."""
 
     noun: ClassVar[str] = "a linear layer"
-    later: ClassVar[frozenset[str]] = frozenset({"dropout"})
 
     out: Reference | None = None
     bias: Switch = True
     init: Initializer | None = None
+    dropout: Share = 0.0
 
 
 class Fuzzify(Entry):
@@ -145,13 +148,13 @@ class Mlp(Entry):
     """A multilayer perceptron: affine maps with `activation` between them."""
 
     noun: ClassVar[str] = "an mlp layer"
-    later: ClassVar[frozenset[str]] = frozenset({"dropout"})
 
     hidden: ManyOf[PositiveCount]
     activation: Reference | None = None
     out: Reference | None = None
     bias: Switch = True
     init: Initializer | None = None
+    dropout: Share = 0.0
 
 
 class EquationLearner(Entry):

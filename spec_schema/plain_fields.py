@@ -104,23 +104,34 @@ def read_number(node: Node, findings: Findings) -> float:
     return float(value)
 
 
-def number(above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> Leaf:
-    """Validates a number with above < number, least ≤ number ≤ most."""
+def number(
+    above: float = -math.inf,
+    least: float = -math.inf,
+    most: float = math.inf,
+    below: float = math.inf,
+) -> Leaf:
+    """Validates a number with above < number < below, least ≤ number ≤ most."""
     limits = [
         f"above {above:g}" if above > -math.inf else "",
         f"at least {least:g}" if least > -math.inf else "",
         f"at most {most:g}" if most < math.inf else "",
+        f"below {below:g}" if below < math.inf else "",
     ]
     wanted = " and ".join(limit for limit in limits if limit)
 
     def read(node: Node, findings: Findings) -> float:
         value = read_number(node, findings)
-        if not (above < value and least <= value <= most):
+        if not (above < value < below and least <= value <= most):
             findings.report(errors.out_of_range(f"{value:g}", node.span, wanted))
             raise RefusedError
         return value
 
-    limits_of_schema = {"exclusiveMinimum": above, "minimum": least, "maximum": most}
+    limits_of_schema = {
+        "exclusiveMinimum": above,
+        "minimum": least,
+        "maximum": most,
+        "exclusiveMaximum": below,
+    }
     finite = {key: limit for key, limit in limits_of_schema.items() if math.isfinite(limit)}
     return reads(read, {"type": "number", **finite})
 

@@ -16,6 +16,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -74,7 +75,7 @@ def _uses(node: Node, operand: Type, demand: int) -> int:
     match node.op:
         case Broadcast():
             return demand * (node.type.size // operand.size)
-        case Slice():
+        case Slice() | Dropout():
             return demand
         case Reshape():
             return demand if only_units_moved(operand, node.type) else MANY

@@ -45,6 +45,7 @@ from compiler.ops import (
     Constant,
     Contract,
     Divide,
+    Dropout,
     Maximum,
     Minimum,
     Multiply,
@@ -150,6 +151,8 @@ class GraphLowering:
                 return repeated(args[0], self._operand(node), node.type)
             case Reshape():
                 return self._reshaped(node, args[0])
+            case Dropout():
+                return args[0]
             case Slice(axis, start, stop):
                 return sliced(args[0], self._operand(node).position(axis), start, stop)
             case Concat(axis):

@@ -184,8 +184,8 @@ class Data:
         skip: int,
         scored: Mapping[str, NDArray[np.bool_]] | None,
     ) -> None:
-        names = kernel.source.signals
-        self._series = [np.ascontiguousarray(series[name], kernel.dtype) for name in names]
+        self._names = kernel.source.signals
+        self._series = [np.ascontiguousarray(series[name], kernel.dtype) for name in self._names]
         self._scored: list[NDArray[np.uint8]] = []
         self.missing = scored is not None or any(bool(np.isnan(s).any()) for s in self._series)
         table = None
@@ -202,6 +202,11 @@ class Data:
             None if table is None else ctypes.cast(table, ctypes.c_void_p),
             skip,
         )
+
+    def write(self, series: Mapping[str, FloatArray]) -> None:
+        """Replaces the numbers of some series, which must be this object's own."""
+        for name, values in series.items():
+            self._series[self._names.index(name)][...] = values
 
 
 @dataclass(frozen=True, slots=True)

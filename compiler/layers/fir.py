@@ -17,7 +17,7 @@ def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:
     The argument has a window of n samples, its own or that of `window:`; each element e of a vector
     input has its own row of taps and `out` adds an axis o. Arrays: `weight`, and `bias` (off unless
     asked for, initially 0). The default initial taps are uniform in ±1/(2n): a loop closed over the
-    filter is stable whatever the draw, since Σ|W| ≤ 1/2.
+    filter is stable whatever the draw, since Σ|W| ≤ 1/2. `dropout` leaves out elements of y.
     """
     (window,) = arguments
     builder = context.builder
@@ -35,7 +35,7 @@ def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:
     result = builder.contract_over(weight, window, WINDOW)
     if settings.bias:
         result = builder.add(result, context.learned("bias", rows, 0.0, "offset"))
-    return result
+    return context.dropout(result, settings.dropout)
 
 
 FIR = LayerRule(Fir, read_window, fir)

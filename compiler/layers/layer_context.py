@@ -115,6 +115,10 @@ class LayerContext:
         generator = generator_of(name, self.model.draw)
         return generator.uniform(-bound, bound, tuple(axis.size for axis in full))
 
+    def dropout(self, value: NodeId, rate: float) -> NodeId:
+        """The value, of which training leaves out this share of the elements."""
+        return self.builder.dropout(value, rate, self.name) if rate else value
+
     def apply(self, function: Located[str], nodes: Sequence[NodeId]) -> NodeId:
         """The value of a builtin or of a function of the spec at operands of the same axes.
 

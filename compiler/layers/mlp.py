@@ -21,6 +21,7 @@ def mlp(context: LayerContext, settings: Mlp, arguments: Arguments) -> NodeId:
     the language or of the spec, by default tanh. Arrays: `weight1`, `bias1`, …, the last ones for
     y; one row of a weight for each of its results. Biases start at 0 (none with `bias: false`),
     weights by default uniform in ±√(6 / (inputs + outputs)) (Glorot and Bengio 2010, equation 16).
+    `dropout` leaves out elements of h₁, h₂, ….
     """
     (value,) = arguments
     activation = settings.activation or Located("tanh", settings.place.key)
@@ -33,7 +34,7 @@ def mlp(context: LayerContext, settings: Mlp, arguments: Arguments) -> NodeId:
         layer = Affine(f"weight{number}", bias, out, settings.init, bound)
         value = layer.of(context, value, summed)
         if number <= len(sizes):
-            value = context.apply(activation, [value])
+            value = context.dropout(context.apply(activation, [value]), settings.dropout)
             (summed,) = out
     return value
 

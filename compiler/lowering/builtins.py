@@ -218,6 +218,17 @@ def _part(model: Model, call: Call, environment: Environment) -> NodeId:
     return builder.element(node, spatial[0].name, index)
 
 
+def _dropout(model: Model, call: Call, environment: Environment) -> NodeId:
+    node = lower(model, call.arguments[0], environment)
+    rate = model.number(call.arguments[1], environment, "the share of `dropout`")
+    if not 0 <= rate < 1:
+        problem = f"is {rate:g}; 0 … 1 without 1 can be left out"
+        report = names.unfit_constant("the share of `dropout`", problem, call.arguments[1].span)
+        model.findings.report(report)
+        raise LoweringFailed
+    return model.builder(environment).dropout(node, rate, "")
+
+
 BUILTINS: dict[str, Builtin] = {
     row.name: Builtin(row.arity, row.arity, _scalar(row.name), doc=row.doc)
     for row in SCALAR_FUNCTIONS.values()
@@ -240,6 +251,9 @@ BUILTINS: dict[str, Builtin] = {
     "outer": Builtin(2, 2, lower_outer, doc="outer(a, b): all products of an element of each."),
     "eye": Builtin(1, 2, lower_eye, doc="eye(a, b) of two dims; eye(3) in `constants:`."),
     "smooth_sign": Builtin(1, 2, lower_smooth_sign, doc="smooth_sign(x, width) = tanh(x / width)."),
+    "dropout": Builtin(
+        2, 2, _dropout, doc="dropout(x, share): x, of which training leaves out a share."
+    ),
     "linspace": Builtin(3, 3, number_list("linspace"), doc="linspace(first, last, count)."),
     "arange": Builtin(1, 3, number_list("arange"), doc="arange(start, stop, step), stop excluded."),
     "integral": Builtin(
@@ -252,5 +266,5 @@ BUILTINS: dict[str, Builtin] = {
 }
 """By name; `next` and `flow` are in `states.py`, losses in `losses.py`."""
 
-NOT_YET = frozenset(["dropout"])
+NOT_YET = frozenset[str]()
 """Builtins of the language that this version names but does not have."""

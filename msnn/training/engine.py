@@ -44,6 +44,10 @@ class Engine(Protocol):
         """Physical values of all parameters."""
         ...
 
+    def begin_epoch(self, epoch: int) -> None:
+        """Draws what dropout leaves out in this epoch, the same however often it is asked."""
+        ...
+
     batches_a_call: int
     """Batches that `train_batches` is given at once; the stage can be stopped between two calls."""
 

@@ -10,6 +10,7 @@ from backends.native.kernel import Kernel, Method, Rule, Variables
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
 from msnn.rollout import LossSum
+from msnn.training.dropout_masks import factors_of, with_all_kept
 from msnn.training.engine import EngineState, LossSums, NonFiniteLossError
 from msnn.training.kernel_check import check_kernel
 from msnn.training.stage_plan import StagePlan
@@ -37,12 +38,14 @@ class NativeEngine:
     ) -> None:
         self._plan = plan
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
-        self._kernel = Kernel(plan.rollout.program, plan.dtype, plan.threads)
+        self._kernel = Kernel(plan.program, plan.dtype, plan.threads)
         rule, rate = _rule(plan)
         rates = {name: rate * plan.lr_factors.get(name, 1.0) for name in plan.trained}
         self._variables = Variables(self._kernel, rule, weights, rates)
         self.moved = self._variables.moved
-        self._train = self._kernel.data(series, plan.rollout.skip, train_rows)
+        series = with_all_kept(series, plan.masks)
+        own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
+        self._train = self._kernel.data(own, plan.rollout.skip, train_rows)
         self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
         names = self._kernel.source.losses
         self._loss_weights = [plan.loss_weights[name] for name in names]
@@ -51,6 +54,10 @@ class NativeEngine:
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._variables.weights(), **self._fixed}
+
+    def begin_epoch(self, epoch: int) -> None:
+        """Draws what dropout leaves out in this epoch, the same however often it is asked."""
+        self._train.write(factors_of(self._plan, self._series, epoch))
 
     def train_batches(self, runs: Runs, size: int) -> LossSums:
         """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""

@@ -15,6 +15,7 @@ from compiler.program import Measure
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
 from msnn.rollout import LossSum
+from msnn.training.dropout_masks import with_all_kept
 from msnn.training.engine import LossSums
 from msnn.training.kernel_check import check_kernel
 from msnn.training.stage_plan import StagePlan
@@ -33,6 +34,10 @@ class Scored:
 
 class Objective(Protocol):
     """The losses of one stage as a function of a model's raw variables."""
+
+    def write(self, series: Mapping[str, FloatArray]) -> None:
+        """Replaces series that rollouts to train on read: the factors of dropout."""
+        ...
 
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""
@@ -55,8 +60,15 @@ class TorchObjective:
         evaluation_rows: RowsByLoss | None,
     ) -> None:
         self._model, self._plan = model, plan
-        self._train = scoring(series, model.dtype, plan.rollout.skip, train_rows)
+        series = with_all_kept(series, plan.masks)
+        own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
+        self._train = scoring(own, model.dtype, plan.rollout.skip, train_rows)
         self._evaluation = scoring(series, model.dtype, plan.rollout.skip, evaluation_rows)
+
+    def write(self, series: Mapping[str, FloatArray]) -> None:
+        """Replaces series that rollouts to train on read: the factors of dropout."""
+        for name, values in series.items():
+            self._train.series[name].copy_(torch.from_numpy(values))
 
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""
@@ -86,11 +98,17 @@ class KernelObjective:
         train_rows: RowsByLoss | None,
         evaluation_rows: RowsByLoss | None,
     ) -> None:
+        series = with_all_kept(series, plan.masks)
         self._model, self._plan, self._series = model, plan, series
-        self._kernel = Kernel(plan.rollout.program, plan.dtype, plan.threads)
-        self._train = self._kernel.data(series, plan.rollout.skip, train_rows)
+        self._kernel = Kernel(plan.program, plan.dtype, plan.threads)
+        own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
+        self._train = self._kernel.data(own, plan.rollout.skip, train_rows)
         self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
         self._weights = [plan.loss_weights[name] for name in self._kernel.source.losses]
+
+    def write(self, series: Mapping[str, FloatArray]) -> None:
+        """Replaces series that rollouts to train on read: the factors of dropout."""
+        self._train.write(series)
 
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""
@@ -137,9 +155,7 @@ class KernelObjective:
 
     def _physical(self) -> Tensor:
         values = self._model.physical()
-        return torch.cat(
-            [values[p.name].reshape(-1) for p in self._plan.rollout.program.parameters]
-        )
+        return torch.cat([values[p.name].reshape(-1) for p in self._plan.program.parameters])
 
 
 class _KernelTotal(torch.autograd.Function):
@@ -167,7 +183,7 @@ class _KernelTotal(torch.autograd.Function):
 
 
 def _measures(plan: StagePlan) -> dict[str, Measure]:
-    return {loss.name: loss.measure for loss in plan.rollout.program.losses}
+    return {loss.name: loss.measure for loss in plan.program.losses}
 
 
 def _numbers(sums: Mapping[str, TorchLossSum]) -> LossSums:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Literal
 
+from compiler.passes.draw_dropout import Mask, draw_dropout
 from compiler.program import Program
 from msnn.rollout_plan import RolloutPlan, plan_rollout
 from spec_schema.diagnostics import Findings
@@ -31,6 +32,10 @@ class StagePlan:
     """None: all starts at once."""
     optimizer: Adam | AdamW | Sgd | Lbfgs
     rollout: RolloutPlan
+    program: Program
+    """What engines train: that of the rollout with its dropout drawn."""
+    masks: tuple[Mask, ...]
+    """The factors of dropout that the program reads beside the log."""
     loss_weights: Mapping[str, float]
     trained: tuple[str, ...]
     """Parameters that move."""
@@ -130,6 +135,9 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     if rollout is None:
         return None
     all_at_once = isinstance(optimizer, Lbfgs) and "batch" not in stage.model_fields_set
+    layers = {parameter.rpartition(".")[0] for parameter in learned}
+    moved = {parameter.rpartition(".")[0] for parameter in trained}
+    drawn = draw_dropout(rollout.program, layers - moved - {""})
     return StagePlan(
         index=index,
         name=name,
@@ -137,6 +145,8 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         batch=None if all_at_once else stage.batch,
         optimizer=optimizer,
         rollout=rollout,
+        program=drawn.program,
+        masks=drawn.masks,
         loss_weights=weights,
         trained=trained,
         lr_factors=factors,

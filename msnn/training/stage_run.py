@@ -101,6 +101,7 @@ class StageRun:
 
     def _run_epoch(self) -> LossSums:
         order = shuffled(len(self.train), self.plan.seed, self.plan.index, self.epoch, self.attempt)
+        self.engine.begin_epoch(self.epoch)
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
         # a last batch that is smaller is the same as one filled up with members of weight 0

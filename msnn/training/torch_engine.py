@@ -12,6 +12,7 @@ from torch import Tensor
 from backends.torch_module import build_module
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
+from msnn.training.dropout_masks import factors_of
 from msnn.training.engine import EngineState, LossSums, NonFiniteLossError, batches_of
 from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.optimizer_state import flattened, rebuilt
@@ -39,15 +40,16 @@ class TorchEngine:
         dtype = _DTYPES[plan.dtype]
         self._plan = plan
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
-        self._model = build_module(plan.rollout.program, dtype)
+        self._model = build_module(plan.program, dtype)
         self.moved = self._model.load_physical(weights)
         self._variables = self._select()
         self._optimizer = _optimizer(plan, self._variables)
+        self._series = series
         self._objective = objective(self._model, plan, series, train_rows, evaluation_rows)
 
     def _select(self) -> dict[str, Tensor]:
         variables: dict[str, Tensor] = {}
-        for parameter in self._plan.rollout.program.parameters:
+        for parameter in self._plan.program.parameters:
             trained = parameter.name in self._plan.trained
             raw = self._model.raw(parameter.name)
             raw.requires_grad_(trained)
@@ -58,6 +60,10 @@ class TorchEngine:
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._model.weights(), **self._fixed}
+
+    def begin_epoch(self, epoch: int) -> None:
+        """Draws what dropout leaves out in this epoch, the same however often it is asked."""
+        self._objective.write(factors_of(self._plan, self._series, epoch))
 
     def train_batches(self, runs: Runs, size: int) -> LossSums:
         """One optimiser step on each batch; the losses before it. Raises NonFiniteLossError."""

@@ -163,7 +163,7 @@ outputs:
         ("{mlp: {hidden: 0}}", "bad(x)", "E0210"),
         ("{mlp: {hidden: 3, activation: tahn}}", "bad(x)", "E0301"),
         ("{mlp: {hidden: 3, activation: atan2}}", "bad(x)", "E0305"),
-        ("{mlp: {hidden: 3, dropout: 0.1}}", "bad(x)", "E0202"),
+        ("{mlp: {hidden: 3, dropout: 1}}", "bad(x)", "E0210"),
         ("{mlp: {hidden: 3}}", "bad()", "E0305"),
         ("{mlp: {hidden: 3}}", "bad(x) + bad(u)", "E0404"),
         ("{mlp: {hidden: 3}}", "bad(u.past(3), u.past(4))", "E0402"),

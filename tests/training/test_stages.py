@@ -164,6 +164,9 @@ class Counting:
     def weights(self) -> dict[str, np.ndarray]:
         return {}
 
+    def begin_epoch(self, epoch: int) -> None:
+        del epoch
+
     def train_batches(self, runs: Runs, size: int) -> dict[str, LossSum]:
         self.batches += [batch.t0.tolist() for batch in batches_of(runs, size)]
         return {"x_next": LossSum(float(len(runs)), len(runs))}

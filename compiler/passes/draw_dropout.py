@@ -1,0 +1,76 @@
+"""Lets a stage of training leave out elements at random: each dropout reads a series of factors."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+from compiler.builder import GraphBuilder
+from compiler.graph_copy import copy_node, with_start, with_step
+from compiler.ops import Dropout
+from compiler.program import Graph, NodeId, Program, Role, Signal
+from compiler.types import Axis, Type
+
+
+@dataclass(frozen=True, slots=True)
+class Mask:
+    """A logged signal of factors, one an element: 0 with probability `rate`, else 1 / (1 − rate).
+
+    With those factors the expectation of the product is the operand (inverted dropout: Srivastava
+    et al. 2014, section 10).
+    """
+
+    signal: str
+    rate: float
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnDropout:
+    """The program of a stage, and the series that its data must have beside the log."""
+
+    program: Program
+    masks: tuple[Mask, ...]
+
+
+def draw_dropout(program: Program, without: Collection[str]) -> DrawnDropout:
+    """Replaces each `Dropout`, but of layers `without`, by the product with the factors of row t.
+
+    Before: any form. After: for training only, as outputs and states may read the log.
+
+        %1: scalar = dropout(%0, 0.2, h)
+
+        %1: [element=1] = log(dropout 1, 0, 0)
+        %2: scalar = reshape(%1)
+        %3: scalar = %0 * %2
+    """
+    masks: list[Mask] = []
+    program = with_step(program, *_drawn(program.step, without, masks))
+    program = with_start(program, *_drawn(program.start, without, masks))
+    signals = tuple(Signal(mask.signal, Role.TARGET, (_elements(mask),)) for mask in masks)
+    return DrawnDropout(replace(program, signals=(*program.signals, *signals)), tuple(masks))
+
+
+def _drawn(
+    graph: Graph, without: Collection[str], masks: list[Mask]
+) -> tuple[Graph, dict[NodeId, NodeId]]:
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index, node in graph:
+        args = tuple(copies[arg] for arg in node.args)
+        if not isinstance(node.op, Dropout):
+            copies[index] = copy_node(builder, node, args)
+        elif node.op.layer in without or node.op.rate == 0:
+            copies[index] = args[0]
+        else:
+            mask = Mask(f"dropout {len(masks) + 1}", node.op.rate, node.type.size)
+            masks.append(mask)
+            with builder.at(node.span):
+                factors = builder.log(mask.signal, 0, 0, Type((_elements(mask),)))
+                kept = builder.reshape(factors, node.type.axes)
+                copies[index] = builder.multiply(args[0], kept)
+    return builder.graph(), copies
+
+
+def _elements(mask: Mask) -> Axis:
+    return Axis(f"{mask.signal}.element", mask.size)
