@@ -70,6 +70,14 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True)
+class Statistic:
+    """What of a signal's training rows a parameter is, set once before the first stage."""
+
+    kind: Literal["mean", "std"]
+    signal: str
+
+
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """A learnable array: initial value in C order, bounds and unit are physical.
 
@@ -85,6 +93,8 @@ class Parameter:
     maximum: float | None = None
     scale: float = 1.0
     learn: bool = True
+    statistic: Statistic | None = None
+    """Where the value comes from if not from `initial`, which is only where nothing is known."""
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 from compiler.ops import Op, Relation
 from compiler.plain_data import (
@@ -34,6 +34,7 @@ from compiler.program import (
     Role,
     Signal,
     State,
+    Statistic,
     Tape,
 )
 from compiler.types import Axis, Kind, Type
@@ -45,6 +46,7 @@ Choice = TypeVar("Choice")
 
 _OPS: dict[str, type[Op]] = {op.__name__: op for op in get_args(Op)}
 _KINDS: dict[str, Kind] = {"real": "real", "bool": "bool"}
+_STATISTICS: dict[str, Literal["mean", "std"]] = {"mean": "mean", "std": "std"}
 _POLICIES: dict[str, InvalidPolicy] = {
     "clamp": "clamp",
     "hold": "hold",
@@ -112,6 +114,10 @@ class _Reader:
 
     def parameter(self, data: Any, place: str) -> Parameter:
         record = Record(data, place)
+        statistic: Statistic | None = None
+        if record.has("statistic"):
+            kind, signal = as_pair(record.raw("statistic"), place)
+            statistic = Statistic(_chosen(kind, place, _STATISTICS), as_text(signal, place))
         parameter = Parameter(
             name=record.text("name"),
             axes=self._axes(record),
@@ -121,6 +127,7 @@ class _Reader:
             maximum=record.number("maximum") if record.has("maximum") else None,
             scale=record.number("scale") if record.has("scale") else 1.0,
             learn=record.truth("learn") if record.has("learn") else True,
+            statistic=statistic,
             doc=_doc(record),
             span=self._span(record),
         )

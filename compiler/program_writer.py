@@ -91,6 +91,8 @@ def _parameter(parameter: Parameter, files: _Files) -> Data:
         data["scale"] = parameter.scale
     if not parameter.learn:
         data["learn"] = False
+    if parameter.statistic is not None:
+        data["statistic"] = [parameter.statistic.kind, parameter.statistic.signal]
     return data | _place(parameter.doc, parameter.span, files)
 
 

@@ -65,8 +65,13 @@ def verify(program: Program) -> None:
         _check_signal(signal)
     for parameter in program.parameters:
         _check_parameter(parameter)
+    signals = {signal.name: signal.axes for signal in program.signals}
+    for parameter in program.parameters if program.losses else ():
+        statistic = parameter.statistic
+        known = statistic is None or signals.get(statistic.signal) == parameter.axes
+        _require(known, f"parameter `{parameter.name}` is a statistic of no such signal")
     sources = Sources(
-        {signal.name: signal.axes for signal in program.signals},
+        signals,
         {parameter.name: parameter.axes for parameter in program.parameters},
         {state.name: state.axes for state in program.states},
     )

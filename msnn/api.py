@@ -103,10 +103,12 @@ def validate(
     `data` as in `train`. Raises SpecError.
     """
     from msnn import validation
+    from msnn.weights_file import known_weights
 
     dataset = _measured(model, data, data_root, "validation")
     try:
-        report = validation.validate(model.program, dataset, model.spec.checks, weights)
+        known = known_weights(model.program, weights)
+        report = validation.validate(model.program, dataset, model.spec.checks, known)
         return replace(report, warnings=(*dataset.warnings, *report.warnings))
     except SpecError as error:
         raise _with_sources(error, model) from None
@@ -146,7 +148,7 @@ def simulate(
             dataset = file_data(model, program, [Path(file) for file in data])
         case _:
             dataset = one_record(record_data(program, data))
-    return run(program, dataset, weights, horizon)
+    return run(program, dataset, _known(model, weights), horizon)
 
 
 def export(
@@ -168,7 +170,8 @@ def export(
     plans = plan_exports(model, target_names([target], model.spec.export), findings)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
-    return tuple(path for plan in plans for path in write_export(plan, weights or {}, Path(folder)))
+    known = _known(model, weights)
+    return tuple(path for plan in plans for path in write_export(plan, known, Path(folder)))
 
 
 def read_data(
@@ -200,6 +203,15 @@ def _measured(
     spec = model.spec
     try:
         return frame_data(model.program, spec.data, frames, spec.place, row_filters(spec))
+    except SpecError as error:
+        raise _with_sources(error, model) from None
+
+
+def _known(model: Model, weights: Weights | None) -> Weights:
+    from msnn.weights_file import known_weights
+
+    try:
+        return known_weights(model.program, weights)
     except SpecError as error:
         raise _with_sources(error, model) from None
 

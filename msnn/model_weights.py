@@ -8,7 +8,7 @@ from pathlib import Path
 
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.weights_file import initial_weights, read_weights
+from msnn.weights_file import known_weights, read_weights
 from spec_schema.diagnostics import Diagnostic, SpecError
 from spec_schema.errors.commands import not_trained
 
@@ -31,8 +31,9 @@ def choose_weights(
 
     Raises SpecError when a file does not fit the model, or nothing was trained yet.
     """
-    if file is None and (initial or not any(p.learn for p in program.parameters)):
-        return ChosenWeights(initial_weights(program), "the initial values of the spec")
+    needs_training = any(p.learn or p.statistic is not None for p in program.parameters)
+    if file is None and (initial or not needs_training):
+        return ChosenWeights(known_weights(program, None), "the initial values of the spec")
     if file is None:
         file = runs / program.name / LATEST_WEIGHTS
         if not file.is_file():

@@ -37,6 +37,19 @@ def initial_weights(program: Program) -> dict[str, FloatArray]:
     }
 
 
+def known_weights(
+    program: Program, weights: Mapping[str, FloatArray] | None
+) -> Mapping[str, FloatArray]:
+    """The weights, by default the initial values; SpecError where those are not known (R12)."""
+    if weights is not None:
+        return weights
+    unknown = [p for p in program.parameters if p.statistic is not None]
+    if unknown:
+        names = [parameter.name for parameter in unknown]
+        raise SpecError((errors.unknown_statistics(names, unknown[0].span),))
+    return initial_weights(program)
+
+
 def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Program) -> Path:
     """Writes the arrays with the program's name, spec hash and units as metadata; whole or not."""
     units = {p.name: p.unit.text for p in program.parameters if p.unit is not None}

@@ -29,6 +29,7 @@ from spec_schema.quantity_fields import PositiveLength, UnitField
 from spec_schema.values import Initializer
 from spec_schema.yaml_nodes import Node, Scalar, Table
 
+FromData: TypeAlias = Literal["data"]
 Membership: TypeAlias = Literal["triangular", "rectangular", "gaussian"]
 
 
@@ -39,11 +40,9 @@ class CustomMembership:
     function: Located[str]
 
 
-def _read_statistic(node: Node, findings: Findings) -> Expression:
+def _read_statistic(node: Node, findings: Findings) -> Expression | FromData:
     if isinstance(node, Scalar) and node.text == "data":
-        now = ("a number", "a list of numbers")
-        findings.report(errors.choice_not_yet("data", node.span, now))
-        raise RefusedError
+        return "data"
     return read_array(node, findings)
 
 
@@ -187,8 +186,9 @@ class Normalize(Entry):
 
     noun: ClassVar[str] = "a normalize layer"
 
-    mean: Annotated[Expression, reads(_read_statistic, ARRAY)]
-    std: Annotated[Expression, reads(_read_statistic, ARRAY)]
+    mean: Annotated[Expression | FromData, reads(_read_statistic, ARRAY)]
+    std: Annotated[Expression | FromData, reads(_read_statistic, ARRAY)]
+    of: Reference | None = None
     unit: UnitField | None = None
 
 

@@ -15,7 +15,7 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.initial_values import initial_values
 from compiler.named_draws import generator_of
 from compiler.op_rules import LARGEST_SIZE
-from compiler.program import NodeId
+from compiler.program import NodeId, Statistic
 from compiler.scalar_functions import Array
 from compiler.types import WINDOW, Axis, describe_axes
 from spec_schema.diagnostics import Diagnostic
@@ -103,6 +103,18 @@ class LayerContext:
         if type.axes != full:
             self._called_differently()
         return self.builder.parameter(f"{self.name}.{suffix}", type)
+
+    def measured(
+        self, suffix: str, statistic: Statistic, axes: tuple[Axis, ...], unit: Unit | None
+    ) -> NodeId:
+        """An array that is a statistic of the training data; 0 or 1 until that is known."""
+        name = f"{self.name}.{suffix}"
+        values = np.full([axis.size for axis in axes], 0.0 if statistic.kind == "mean" else 1.0)
+        doc = f"{statistic.kind} of `{statistic.signal}` in the training data"
+        type = self.model.arrays.declare(
+            name, axes, values, unit, doc, self.span, (None, None), statistic
+        )
+        return self.builder.parameter(name, type)
 
     def initial(
         self, suffix: str, initializer: Initializer | None, axes: tuple[Axis, ...], bound: float

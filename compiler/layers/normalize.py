@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from compiler.layers.arguments import read_value
 from compiler.layers.layer_context import LayerContext
 from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.program import NodeId
+from compiler.program import NodeId, Statistic
 from compiler.types import Axis, describe_axes
 from spec_schema.errors import names, shapes
-from spec_schema.expression import Expression
+from spec_schema.expression import Expression, Future, Member, Name, Past, Window
 from spec_schema.layers import Normalize
+from spec_schema.signals import Signal
 from spec_schema.units import Unit
 
 
 def normalize(context: LayerContext, settings: Normalize, arguments: Arguments) -> NodeId:
-    """y = (x − mean) / std, dimensionless; `mean` and `std` are numbers in the unit of x.
+    """y = (x − mean) / std, dimensionless; `mean` and `std` are `data` or numbers in the unit of x.
 
-    A list has one number for each element of the last axis of x besides the window. Nothing is
-    learned. `NAME.inverse(y)` is y · std + mean, in the layer's `unit:` where it is given.
+    A list has one number for each element of the last axis of x besides the window. With `data`
+    they are mean and standard deviation (by n) of an input or target in the rows of `train`, for
+    each of its elements: of x, or of the signal that `of:` names. They are set once, before the
+    first stage, and kept among the weights: arrays `mean`, `std`. Nothing is learned.
+    `NAME.inverse(y)` is y · std + mean, in the layer's `unit:` where it is given.
     """
     (value,) = arguments
     builder = context.builder
@@ -32,19 +38,78 @@ def _inverse(context: LayerContext, settings: Normalize, arguments: Arguments) -
     (value,) = arguments
     builder = context.builder
     unit = settings.unit.value if settings.unit else None
-    mean, std = _numbers(context, settings, value, unit)
+    mean, std = _numbers(context, settings, value, unit, inverse=True)
     return builder.add(builder.multiply(value, std), mean)
 
 
 def _numbers(
-    context: LayerContext, settings: Normalize, value: NodeId, unit: Unit | None
+    context: LayerContext,
+    settings: Normalize,
+    value: NodeId,
+    unit: Unit | None,
+    *,
+    inverse: bool = False,
 ) -> tuple[NodeId, NodeId]:
     """Mean and standard deviation with the axes of the value."""
-    std = context.model.arrays.evaluate(settings.std).values
-    if np.any(std <= 0):
-        context.refuse(names.unfit_setting("normalize", "`std` must be above 0", settings.std.span))
-    mean = _constant(context, settings.mean, value, unit)
-    return mean, _constant(context, settings.std, value, unit)
+    mean, std = settings.mean, settings.std
+    signal = _signal(context, settings, inverse) if "data" in (mean, std) else ""
+    if std != "data" and np.any(context.model.arrays.evaluate(std).values <= 0):
+        context.refuse(names.unfit_setting("normalize", "`std` must be above 0", std.span))
+    if mean == "data":
+        mean_node = _measured(context, "mean", signal, value)
+    else:
+        mean_node = _constant(context, mean, value, unit)
+    if std == "data":
+        return mean_node, _measured(context, "std", signal, value)
+    return mean_node, _constant(context, std, value, unit)
+
+
+def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
+    """The signal whose rows count: that of `of:`, else the argument of the first call."""
+    model, known = context.model, context.model.normalized
+    argument = context.call.arguments[0]
+    if settings.of is not None:
+        name, span = settings.of.value, settings.of.span
+    elif inverse and context.name in known:
+        return known[context.name]
+    else:
+        name, span = "" if inverse else _signal_name(argument), argument.span
+    declared = model.declared(name, span) if settings.of is not None else model.scope.get(name)
+    before = known.setdefault(context.name, name)
+    if declared is None or not isinstance(declared.entry, Signal) or before != name:
+        problem = "`data` takes mean and std of one input or target"
+        repair = f"name it: `{context.name}: {{normalize: {{mean: data, std: data, of: SIGNAL}}}}`"
+        context.refuse(names.unfit_setting("normalize", problem, span, repair))
+    return name
+
+
+def _signal_name(expression: Expression) -> str:
+    """The signal that an expression reads as it is, at whatever time; empty for any other."""
+    match expression:
+        case Name(name=name):
+            return name
+        case Member(base=base, name="meas"):
+            return base
+        case Window(operand=operand) | Past(operand=operand) | Future(operand=operand):
+            return _signal_name(operand)
+        case _:
+            return ""
+
+
+def _measured(
+    context: LayerContext, kind: Literal["mean", "std"], signal: str, value: NodeId
+) -> NodeId:
+    builder = context.builder
+    entry = context.model.scope[signal].entry
+    assert isinstance(entry, Signal)
+    axes = context.model.arrays.axes_of(entry)
+    found = builder.type(value).axes
+    if not set(axes) <= set(found):
+        what, place = f"the argument of `{context.name}`", context.call.arguments[0].span
+        context.refuse(shapes.wrong_axes(what, describe_axes(axes), describe_axes(found), place))
+    unit = entry.unit.value if entry.unit else None
+    node = context.measured(kind, Statistic(kind, signal), axes, unit)
+    return builder.broadcast(node, found)
 
 
 def _constant(

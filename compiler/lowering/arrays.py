@@ -13,7 +13,7 @@ from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.initial_values import initial_values
-from compiler.program import NodeId, Parameter
+from compiler.program import NodeId, Parameter, Statistic
 from compiler.scalar_functions import Array
 from compiler.types import Axis, Type, describe_axes
 from compiler.unit_rules import same_unit
@@ -190,8 +190,8 @@ class Arrays:
             high,
             entry.scale or 1.0,
             entry.learn,
-            entry.doc or "",
-            entry.place.key,
+            doc=entry.doc or "",
+            span=entry.place.key,
         )
 
     def declare(
@@ -203,13 +203,20 @@ class Arrays:
         doc: str,
         span: Span,
         bounds: tuple[float | None, float | None],
+        statistic: Statistic | None = None,
     ) -> Type:
-        """A learnable array of a layer; a second call of the layer finds the first one's."""
+        """An array of a layer; a second call of the layer finds the first one's.
+
+        It is learned unless it is a statistic of the data.
+        """
         found = self._parameters.get(name)
         if found is None:
             values = tuple(float(v) for v in initial.ravel())
             low, high = bounds
-            found = Parameter(name, axes, unit, values, low, high, doc=doc, span=span)
+            learn = statistic is None
+            found = Parameter(
+                name, axes, unit, values, low, high, 1.0, learn, statistic, doc=doc, span=span
+            )
             self._parameters[name] = found
         return Type(found.axes, found.unit)
 

@@ -60,6 +60,8 @@ class Model:
         self._asked_measured = False
         self.first_calls: dict[str, str] = {}
         """Shapes of the arguments of each layer's first call."""
+        self.normalized: dict[str, str] = {}
+        """The signal whose statistics each `normalize` layer has."""
         self.used: set[str] = set()
         """Names that something refers to."""
         self.entries = Entries(self, known.variables)

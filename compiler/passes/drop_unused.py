@@ -32,6 +32,9 @@ def drop_unused(program: Program) -> Program:
         read |= {out.predicts.signal for out in program.outputs if out.predicts}
         read |= {signal.name for signal in program.signals if signal.role is Role.TARGET}
     used = parameters_read(step) | parameters_read(start)
+    if program.losses:
+        statistics = [p.statistic for p in program.parameters if p.name in used]
+        read |= {statistic.signal for statistic in statistics if statistic is not None}
     return replace(
         program,
         signals=tuple(signal for signal in program.signals if signal.name in read),

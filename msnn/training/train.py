@@ -26,6 +26,7 @@ from msnn.training.stage_data import StageData, stage_data
 from msnn.training.stage_plan import StagePlan, plan_stages
 from msnn.training.stage_result import StageResult
 from msnn.training.stage_run import Interrupted, StageRun
+from msnn.training.statistics import with_statistics
 from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import training as errors
@@ -93,12 +94,13 @@ def train(
     for warning in (*data.warnings, *findings.in_order):
         progress.warned(warning)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
+    first = dict(weights or with_statistics(program, data, initial_weights(program)))
     folder, checkpoint = _folder(program, options)
     if folder is not None and checkpoint is None:
         folder.write_description(_description(program, plans, data), options.spec_text)
     run = _Run(program, data, ready, folder, progress, findings.in_order, options.redrawn)
     with _end_on_interrupt() as stop_asked:
-        return run.through(dict(weights or initial_weights(program)), checkpoint, stop_asked)
+        return run.through(first, checkpoint, stop_asked)
 
 
 @dataclass(slots=True)

@@ -147,6 +147,31 @@ def weights_not_floating(file: str, name: str, kind: str) -> Diagnostic:
     )
 
 
+def no_statistic(parameter: str, signal: str, span: Span | None) -> Diagnostic:
+    """E0925: statistics of a signal that is constant or missing in the training data."""
+    return Diagnostic(
+        "E0925",
+        "error",
+        f"`{parameter}` cannot be computed: `{signal}` is constant or missing in the set `train`",
+        span,
+        "`data` needs values that differ",
+        help="give `mean` and `std` as numbers",
+    )
+
+
+def unknown_statistics(parameters: Iterable[str], span: Span | None) -> Diagnostic:
+    """E0926: statistics of the data where nothing was trained."""
+    listed = ", ".join(f"`{name}`" for name in parameters)
+    return Diagnostic(
+        "E0926",
+        "error",
+        f"{listed} are statistics of the training data, which initial weights do not have",
+        span,
+        "known after training",
+        help="train first, or give the weights of a training",
+    )
+
+
 def diverged(stage: str, epoch: int, what: str, place: str, span: Span | None) -> Diagnostic:
     """E0913: training that produced a value that is not finite."""
     return Diagnostic(
