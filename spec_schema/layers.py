@@ -25,7 +25,7 @@ from spec_schema.plain_fields import (
     reads,
     scalar,
 )
-from spec_schema.quantity_fields import PositiveLength, UnitField
+from spec_schema.quantity_fields import LengthField, PositiveLength, UnitField
 from spec_schema.values import Initializer
 from spec_schema.yaml_nodes import Node, Scalar, Table
 
@@ -75,11 +75,11 @@ _MEMBERSHIP = {
 }
 
 LARGEST_ORDER = 64
-"""Of a recursive filter: beyond it coefficients in single precision lose their meaning."""
+"""Of a filter: beyond it coefficients in single precision lose their meaning."""
 
 
 def order(least: int) -> Leaf:
-    """Validates the order of a recursive filter."""
+    """Validates the order of a filter."""
 
     def read(node: Node, findings: Findings) -> int:
         found = read_count(node, findings, least)
@@ -214,6 +214,20 @@ class StateSpace(Entry):
     init: ExpressionField | None = None
 
 
+Degree: TypeAlias = Annotated[int, order(0)]
+
+
+class SavitzkyGolay(Entry):
+    """A smoothed value or derivative: a polynomial of `order` fitted to a window."""
+
+    noun: ClassVar[str] = "a savitzky_golay layer"
+
+    window: PositiveLength | None = None
+    order: Degree = 2
+    derivative: Degree = 0
+    lag: LengthField | None = None
+
+
 class Cell(Variant):
     """The layer of which a local model has one copy for each fuzzy set."""
 
@@ -252,3 +266,4 @@ class Layer(Variant):
     normalize: Normalize | None = None
     iir: Iir | None = None
     state_space: StateSpace | None = None
+    savitzky_golay: SavitzkyGolay | None = None

@@ -12,6 +12,7 @@ from compiler.layers.linear import LINEAR
 from compiler.layers.local_model import LOCAL_MODEL
 from compiler.layers.mlp import MLP
 from compiler.layers.normalize import NORMALIZE
+from compiler.layers.savitzky_golay import SAVITZKY_GOLAY
 from compiler.layers.state_space import STATE_SPACE
 
 LAYERS: tuple[AnyRule, ...] = (
@@ -25,5 +26,6 @@ LAYERS: tuple[AnyRule, ...] = (
     NORMALIZE,
     IIR,
     STATE_SPACE,
+    SAVITZKY_GOLAY,
 )
 """Every kind of layer; the class of its settings says which one a spec means."""

@@ -1,0 +1,61 @@
+"""`savitzky_golay`: a smoothed value or derivative, by a polynomial fitted to a time window."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from compiler.layers.arguments import read_window
+from compiler.layers.layer_context import LayerContext
+from compiler.layers.layer_rule import Arguments, LayerRule
+from compiler.program import NodeId
+from compiler.scalar_functions import Array
+from compiler.types import WINDOW, Axis
+from spec_schema.errors import names
+from spec_schema.layers import SavitzkyGolay
+from spec_schema.unit_parser import parse_unit
+
+
+def savitzky_golay(context: LayerContext, settings: SavitzkyGolay, arguments: Arguments) -> NodeId:
+    """y = dᵐp/dtᵐ at t − lag, p the polynomial of degree `order` nearest to the window's samples.
+
+    Least squares with equal weights, so y is a fixed weighted sum of the samples (Savitzky and
+    Golay 1964): it has no learned arrays, starts without a transient, and each element of a vector
+    has its own. `derivative` is m, 0 smooths; `lag` in samples or as a duration is 0 for an
+    estimate at t, half the window for the least noise. The unit is that of x over sᵐ.
+    """
+    (window,) = arguments
+    builder = context.builder
+    samples, dt = builder.type(window).window, context.model.sampling.sample_time
+    assert samples is not None
+    assert dt is not None, "there are no windows without a sample time"
+    lag = context.model.sampling.samples(settings.lag) if settings.lag is not None else 0
+    derivative, order = settings.derivative, settings.order
+    problem: str | None = None
+    if order >= samples:
+        problem = (
+            f"a polynomial of order {order} needs {order + 1} samples, the window has {samples}"
+        )
+    elif derivative > order:
+        problem = f"derivative {derivative} of a polynomial of order {order} is always 0"
+    elif lag >= samples:
+        problem = f"a lag of {lag} samples lies before the window of {samples}"
+    if problem is not None:
+        place = settings.place.key
+        context.refuse(names.unfit_setting(f"`{context.name}`", problem, place))
+    unit = parse_unit("s").power(-derivative)
+    weights = _weights(samples, order, derivative, lag) / dt**derivative
+    taps = builder.constant(weights, (Axis(WINDOW, samples),), unit)
+    return builder.contract_over(taps, window, WINDOW)
+
+
+def _weights(samples: int, order: int, derivative: int, lag: int) -> Array:
+    """m! times row m of the pseudo-inverse of the powers of time, time 0 at t − lag."""
+    reach = max(samples - 1, 1)  # powers of at most 1 keep the fit well conditioned
+    times = (np.arange(samples) - (samples - 1 - lag)) / reach
+    fit = np.linalg.pinv(np.vander(times, order + 1, increasing=True))
+    return math.factorial(derivative) * fit[derivative] / float(reach) ** derivative
+
+
+SAVITZKY_GOLAY = LayerRule(SavitzkyGolay, read_window, savitzky_golay)
