@@ -265,6 +265,3 @@ BUILTINS: dict[str, Builtin] = {
     "ones": Builtin(1, 1, number_list("ones"), doc="ones(count)."),
 }
 """By name; `next` and `flow` are in `states.py`, losses in `losses.py`."""
-
-NOT_YET = frozenset[str]()
-"""Builtins of the language that this version names but does not have."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from compiler.builder import GraphBuilder
 from compiler.lowering.arrays import Arrays
-from compiler.lowering.builtins import BUILTINS, NOT_YET, lower_builtin
+from compiler.lowering.builtins import BUILTINS, lower_builtin
 from compiler.lowering.entries import Entries
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
@@ -159,9 +159,6 @@ class Model:
         if name in LOSS_FUNCTIONS and name not in self.scope:
             repair = "a loss is one of them alone; write two losses with `weight:`"
             self.findings.report(names.misplaced(name, "an expression", function.span, repair))
-            raise LoweringFailed
-        if name in NOT_YET and name not in self.scope:
-            self.findings.report(names.builtin_not_yet(name, function.span))
             raise LoweringFailed
         declared = self.declared(name, function.span) if name in self.scope else None
         if declared is None:

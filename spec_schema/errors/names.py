@@ -107,17 +107,6 @@ def no_layer_member(layer: str, member: str, span: Span, members: Iterable[str])
     )
 
 
-def builtin_not_yet(name: str, span: Span) -> Diagnostic:
-    """E0308: a builtin of the language that this version does not have."""
-    return Diagnostic(
-        "E0308",
-        "error",
-        f"`{name}` is not in this version of msnn",
-        span,
-        "planned, not available yet",
-    )
-
-
 def constant_needed(what: str, span: Span) -> Diagnostic:
     """E0309: something only known at run time where a number is needed at compile time."""
     return Diagnostic(

@@ -99,18 +99,6 @@ def unknown_choice(text: str, span: Span, choices: Iterable[str]) -> Diagnostic:
     )
 
 
-def choice_not_yet(text: str, span: Span, choices: Iterable[str]) -> Diagnostic:
-    """E0208: a choice of the full language that this version does not read."""
-    return Diagnostic(
-        "E0208",
-        "error",
-        f"`{text}` is not in this version of msnn",
-        span,
-        "planned, not available yet",
-        notes=(f"available here: {', '.join(choices)}",),
-    )
-
-
 def one_variant(owner: str, span: Span, found: Iterable[str], choices: Iterable[str]) -> Diagnostic:
     """E0209: none or several where exactly one variant is wanted."""
     found = tuple(found)

@@ -8,10 +8,10 @@ from typing import get_args
 
 from backends import casadi_function, onnx_draft
 from backends.torch_operations import NATIVE_FUNCTIONS
-from compiler.lowering.builtins import BUILTINS, NOT_YET
+from compiler.lowering.builtins import BUILTINS
 from compiler.ops import Op
 from compiler.scalar_functions import SCALAR_FUNCTIONS, ScalarFunction
-from tests.docs.markdown import apart, paragraph, table
+from tests.docs.markdown import paragraph, table
 from tests.every_op.records import OP_RECORDS, RECORDS
 
 _ROOT = Path(__file__).parents[2]
@@ -66,6 +66,4 @@ def builtins() -> str:
         (f"`{name}`", builtin.wanted, ", ".join(f"`{k}=`" for k in builtin.keywords), builtin.doc)
         for name, builtin in BUILTINS.items()
     ]
-    reserved = ", ".join(f"`{name}`" for name in sorted(NOT_YET))
-    listed = table(("builtin", "takes", "keywords", "meaning"), rows)
-    return apart(listed, f"Reserved, not in this version: {reserved}.")
+    return table(("builtin", "takes", "keywords", "meaning"), rows)
