@@ -10,6 +10,7 @@ _DIMS = "Named dimensions of the value, in order."
 _DOC = "What it is, for people and for generated code."
 _INIT = "Initial weights; small random numbers by default."
 _OUT = "Dimension of the result; a scalar by default."
+_DROPOUT = "Share of the elements that training leaves out at random."
 _BIAS = "Whether a learned constant is added."
 _LR = "Step length of the optimiser."
 _RATE = "How often it falls by e from end to end."
@@ -80,8 +81,9 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "out": _OUT,
         "bias": _BIAS,
         "init": _INIT,
+        "dropout": _DROPOUT,
     },
-    "Linear": {"out": _OUT, "bias": _BIAS, "init": _INIT},
+    "Linear": {"out": _OUT, "bias": _BIAS, "init": _INIT, "dropout": _DROPOUT},
     "Fuzzify": {
         "centers": "Centres of the fuzzy sets, ascending.",
         "membership": "Shape of the sets, or `{function: NAME}`.",
@@ -96,6 +98,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "out": _OUT,
         "bias": _BIAS,
         "init": _INIT,
+        "dropout": _DROPOUT,
     },
     "EquationLearner": {
         "functions": "Functions of which a weighted sum is learned.",
@@ -112,11 +115,22 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "learn": "Whether training changes the values.",
         "outside": "What it does beyond the knots.",
     },
-    "Normalize": {"mean": "What is subtracted.", "std": "What it is divided by.", "unit": _UNIT},
+    "Normalize": {
+        "mean": "What is subtracted, or `data`.",
+        "std": "What it is divided by, or `data`.",
+        "of": "Signal whose training rows `data` means; by default the argument.",
+        "unit": _UNIT,
+    },
     "Iir": {
         "num": "Order of the numerator.",
         "den": "Order of the denominator.",
         "init": "Value of the filter before the first sample.",
+    },
+    "SavitzkyGolay": {
+        "window": "How far into the past it reaches, in samples or as a duration.",
+        "order": "Degree of the fitted polynomial.",
+        "derivative": "Which derivative with respect to time; 0 smooths.",
+        "lag": "How long before t the polynomial is evaluated.",
     },
     "StateSpace": {
         "order": "Elements of its state vector.",
