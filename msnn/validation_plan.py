@@ -11,6 +11,7 @@ from msnn.durations import samples
 from msnn.rollout_plan import RolloutPlan, plan_rollout
 from spec_schema.checks import Check, Metric
 from spec_schema.diagnostics import Findings
+from spec_schema.errors import stages as stage_errors
 from spec_schema.errors import training as errors
 from spec_schema.expression import Expression, Member, Name, Window
 from spec_schema.quantity import Quantity
@@ -72,6 +73,8 @@ def default_set(data: Dataset) -> str:
 def _planned(program: Program, check: Check, findings: Findings) -> CheckPlan | None:
     outputs: Mapping[str, Output] = {output.name: output for output in program.outputs}
     losses = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
+    if check.rollout is not None and check.rollout.curriculum is not None:
+        findings.report(stage_errors.curriculum_outside_training(check.rollout.curriculum.span))
     rollout = plan_rollout(program, check.rollout, None, findings)
     name = check.of.value
     metric: Metric | None

@@ -12,6 +12,7 @@ _INIT = "Initial weights; small random numbers by default."
 _OUT = "Dimension of the result; a scalar by default."
 _DROPOUT = "Share of the elements that training leaves out at random."
 _BIAS = "Whether a learned constant is added."
+_EACH = "What the rate is multiplied by."
 _LR = "Step length of the optimiser."
 _RATE = "How often it falls by e from end to end."
 _ALONG = "Dimension along which the values change; by default the last axis."
@@ -213,6 +214,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "losses": "Weights of losses in this stage.",
         "freeze": "Parameters that keep their values; `*` stands for any text.",
         "lr": "Factors of the step length of single parameters.",
+        "schedule": "How the learning rate goes down.",
         "clip": "Longest gradient.",
         "rollout": "How far predictions are fed back; one step by default.",
         "early_stop": "When to end before all epochs.",
@@ -228,6 +230,21 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "stride": "Distance of the starts.",
         "skip": "First part that is not scored.",
         "close": "Inputs that are fed back; all that can be by default.",
+        "curriculum": "Shorter horizons, each up to the end of an epoch.",
+    },
+    "Schedule": {
+        "cosine": "Half a cosine.",
+        "exponential": "The same factor after each epoch.",
+        "step": "A factor after each so many epochs.",
+        "plateau": "A factor when the monitor gets no better.",
+    },
+    "Cosine": {"to": "Share of the rate that is left at the end."},
+    "Exponential": {"factor": _EACH},
+    "Step": {"every": "Epochs between two reductions.", "factor": _EACH},
+    "Plateau": {
+        "patience": "Epochs without a better monitor.",
+        "factor": _EACH,
+        "least": "Share of the rate below which it never goes.",
     },
     "EarlyStop": {
         "monitor": "Loss that is watched; the total by default.",

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from spec_schema.columns import ColumnName
+from spec_schema.curriculum import Curriculum
 from spec_schema.dimensions import Dimension
 from spec_schema.entry import Entry, Variant
 from spec_schema.expression import (
@@ -87,6 +88,8 @@ def _plain(value: Any) -> Any:
             return list(numbers)
         case TimeRange(start=start, stop=stop):
             return [f"{number_text(time)} s" for time in (start, stop)]
+        case Curriculum(lessons=lessons):
+            return {str(lesson.until): _plain(lesson.horizon) for lesson in lessons}
         case CustomMembership(function=function):
             return {"function": function.value}
         case tuple():

@@ -4,6 +4,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field
 
+from spec_schema.curriculum import CurriculumField
 from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry
 from spec_schema.expression import Length
@@ -31,6 +32,7 @@ from spec_schema.quantity_fields import (
     PositiveLength,
     read_positive_length,
 )
+from spec_schema.schedules import Schedule
 from spec_schema.yaml_nodes import Node, Scalar, Table
 
 Whole: TypeAlias = Literal["episode", "record"]
@@ -52,17 +54,17 @@ class Rollout(Entry):
     """A run over `horizon` evaluations; the inputs in `close` are fed back, () means all that can.
 
     Scores count from evaluation `skip` on. `stride` is the distance of starts; None is the default
-    of the section.
+    of the section. `curriculum: {epoch: horizon}` trains on shorter rollouts up to those epochs.
     """
 
     noun: ClassVar[str] = "rollout"
     shorthand: ClassVar[str | None] = "horizon"
-    later: ClassVar[frozenset[str]] = frozenset({"curriculum"})
 
     horizon: Annotated[Length | Whole, reads(_read_horizon, _HORIZON)]
     stride: PositiveLength | None = None
     skip: LengthField | None = None
     close: References | None = None
+    curriculum: CurriculumField | None = None
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
@@ -92,7 +94,6 @@ class Stage(Entry):
     """One stage of training; each starts from the best weights of the one before."""
 
     noun: ClassVar[str] = "a training stage"
-    later: ClassVar[frozenset[str]] = frozenset({"schedule"})
 
     name: NewName | None = None
     epochs: PositiveCount = 100
@@ -101,6 +102,7 @@ class Stage(Entry):
     losses: Keyed[Weight] = Field(default_factory=dict[str, Located[float]])
     freeze: ManyOf[LocatedText] = ()
     lr: Keyed[Weight] = Field(default_factory=dict[str, Located[float]])
+    schedule: Schedule | None = None
     clip: PositiveNumber | None = None
     rollout: Rollout | None = None
     early_stop: EarlyStop | None = None

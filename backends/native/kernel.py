@@ -257,6 +257,7 @@ class Variables:
             ),
             "physical": numbers(lambda p: weights[p.name]).astype(kernel.dtype),
         }
+        self._rates = numbers(lambda p: rates.get(p.name, 0.0))
         arrays["first"] = np.zeros_like(arrays["raw"])
         arrays["second"] = np.zeros_like(arrays["raw"])
         self.arrays = arrays
@@ -264,6 +265,10 @@ class Variables:
         constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
         self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0)
         kernel.fill_in_physical(self)
+
+    def scale_rates(self, factor: float) -> None:
+        """Sets the learning rates to so many times those that were given."""
+        self.arrays["rate"][:] = factor * self._rates
 
     @property
     def physical(self) -> FloatArray:

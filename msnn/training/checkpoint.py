@@ -16,6 +16,7 @@ from backends.safetensors_bytes import safetensors_bytes
 from msnn.data.dataset import FloatArray
 from msnn.rollout import LossSum
 from msnn.training.engine import EngineState, LossSums
+from msnn.training.learning_rate import Reductions
 from msnn.training.stage_result import StageResult
 from spec_schema.diagnostics import SpecError
 from spec_schema.errors import training as errors
@@ -43,6 +44,8 @@ class Checkpoint:
     engine: EngineState
     leader: StageResult | None
     """The best of the attempts before this one."""
+    reductions: Reductions
+    """Of the learning rate so far."""
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
@@ -63,6 +66,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
         "best_value": checkpoint.best_value,
         "best_epoch": checkpoint.best_epoch,
         "engine": checkpoint.engine.structure,
+        "reductions": [checkpoint.reductions.count, checkpoint.reductions.epoch],
         "leader": None if leader is None else [getattr(leader, name) for name in _LEADER],
     }
     write_bytes(path, safetensors_bytes(arrays, {"msnn": json.dumps(record)}))
@@ -92,6 +96,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
                 record["engine"],
             ),
             leader=_leader(record["leader"], _below("leader/", arrays)),
+            reductions=Reductions(*map(int, record["reductions"])),
         )
     except (OSError, SafetensorError, KeyError, ValueError, TypeError) as error:
         reason = f"{path.name} is not a checkpoint of this version"

@@ -44,8 +44,11 @@ class Engine(Protocol):
         """Physical values of all parameters."""
         ...
 
-    def begin_epoch(self, epoch: int) -> None:
-        """Draws what dropout leaves out in this epoch, the same however often it is asked."""
+    def begin_epoch(self, epoch: int, rate: float) -> None:
+        """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
+
+        The same however often it is asked.
+        """
         ...
 
     batches_a_call: int

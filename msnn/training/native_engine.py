@@ -55,9 +55,13 @@ class NativeEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._variables.weights(), **self._fixed}
 
-    def begin_epoch(self, epoch: int) -> None:
-        """Draws what dropout leaves out in this epoch, the same however often it is asked."""
+    def begin_epoch(self, epoch: int, rate: float) -> None:
+        """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
+
+        The same however often it is asked.
+        """
         self._train.write(factors_of(self._plan, self._series, epoch))
+        self._variables.scale_rates(rate)
 
     def train_batches(self, runs: Runs, size: int) -> LossSums:
         """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""

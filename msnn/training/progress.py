@@ -38,6 +38,10 @@ class EpochEnd:
     monitor: float
     best: float
     best_epoch: int
+    lr: float
+    """Learning rate of the epoch, before factors of single parameters."""
+    horizon: int
+    """Evaluations of the longest rollout of the epoch."""
     seconds: float
     """Since the attempt began."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,14 @@ TRAIN, VALIDATION = "train", "val"
 
 
 @dataclass(frozen=True, slots=True)
+class Lesson:
+    """Shorter rollouts to train on up to the end of epoch `until`."""
+
+    until: int
+    runs: Runs
+
+
+@dataclass(frozen=True, slots=True)
 class StageData:
     """Rollouts and, where a whole record is simulated, the rows t that count."""
 
@@ -29,6 +37,7 @@ class StageData:
     watched: Runs
     watched_rows: Mapping[str, BoolArray] | None
     watched_set: str
+    lessons: tuple[Lesson, ...] = ()
 
 
 def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData | None:
@@ -38,6 +47,12 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
     train = set_rollouts(rollout, data, TRAIN, rollout.stride, wanted_by, span, findings)
     watched_set = VALIDATION if data.has(VALIDATION) else TRAIN
     watched = set_rollouts(rollout, data, watched_set, None, wanted_by, span, findings)
+    lessons: list[Lesson] = []
+    for phase in plan.phases:
+        shorter = replace(rollout, horizon=phase.horizon)
+        runs = set_rollouts(shorter, data, TRAIN, rollout.stride, wanted_by, span, Findings())
+        if runs is not None:  # there are at least those of the whole horizon
+            lessons.append(Lesson(phase.until, runs))
     if train is None or watched is None:
         return None
     _warn_of_fixed_starts(plan, data, train, findings)
@@ -48,6 +63,7 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
         watched,
         scored_rows(data, watched_set, rollout.program) if whole else None,
         watched_set,
+        tuple(lessons),
     )
 
 

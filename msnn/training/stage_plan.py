@@ -10,7 +10,10 @@ from typing import Literal
 from compiler.passes.draw_dropout import Mask, draw_dropout
 from compiler.program import Program
 from msnn.rollout_plan import RolloutPlan, plan_rollout
+from msnn.training.curriculum import Phase, plan_curriculum
+from msnn.training.learning_rate import Rule
 from spec_schema.diagnostics import Findings
+from spec_schema.entry import Entry
 from spec_schema.errors import training as errors
 from spec_schema.located import Located
 from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd
@@ -36,10 +39,13 @@ class StagePlan:
     """What engines train: that of the rollout with its dropout drawn."""
     masks: tuple[Mask, ...]
     """The factors of dropout that the program reads beside the log."""
+    phases: tuple[Phase, ...]
+    """Shorter horizons that are trained first."""
     loss_weights: Mapping[str, float]
     trained: tuple[str, ...]
     """Parameters that move."""
     lr_factors: Mapping[str, float]
+    schedule: Rule
     clip: float | None
     weight_decay: float
     monitor: str
@@ -52,24 +58,29 @@ class StagePlan:
     """How often the stage is run, from other initial values each time."""
     span: Span | None
 
+    @property
+    def whole_from(self) -> int:
+        """Epochs after which rollouts have their whole horizon."""
+        return self.phases[-1].until if self.phases else 0
+
     def record(self) -> dict[str, object]:
         """The stage as plain data, for the description of a run."""
         return {
             "name": self.name,
             "epochs": self.epochs,
             "batch": self.batch,
-            "optimizer": {
-                type(self.optimizer).__name__.lower(): self.optimizer.model_dump(exclude={"place"})
-            },
+            "optimizer": _variant(self.optimizer),
             "rollout": {
                 "horizon": self.rollout.horizon,
                 "stride": self.rollout.stride,
                 "skip": self.rollout.skip,
                 "close": list(self.rollout.closed),
+                "curriculum": {str(phase.until): phase.horizon for phase in self.phases},
             },
             "losses": dict(self.loss_weights),
             "trained": list(self.trained),
             "lr": dict(self.lr_factors),
+            "schedule": None if self.schedule is None else _variant(self.schedule),
             "clip": self.clip,
             "weight_decay": self.weight_decay,
             "monitor": self.monitor,
@@ -134,6 +145,9 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
                 findings.report(errors.unknown_loss(monitor, watched.span, known))
     if rollout is None:
         return None
+    phases: tuple[Phase, ...] = ()
+    if stage.rollout is not None:
+        phases = plan_curriculum(program, stage.rollout, rollout, stage.epochs, findings)
     all_at_once = isinstance(optimizer, Lbfgs) and "batch" not in stage.model_fields_set
     layers = {parameter.rpartition(".")[0] for parameter in learned}
     moved = {parameter.rpartition(".")[0] for parameter in trained}
@@ -147,9 +161,11 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         rollout=rollout,
         program=drawn.program,
         masks=drawn.masks,
+        phases=phases,
         loss_weights=weights,
         trained=trained,
         lr_factors=factors,
+        schedule=None if stage.schedule is None else stage.schedule.choice,
         clip=stage.clip,
         weight_decay=stage.weight_decay,
         monitor=monitor,
@@ -161,6 +177,10 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         attempts=stage.starts,
         span=span,
     )
+
+
+def _variant(options: Entry) -> dict[str, object]:
+    return {type(options).__name__.lower(): options.model_dump(exclude={"place"})}
 
 
 def _matching(

@@ -13,7 +13,9 @@ from msnn.data.starts import Runs
 from msnn.rollout import LossSum, entry_value
 from msnn.training.checkpoint import Checkpoint
 from msnn.training.engine import Engine, LossSums
+from msnn.training.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
 from msnn.training.progress import EpochEnd
+from msnn.training.stage_data import Lesson
 from msnn.training.stage_plan import TOTAL, StagePlan
 from msnn.training.stage_result import StageResult, Weights
 
@@ -41,12 +43,14 @@ class StageRun:
     stop_asked: Callable[[], bool]
     epoch_ended: Callable[[EpochEnd], None]
     attempt: int = 0
+    lessons: tuple[Lesson, ...] = ()
     epoch: int = 0
     batch: int = 0
     best_value: float = float("inf")
     best_epoch: int = 0
     best: Weights | None = None
     sums: LossSums | None = None
+    reductions: Reductions = NO_REDUCTIONS
 
     def resume(self, checkpoint: Checkpoint) -> None:
         """Goes on where a checkpoint of this stage was made."""
@@ -54,6 +58,7 @@ class StageRun:
         self.epoch, self.batch = checkpoint.epoch, checkpoint.batch
         self.best_value, self.best_epoch = checkpoint.best_value, checkpoint.best_epoch
         self.best, self.sums = checkpoint.best, checkpoint.sums
+        self.reductions = checkpoint.reductions
 
     def run(self) -> StageResult:
         """Trains to the last epoch or the early stop. Raises NonFiniteLossError, Interrupted."""
@@ -62,12 +67,15 @@ class StageRun:
             self._keep_if_best(self._monitor())
         reason = "done"
         while self.epoch < self.plan.epochs:
-            sums = self._run_epoch()
+            runs, rate = self._runs(), self._rate()
+            sums = self._run_epoch(runs, rate)
             self.epoch, self.batch, self.sums = self.epoch + 1, 0, None
             value = self._monitor()
             self._keep_if_best(value)
-            self._report(sums, value, time.monotonic() - began)
-            waited = self.epoch - self.best_epoch
+            self._report(sums, value, runs, rate, time.monotonic() - began)
+            better = max(self.best_epoch, self.plan.whole_from)
+            self.reductions = after_epoch(self.plan.schedule, self.epoch, better, self.reductions)
+            waited = self.epoch - better
             if self.plan.patience is not None and waited >= self.plan.patience:
                 reason = f"no better for {waited} epochs"
                 break
@@ -97,11 +105,21 @@ class StageRun:
             self.best,
             self.engine.state(),
             None,
+            self.reductions,
         )
 
-    def _run_epoch(self) -> LossSums:
-        order = shuffled(len(self.train), self.plan.seed, self.plan.index, self.epoch, self.attempt)
-        self.engine.begin_epoch(self.epoch)
+    def _runs(self) -> Runs:
+        """What the next epoch trains on."""
+        return next((each.runs for each in self.lessons if self.epoch < each.until), self.train)
+
+    def _rate(self) -> float:
+        """What learning rates are multiplied by in the next epoch."""
+        plan = self.plan
+        return rate_factor(plan.schedule, self.epoch, plan.epochs, self.reductions)
+
+    def _run_epoch(self, runs: Runs, rate: float) -> LossSums:
+        order = shuffled(len(runs), self.plan.seed, self.plan.index, self.epoch, self.attempt)
+        self.engine.begin_epoch(self.epoch, rate)
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
         # a last batch that is smaller is the same as one filled up with members of weight 0
@@ -109,7 +127,7 @@ class StageRun:
         while self.batch < count:
             several = min(self.engine.batches_a_call, count - self.batch)
             members = order[self.batch * size : (self.batch + several) * size]
-            found = self.engine.train_batches(self.train.take(members), size)
+            found = self.engine.train_batches(runs.take(members), size)
             sums = {name: sums.get(name, LossSum(0.0, 0)) + value for name, value in found.items()}
             self.batch, self.sums = self.batch + several, sums
             if self.stop_asked():
@@ -141,7 +159,9 @@ class StageRun:
     def _total(self, values: Mapping[str, float]) -> float:
         return sum(w * values[name] for name, w in self.plan.loss_weights.items() if w)
 
-    def _report(self, sums: LossSums, monitor: float, seconds: float) -> None:
+    def _report(
+        self, sums: LossSums, monitor: float, runs: Runs, rate: float, seconds: float
+    ) -> None:
         losses = self._values(sums)
         self.epoch_ended(
             EpochEnd(
@@ -155,6 +175,8 @@ class StageRun:
                 monitor=monitor,
                 best=self.best_value,
                 best_epoch=self.best_epoch,
+                lr=self.plan.optimizer.lr * rate,
+                horizon=int(runs.steps.max()),
                 seconds=seconds,
             )
         )

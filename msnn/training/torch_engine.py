@@ -45,6 +45,7 @@ class TorchEngine:
         self._variables = self._select()
         self._optimizer = _optimizer(plan, self._variables)
         self._series = series
+        self._rates = [float(group["lr"]) for group in self._optimizer.param_groups]
         self._objective = objective(self._model, plan, series, train_rows, evaluation_rows)
 
     def _select(self) -> dict[str, Tensor]:
@@ -61,9 +62,14 @@ class TorchEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._model.weights(), **self._fixed}
 
-    def begin_epoch(self, epoch: int) -> None:
-        """Draws what dropout leaves out in this epoch, the same however often it is asked."""
+    def begin_epoch(self, epoch: int, rate: float) -> None:
+        """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
+
+        The same however often it is asked.
+        """
         self._objective.write(factors_of(self._plan, self._series, epoch))
+        for group, usual in zip(self._optimizer.param_groups, self._rates, strict=True):
+            group["lr"] = rate * usual
 
     def train_batches(self, runs: Runs, size: int) -> LossSums:
         """One optimiser step on each batch; the losses before it. Raises NonFiniteLossError."""

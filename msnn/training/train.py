@@ -176,6 +176,7 @@ class _Run:
                 stop_asked.is_set,
                 self._epoch_ended,
                 attempt,
+                data.lessons,
             )
 
         return StageAttempts(plan, opened, self._left_out)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic.fields import FieldInfo
 
 from spec_schema.columns import ColumnName
+from spec_schema.curriculum import Curriculum
 from spec_schema.dimensions import Dimension
 from spec_schema.entry import Entry, Variant
 from spec_schema.entry_kinds import kinds_of, kinds_within
@@ -39,6 +40,7 @@ _WORDS: Mapping[Any, str] = {
     Prediction: "`signal[t+k]`",
     Dimension: "size or list of labels",
     Fraction: "fraction",
+    Curriculum: "`{epoch: horizon, …}`",
     Blocks: "list of block numbers",
 }
 

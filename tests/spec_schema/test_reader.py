@@ -118,6 +118,8 @@ def test_values_of_the_complete_spec() -> None:
         "AdamW",
         "Sgd",
         "Lbfgs",
+        "Adam",
+        "Adam",
     ]
     horizons = [s.rollout.horizon for s in spec.train if s.rollout is not None]
     assert horizons[1:] == ["episode", "record"]

@@ -47,7 +47,7 @@ def test_both_engines_leave_out_the_same(dtype: str, tolerance: float) -> None:
         engine = make(plan, log, initial(program), None, None)
         losses: list[float] = []
         for epoch in range(3):
-            engine.begin_epoch(epoch)
+            engine.begin_epoch(epoch, 1.0)
             losses.append(engine.train_batches(runs_of(6), 20)["x_next"].total)
         found.append(losses)
     # losses before each step; float32 rounds differently in each engine
@@ -60,7 +60,7 @@ def test_lbfgs_on_a_kernel_and_on_torch() -> None:
     found: list[float] = []
     for objective in (KernelObjective, TorchObjective):
         engine = TorchEngine(plan, log, initial(program), None, None, objective)
-        engine.begin_epoch(2)
+        engine.begin_epoch(2, 1.0)
         found.append(engine.train_batches(first_batch(4), 20)["x_next"].total)
     assert found[0] == pytest.approx(found[1], rel=1e-9)
 
@@ -69,7 +69,7 @@ def test_lbfgs_on_a_kernel_and_on_torch() -> None:
 def test_what_is_watched_has_no_dropout(engine: str) -> None:
     program, plan, log = plan_of("rollout: 4, dtype: float64")
     opened = ENGINES[engine](plan, log, initial(program), None, None)
-    opened.begin_epoch(0)
+    opened.begin_epoch(0, 1.0)
     without, plain = planned(
         NET.replace("0.4", "0")
         .replace("0.25", "0")

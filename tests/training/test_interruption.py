@@ -22,6 +22,9 @@ from tests.training.cases import dataset, gain, gain_series
 
 STAGES = {
     "adam": "  - {epochs: 6, batch: 16}\n  - {epochs: 5, batch: 8, rollout: 4}\n",
+    "lessons": "  - {epochs: 6, batch: 16, rollout: {horizon: 5, curriculum: {2: 2, 4: 3}},"
+    " optimizer: {sgd: {lr: 0.3}}, schedule: {plateau: {patience: 1, factor: 0.5}}}\n",
+    "torch": "  - {epochs: 5, batch: 16, engine: torch, schedule: {cosine: {}}}\n",
     "lbfgs": "  - {epochs: 6, batch: 30, optimizer: {lbfgs: {iterations: 2}}}\n",
 }
 
@@ -45,7 +48,14 @@ def run(stages: str, options: TrainingOptions, progress: Silent | None = None) -
 
 @pytest.mark.parametrize(
     ("kind", "stage", "epoch"),
-    [("adam", "stage_1", 3), ("adam", "stage_2", 2), ("lbfgs", "stage_1", 2)],
+    [
+        ("adam", "stage_1", 3),
+        ("adam", "stage_2", 2),
+        ("lbfgs", "stage_1", 2),
+        ("lessons", "stage_1", 3),
+        ("lessons", "stage_1", 5),
+        ("torch", "stage_1", 2),
+    ],
 )
 def test_resuming_continues_bit_for_bit(kind: str, stage: str, epoch: int, tmp_path: Path) -> None:
     undisturbed = run(STAGES[kind], TrainingOptions(runs=None))
@@ -63,7 +73,7 @@ def test_resuming_continues_bit_for_bit(kind: str, stage: str, epoch: int, tmp_p
     assert not (folder / "checkpoint.safetensors").exists()
     # one line an epoch, none twice
     epochs = (folder / "metrics.jsonl").read_text().count("\n")
-    assert epochs == {"adam": 11, "lbfgs": 6}[kind]
+    assert epochs == {"adam": 11, "lbfgs": 6, "lessons": 6, "torch": 5}[kind]
 
 
 def test_the_second_interrupt_is_not_waited_for() -> None:

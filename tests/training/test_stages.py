@@ -164,8 +164,8 @@ class Counting:
     def weights(self) -> dict[str, np.ndarray]:
         return {}
 
-    def begin_epoch(self, epoch: int) -> None:
-        del epoch
+    def begin_epoch(self, epoch: int, rate: float) -> None:
+        del epoch, rate
 
     def train_batches(self, runs: Runs, size: int) -> dict[str, LossSum]:
         self.batches += [batch.t0.tolist() for batch in batches_of(runs, size)]
