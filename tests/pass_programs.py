@@ -162,9 +162,23 @@ def local_models() -> Program:
         Output("active", b.contract_over(degrees, cells, "rule")),
         Output("all", b.sum(cells, "rule")),
     )
-    signals, parameters = (Signal("x", Role.INPUT),), (Parameter("gain", (rule,), None, (1, 2, 3)),)
+    signals, parameters = (
+        (Signal("x", Role.INPUT),),
+        (Parameter("gain", (rule,), None, (1.0, 2.0, 3.0)),),
+    )
     program = Program("cells", None, signals, parameters, (), b.graph(), Graph(), outputs)
     return fold_constants(program)
+
+
+def dropouts() -> Program:
+    """What a loss reads behind the dropout of two layers, and an output without any."""
+    b = GraphBuilder()
+    x = b.signal("x", 0, 0, Type((Axis("joint", 2),)))
+    learned, frozen = b.dropout(x, 0.25, "learned"), b.dropout(b.negate(x), 0.5, "frozen")
+    losses = (Loss("size", Measure.MEAN, b.multiply(learned, frozen), None),)
+    signals = (Signal("x", Role.INPUT, (Axis("joint", 2),)),)
+    outputs = (Output("same", x),)
+    return Program("dropouts", None, signals, (), (), b.graph(), Graph(), outputs, losses)
 
 
 PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
@@ -175,4 +189,5 @@ PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "functions": functions,
     "mapped_windows": mapped_windows,
     "local_models": local_models,
+    "dropouts": dropouts,
 }

@@ -13,6 +13,7 @@ from compiler.interpreter import Interpreter
 from compiler.ops import Constant, ReadSignal
 from compiler.passes import PASSES, run_passes
 from compiler.passes.close_loop import close_loop
+from compiler.passes.draw_dropout import draw_dropout
 from compiler.passes.drop_unused import drop_unused
 from compiler.passes.expand_functions import expand_functions
 from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
@@ -51,6 +52,9 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
     "retime": [
         (name, PASS_PROGRAMS[name], lambda p: retime(p, fixed_parameters=True))
         for name in ("mapped_windows",)
+    ],
+    "draw_dropout": [
+        ("dropouts", PASS_PROGRAMS["dropouts"], lambda p: draw_dropout(p, {"frozen"}).program)
     ],
     "settle_zeros": [("local_models", PASS_PROGRAMS["local_models"], settle_zeros)],
     "fold_constants": [("numbers", PASS_PROGRAMS["numbers"], fold_constants)],
