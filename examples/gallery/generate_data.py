@@ -147,6 +147,22 @@ def heater(random: np.random.Generator) -> Columns:
     return {"wanted": wanted, "duty": duty, "oven": oven}
 
 
+def motor(random: np.random.Generator) -> Columns:
+    """A DC motor in small steps, since its current settles within 0.2 ms."""
+    voltage = levels(random, -12.0, 12.0, 25)
+
+    def sample(x: Array, k: int) -> Array:
+        for _ in range(200):
+            current, speed = x
+            fall = (voltage[k] - 1.1 * current - 0.05 * speed) / 0.0001
+            turn = (0.05 * current - 0.002 * np.tanh(speed / 5.0)) / 0.00008
+            x = x + 0.00005 * np.array([fall, turn])
+        return x
+
+    x = run(sample, np.zeros(2))
+    return {"voltage": voltage, "current": x[:, 0], "speed": x[:, 1]}
+
+
 def lane_keeper(random: np.random.Generator) -> Columns:
     """A driver who steers by the curvature a little ahead and by the offset, with some lag."""
     curvature = np.convolve(levels(random, -0.03, 0.03, 30), np.full(15, 1 / 15))[:ROWS]
@@ -171,6 +187,7 @@ SYSTEMS: dict[str, Callable[[np.random.Generator], Columns]] = {
         leg,
         heater,
         lane_keeper,
+        motor,
     )
 }
 
