@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from msnn.data.dataset import FloatArray
 from msnn.data.table import ColumnKey, Table, Wanted
 from spec_schema.diagnostics import Diagnostic, SpecError
+from spec_schema.errors import data_cells as cell_errors
 from spec_schema.errors import data_files as errors
 from spec_schema.errors import data_formats
 
@@ -86,10 +87,10 @@ def value_faults(
     missing, infinite = np.isnan(column), np.isinf(column)
     if missing.any() and not may_miss:
         row, more = int(np.argmax(missing)), int(missing.sum()) - 1
-        faults.append(errors.missing_value(file, row, str(key), "NaN", more, None))
+        faults.append(cell_errors.missing_value(file, row, str(key), "NaN", more, None))
     if infinite.any():
         row, more = int(np.argmax(infinite)), int(infinite.sum()) - 1
-        faults.append(errors.infinite_value(file, row, str(key), "inf", more, None))
+        faults.append(cell_errors.infinite_value(file, row, str(key), "inf", more, None))
     return faults
 
 

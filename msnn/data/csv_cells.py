@@ -14,6 +14,7 @@ from msnn.data.csv_header import Header, content_lines, is_number, split_cells
 from msnn.data.dataset import FloatArray
 from msnn.data.table import ColumnKey
 from spec_schema.diagnostics import Diagnostic, SpecError
+from spec_schema.errors import data_cells as cell_errors
 from spec_schema.errors import data_files as errors
 from spec_schema.source import Span
 
@@ -70,14 +71,14 @@ def line_of_row(path: Path, header: Header, row: int) -> int:
 def _number(cell: str, decimal: str, may_miss: bool) -> tuple[float, CellFault | None]:
     text = cell if decimal == "." else cell.replace(decimal, ".")
     if not text or text.lower() in ("nan", "na", "null"):
-        return math.nan, None if may_miss else errors.missing_value
+        return math.nan, None if may_miss else cell_errors.missing_value
     if not is_number(text):
         comma = _DECIMAL_COMMA.fullmatch(text) is not None
-        return math.nan, errors.decimal_comma if comma else errors.not_a_number
+        return math.nan, cell_errors.decimal_comma if comma else cell_errors.not_a_number
     value = float(text)
     if math.isnan(value):  # "-nan", "+NaN"
-        return value, None if may_miss else errors.missing_value
-    return value, errors.infinite_value if math.isinf(value) else None
+        return value, None if may_miss else cell_errors.missing_value
+    return value, cell_errors.infinite_value if math.isinf(value) else None
 
 
 def _lines(path: Path, header: Header) -> Iterator[_Line]:
@@ -103,13 +104,13 @@ class _Line:
     def quote_fault(self, more: int) -> Diagnostic:
         column = self.text.rindex('"')
         place = self._place(column, column + 1)
-        return errors.unbalanced_quote(self.header.file, self.row, more, place)
+        return cell_errors.unbalanced_quote(self.header.file, self.row, more, place)
 
     def ragged_fault(self, more: int) -> Diagnostic:
         found, expected = len(self.cells), self.header.width
         commas = self.header.dialect.delimiter == "," and found >= 2 * expected
         place = self._place(0, len(self.text))
-        return errors.ragged_row(
+        return cell_errors.ragged_row(
             self.header.file, self.row, found, expected, more, place, commas=commas
         )
 

@@ -70,78 +70,6 @@ def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic
     )
 
 
-def ragged_row(
-    file: str, row: int, found: int, expected: int, more: int, place: Span, *, commas: bool
-) -> Diagnostic:
-    """E0806: a row with more or fewer cells than the header; `more` rows are like it."""
-    return Diagnostic(
-        "E0806",
-        "error",
-        f"row {row} of {file} has {found} cells, the header has {expected} columns",
-        place,
-        f"{found} cells",
-        notes=_and_more(more, "row"),
-        help=_COMMA_HELP if commas else None,
-    )
-
-
-def not_a_number(file: str, row: int, column: str, text: str, more: int, place: Span) -> Diagnostic:
-    """E0807: text where a number belongs."""
-    return Diagnostic(
-        "E0807",
-        "error",
-        f"`{text}` in column `{column}` is not a number (row {row} of {file})",
-        place,
-        "not a number",
-        notes=_and_more(more, "cell"),
-    )
-
-
-def decimal_comma(
-    file: str, row: int, column: str, text: str, more: int, place: Span
-) -> Diagnostic:
-    """E0808: a number with a comma where the point belongs."""
-    return Diagnostic(
-        "E0808",
-        "error",
-        f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})",
-        place,
-        f"write `{text.replace(',', '.')}`",
-        notes=_and_more(more, "cell"),
-        help=_COMMA_HELP,
-    )
-
-
-def missing_value(
-    file: str, row: int, column: str, text: str, more: int, place: Span | None
-) -> Diagnostic:
-    """E0809: an empty or NaN cell of an input while `nan: error` holds."""
-    found = f"`{text}`" if text else "no value"
-    return Diagnostic(
-        "E0809",
-        "error",
-        f"column `{column}` has {found} in row {row} of {file}",
-        place,
-        "an input is missing here",
-        notes=_and_more(more, "cell"),
-        help="`nan: split` ends the episode here, `nan: drop` leaves the record out",
-    )
-
-
-def infinite_value(
-    file: str, row: int, column: str, text: str, more: int, place: Span | None
-) -> Diagnostic:
-    """E0810: a cell that is infinite."""
-    return Diagnostic(
-        "E0810",
-        "error",
-        f"`{text}` in column `{column}` is not finite (row {row} of {file})",
-        place,
-        "not a finite number",
-        notes=_and_more(more, "cell"),
-    )
-
-
 def time_gap(
     file: str, row: int, step: float, expected: float, more: int, place: Span | None
 ) -> Diagnostic:
@@ -152,7 +80,7 @@ def time_gap(
         f"the time step to row {row} of {file} is {step:.6g} s, not {expected:.6g} s",
         place,
         "time gap before this row",
-        notes=_and_more(more, "gap"),
+        notes=and_more(more, "gap"),
         help="`resample: none` makes an episode of each part, `resample: linear` fills short gaps",
     )
 
@@ -180,7 +108,7 @@ def time_not_increasing(file: str, row: int, more: int, place: Span | None) -> D
         f"the time in row {row} of {file} is not later than in the row before",
         place,
         "time does not increase",
-        notes=_and_more(more, "row"),
+        notes=and_more(more, "row"),
     )
 
 
@@ -276,18 +204,6 @@ def episodes_too_short(
     )
 
 
-def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
-    """E0822: a quote that its line does not close."""
-    return Diagnostic(
-        "E0822",
-        "error",
-        f'row {row} of {file} has a `"` that its line does not close',
-        place,
-        "opened here",
-        notes=_and_more(more, "row"),
-    )
-
-
 def no_time_column(what: str, span: Span | None) -> Diagnostic:
     """E0823: a duration where no time column gives rows a time."""
     return Diagnostic(
@@ -345,9 +261,6 @@ def record_dropped(file: str, row: int) -> Diagnostic:
     )
 
 
-_COMMA_HELP = 'a file with decimal commas needs `csv: {delimiter: ";", decimal: ","}`'
-
-
 def _start(file: str) -> Span:
     return Span(file, 1, 1, 1, 1)
 
@@ -365,7 +278,8 @@ def _listed(names: Sequence[str]) -> str:
     return f"{shown}, … ({len(names)} in all)" if len(names) > _LISTED else shown
 
 
-def _and_more(count: int, what: str) -> tuple[str, ...]:
+def and_more(count: int, what: str) -> tuple[str, ...]:
+    """A note that counts further faults of one kind."""
     if not count:
         return ()
     return (f"{count} more {what}{'s' if count > 1 else ''} of this kind in the file",)
