@@ -1,7 +1,7 @@
 """E0806 to E0810 and E0822: cells and rows of data that are not what they should be."""
 
 from spec_schema.diagnostics import Diagnostic
-from spec_schema.errors.data_files import and_more
+from spec_schema.errors.data_files import _and_more
 from spec_schema.source import Span
 
 
@@ -15,7 +15,7 @@ def ragged_row(
         f"row {row} of {file} has {found} cells, the header has {expected} columns",
         place,
         f"{found} cells",
-        notes=and_more(more, "row"),
+        notes=_and_more(more, "row"),
         help=_COMMA_HELP if commas else None,
     )
 
@@ -28,7 +28,7 @@ def not_a_number(file: str, row: int, column: str, text: str, more: int, place: 
         f"`{text}` in column `{column}` is not a number (row {row} of {file})",
         place,
         "not a number",
-        notes=and_more(more, "cell"),
+        notes=_and_more(more, "cell"),
     )
 
 
@@ -42,7 +42,7 @@ def decimal_comma(
         f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})",
         place,
         f"write `{text.replace(',', '.')}`",
-        notes=and_more(more, "cell"),
+        notes=_and_more(more, "cell"),
         help=_COMMA_HELP,
     )
 
@@ -58,7 +58,7 @@ def missing_value(
         f"column `{column}` has {found} in row {row} of {file}",
         place,
         "an input is missing here",
-        notes=and_more(more, "cell"),
+        notes=_and_more(more, "cell"),
         help="`nan: split` ends the episode here, `nan: drop` leaves the record out",
     )
 
@@ -73,7 +73,7 @@ def infinite_value(
         f"`{text}` in column `{column}` is not finite (row {row} of {file})",
         place,
         "not a finite number",
-        notes=and_more(more, "cell"),
+        notes=_and_more(more, "cell"),
     )
 
 
@@ -85,7 +85,7 @@ def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
         f'row {row} of {file} has a `"` that its line does not close',
         place,
         "opened here",
-        notes=and_more(more, "row"),
+        notes=_and_more(more, "row"),
     )
 
 

@@ -80,7 +80,7 @@ def time_gap(
         f"the time step to row {row} of {file} is {step:.6g} s, not {expected:.6g} s",
         place,
         "time gap before this row",
-        notes=and_more(more, "gap"),
+        notes=_and_more(more, "gap"),
         help="`resample: none` makes an episode of each part, `resample: linear` fills short gaps",
     )
 
@@ -108,7 +108,7 @@ def time_not_increasing(file: str, row: int, more: int, place: Span | None) -> D
         f"the time in row {row} of {file} is not later than in the row before",
         place,
         "time does not increase",
-        notes=and_more(more, "row"),
+        notes=_and_more(more, "row"),
     )
 
 
@@ -278,7 +278,7 @@ def _listed(names: Sequence[str]) -> str:
     return f"{shown}, … ({len(names)} in all)" if len(names) > _LISTED else shown
 
 
-def and_more(count: int, what: str) -> tuple[str, ...]:
+def _and_more(count: int, what: str) -> tuple[str, ...]:
     """A note that counts further faults of one kind."""
     if not count:
         return ()
