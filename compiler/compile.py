@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from compiler.builder import GraphBuilder
+from compiler.deep_recursion import room_for
+from compiler.linking.link import Linked, WeightsByPart, link
 from compiler.liveness import needed, needed_over_time
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.histories import Known
 from compiler.lowering.losses import default_loss, lower_loss
 from compiler.lowering.model import Model
-from compiler.lowering.scope import Kind
+from compiler.lowering.needed_submodels import needed_submodels
+from compiler.lowering.predictions import as_predicted, prediction_of
+from compiler.lowering.scope import Kind, owner_of
+from compiler.lowering.signals import logged_signals
 from compiler.never_finite import never_finite
 from compiler.ops import ReadLog
 from compiler.passes import run_passes
@@ -21,22 +27,19 @@ from compiler.program import (
     Dimension,
     Loss,
     Output,
-    Prediction,
     Program,
-    Role,
-    Signal,
     State,
 )
-from compiler.types import describe_axes
-from compiler.unit_rules import same_unit
 from compiler.verifier import verify
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
-from spec_schema.errors import names, shapes, states, units
+from spec_schema.errors import names
 from spec_schema.errors import time as times
-from spec_schema.signals import Output as OutputEntry
-from spec_schema.signals import Signal as SignalEntry
-from spec_schema.signals import State as StateEntry
+from spec_schema.expression import Name
+from spec_schema.reader import ReadResult
 from spec_schema.spec import Spec
+
+UNIT_WARNINGS = ("W0504", "W0505", "W0737")
+"""What `strict_units` makes errors."""
 
 _STEP = Environment(Part.STEP)
 _START = Environment(Part.START)
@@ -47,21 +50,49 @@ class Compiled:
     """A program and what is worth saying about the spec that it came from."""
 
     program: Program
+    spec: Spec
+    """With the entries of sub-models under their full names."""
     warnings: tuple[Diagnostic, ...]
 
 
 def compile_spec(
-    spec: Spec, *, strict_units: bool = False, spec_hash: str = "", draw: int = 0
+    spec: Spec,
+    *,
+    used: Mapping[str, ReadResult] | None = None,
+    weights: WeightsByPart | None = None,
+    strict_units: bool = False,
+    spec_hash: str = "",
+    draw: int = 0,
 ) -> Compiled:
     """The program of a spec, in window form.
 
+    `used` is what was read for its sub-models and `weights` the arrays of those with `weights:`, by
+    their full names; without them a sub-model has its initial values.
     Raises SpecError with every mistake found; with `strict_units` units that do not fit are errors.
     Another `draw` has other initial values where they are drawn.
     """
-    lowered = _lowered(spec, draw)
+    try:
+        return _compiled(spec, used or {}, weights or {}, strict_units, spec_hash, draw)
+    except SpecError as error:
+        raise SpecError(in_own_files(error.diagnostics, spec, used or {})) from None
+
+
+def _compiled(
+    spec: Spec,
+    used: Mapping[str, ReadResult],
+    weights: WeightsByPart,
+    strict_units: bool,
+    spec_hash: str,
+    draw: int,
+) -> Compiled:
+    problems = Findings()
+    linked = link(spec, used, weights, problems)
+    problems.raise_errors()
+    with room_for(len(linked.spec.equations) + len(linked.spec.outputs)):
+        lowered = _lowered(linked, draw)
     model, findings = lowered.model, lowered.model.findings
     diagnostics = tuple(
-        replace(d, severity="error") if strict_units and d.code in ("W0504", "W0505") else d
+        replace(d, severity="error") if strict_units and d.code in UNIT_WARNINGS else d
         for d in findings.in_order
     )
     if any(d.severity == "error" for d in diagnostics):
@@ -69,20 +100,43 @@ def compile_spec(
     program = Program(
         name=spec.name.value,
         sample_time=model.sampling.sample_time,
-        signals=_signals(model),
+        signals=logged_signals(model),
         parameters=model.arrays.parameters,
         states=tuple(lowered.states),
         step=model.builder(_STEP).graph(),
         start=model.builder(_START).graph(),
         outputs=tuple(lowered.outputs),
         losses=tuple(lowered.losses),
-        dimensions=tuple(Dimension(name, d.size, d.labels) for name, d in spec.dims.items()),
+        dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in linked.spec.dims.items()),
         doc=spec.doc or "",
         spec_hash=spec_hash,
     )
     verify(program)
     program = run_passes(program)
-    return Compiled(program, (*diagnostics, *never_finite(program)))
+    return Compiled(program, linked.spec, (*diagnostics, *never_finite(program)))
+
+
+def in_own_files(
+    diagnostics: Iterable[Diagnostic], spec: Spec, used: Mapping[str, ReadResult]
+) -> tuple[Diagnostic, ...]:
+    """The diagnostics with those of a broken sub-model as its own file alone brings them.
+
+    There names are as its author wrote them; beside each stands where the file is used.
+    """
+    broken: dict[str, tuple[Diagnostic, ...]] = {}
+    for name, file in used.items():
+        path = file.source.path
+        if path in broken:
+            continue
+        try:
+            compile_spec(file.spec, used=file.used)
+        except SpecError as error:
+            place, label = spec.use[name].spec.span, f"used here as `{name}`"
+            broken[path] = tuple(d.seen_from(place, label) for d in error.diagnostics)
+    read = [file for file in used.values() if file.source.path in broken]
+    files = {source.path for file in read for source in file.sources}
+    others = (d for d in diagnostics if d.span is None or d.span.file not in files)
+    return (*(d for found in broken.values() for d in found), *others)
 
 
 @dataclass(frozen=True)
@@ -99,11 +153,11 @@ _MOST_LOWERINGS = 100
 """Lengths and axes of buffers settle in two or three, later by at most one equation a lowering."""
 
 
-def _lowered(spec: Spec, draw: int) -> _Lowered:
+def _lowered(linked: Linked, draw: int) -> _Lowered:
     """The spec lowered until the buffers that it needs are those that it has."""
     known = Known()
     for _ in range(_MOST_LOWERINGS):
-        lowered = _lowered_once(spec, known, draw)
+        lowered = _lowered_once(linked, known, draw)
         found = lowered.model.found()
         if found == known:
             break
@@ -112,14 +166,15 @@ def _lowered(spec: Spec, draw: int) -> _Lowered:
         raise AssertionError("the buffers of a spec do not settle")
     lowered.states.extend(lowered.model.histories.states())
     lowered.states.extend(lowered.model.memories.states)
+    lowered.model.given.report(lowered.model.arrays.all_names)
     _report_log_reads(lowered.model, lowered.outputs, lowered.states)
     if not lowered.model.findings.failed:  # what is left unused by a mistake is no news
         _report_unused(lowered.model)
     return lowered
 
 
-def _lowered_once(spec: Spec, known: Known, draw: int) -> _Lowered:
-    model = Model(spec, Findings(), known, draw)
+def _lowered_once(linked: Linked, known: Known, draw: int) -> _Lowered:
+    model = Model(linked, Findings(), known, draw)
     outputs = _outputs(model)
     states = _states(model)
     losses = _losses(model, outputs)
@@ -132,64 +187,14 @@ def _outputs(model: Model) -> list[Output]:
     for name, entry in model.spec.outputs.items():
         try:
             node = model.entries.value(name, entry, _STEP, entry.place.key)
-            predicts = _prediction(model, name, entry)
+            predicts = prediction_of(model, name, entry)
         except LoweringFailed:
             continue
         if predicts is not None:
-            node = _as_predicted(model, name, entry, node, predicts)
-        found.append(Output(name, node, predicts, entry.doc or "", entry.place.key))
+            node = as_predicted(model, name, entry, node, predicts)
+        needs = needed_submodels(model.spec, Name(name, entry.place.key))
+        found.append(Output(name, node, predicts, entry.doc or "", entry.place.key, needs))
     return found
-
-
-def _prediction(model: Model, name: str, entry: OutputEntry) -> Prediction | None:
-    if entry.predicts is None:
-        return None
-    signal = entry.predicts.signal
-    declared = model.scope.get(signal.value)
-    if declared is None:
-        known = [n for n, d in model.scope.items() if d.kind in _LOGGED]
-        model.findings.report(names.unknown_name(signal.value, signal.span, known))
-        raise LoweringFailed
-    if declared.kind not in _LOGGED:
-        model.findings.report(states.no_such_prediction(signal.value, signal.span))
-        raise LoweringFailed
-    model.used.add(signal.value)
-    if declared.kind is Kind.STATE:
-        model.measured.setdefault(signal.value, model.spec.states[signal.value])
-    return Prediction(signal.value, model.sampling.samples(entry.predicts.ahead))
-
-
-_LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)
-
-
-def _as_predicted(
-    model: Model, name: str, entry: OutputEntry, node: int, predicts: Prediction
-) -> int:
-    """The output's node with the axes and, where it had none, the unit of what it predicts."""
-    builder = model.builder(_STEP)
-    signal = model.scope[predicts.signal].entry
-    assert isinstance(signal, SignalEntry | StateEntry)
-    wanted = model.arrays.axes_of(signal)
-    found = builder.type(node).axes
-    if not set(found) <= set(wanted):
-        model.findings.report(
-            shapes.wrong_axes(
-                f"`{name}`, which predicts `{predicts.signal}`,",
-                describe_axes(wanted),
-                describe_axes(found),
-                entry.expr.span,
-            )
-        )
-        return node
-    unit = signal.unit.value if signal.unit else None
-    own = builder.type(node).unit
-    if own is None:
-        builder.set_unit(node, unit)
-    elif unit is not None and not same_unit(own, unit):
-        model.findings.report(
-            units.declared_unit_differs(name, own.text, unit.text, entry.expr.span)
-        )
-    return builder.broadcast(node, wanted)
 
 
 def _states(model: Model) -> list[State]:
@@ -207,6 +212,9 @@ def _states(model: Model) -> list[State]:
             continue
         if following is None or type is None:
             continue
+        needs: tuple[str, ...] = ()
+        if entry.next is not None and entry.der is None and not owner_of(name):
+            needs = needed_submodels(model.spec, entry.next)
         found.append(
             State(
                 name,
@@ -218,6 +226,7 @@ def _states(model: Model) -> list[State]:
                 entry.range.value if entry.range else None,
                 entry.doc or "",
                 entry.place.key,
+                needs,
             )
         )
     return found
@@ -250,7 +259,9 @@ def _unused_equations(model: Model) -> None:
 
 def _report_unused(model: Model) -> None:
     for name, declared in model.scope.items():
-        if name not in model.used and declared.kind in _EXPECTED_IN_USE:
+        # what a sub-model does not need here, what stays behind may
+        expected = declared.kind in _EXPECTED_IN_USE and not owner_of(name)
+        if expected and name not in model.used:
             place = declared.entry.place.key
             model.findings.report(names.unused_entry(name, declared.kind.value, place))
 
@@ -270,24 +281,3 @@ def _losses(model: Model, outputs: list[Output]) -> list[Loss]:
         except LoweringFailed:
             continue
     return found
-
-
-def _signals(model: Model) -> tuple[Signal, ...]:
-    declared = [
-        *((Role.INPUT, name, entry) for name, entry in model.spec.inputs.items()),
-        *((Role.TARGET, name, entry) for name, entry in model.spec.targets.items()),
-        *((Role.TARGET, name, entry) for name, entry in model.measured.items()),
-    ]
-    return tuple(
-        Signal(
-            name=name,
-            role=role,
-            axes=model.arrays.axes_of(entry),
-            unit=entry.unit.value if entry.unit else None,
-            range=entry.range.value if entry.range else None,
-            on_invalid=entry.on_invalid if isinstance(entry, SignalEntry) else "flag",
-            doc=entry.doc or "",
-            span=entry.place.key,
-        )
-        for role, name, entry in declared
-    )

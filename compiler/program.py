@@ -138,6 +138,8 @@ class State:
     range: tuple[float, float] | None = None
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
+    needs: tuple[str, ...] = ()
+    """Sub-models that the `next:` of a discrete state needs in the same step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +159,8 @@ class Output:
     predicts: Prediction | None = None
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
+    needs: tuple[str, ...] = ()
+    """Sub-models that it needs in the same step."""
 
 
 class Measure(Enum):

@@ -146,6 +146,7 @@ class _Reader:
             range=_range(record),
             doc=_doc(record),
             span=self._span(record),
+            needs=_needs(record),
         )
         record.close()
         return state
@@ -162,6 +163,7 @@ class _Reader:
             predicts=predicts,
             doc=_doc(record),
             span=self._span(record),
+            needs=_needs(record),
         )
         record.close()
         return output
@@ -251,6 +253,10 @@ def _range(record: Record) -> tuple[float, float] | None:
         -math.inf if low is None else as_number(low, record.place),
         math.inf if high is None else as_number(high, record.place),
     )
+
+
+def _needs(record: Record) -> tuple[str, ...]:
+    return record.items("needs", as_text) if record.has("needs") else ()
 
 
 def _doc(record: Record) -> str:

@@ -106,6 +106,8 @@ def _state(state: State, files: _Files) -> Data:
     }
     if state.range is not None:
         data["range"] = _range(state.range)
+    if state.needs:
+        data["needs"] = list(state.needs)
     return data | _place(state.doc, state.span, files)
 
 
@@ -125,6 +127,8 @@ def _output(output: Output, files: _Files) -> Data:
     data: Data = {"name": output.name, "node": output.node}
     if output.predicts is not None:
         data["predicts"] = [output.predicts.signal, output.predicts.ahead]
+    if output.needs:
+        data["needs"] = list(output.needs)
     return data | _place(output.doc, output.span, files)
 
 

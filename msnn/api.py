@@ -46,7 +46,8 @@ def compile(spec: str | Path | Spec) -> Program:
 
         program = msnn.compile("plant.msnn.yaml")
 
-    Raises SpecError with everything that is wrong with it.
+    Raises SpecError with everything that is wrong with it, ValueError for a Spec with sub-models:
+    these are found beside its file.
     """
     return compile_spec(spec).program if isinstance(spec, Spec) else load_model(spec).program
 
@@ -72,14 +73,14 @@ def train(
     stage begins, by default the initial values. Raises SpecError, TrainingDivergedError and
     TrainingInterruptedError.
     """
+    from msnn.model_weights import redrawn_weights
     from msnn.training import train as engine
-    from msnn.weights_file import initial_weights
 
     options = engine.TrainingOptions(
         runs=None if runs is None else Path(runs),
         resume=resume,
         spec_text=model.text,
-        redrawn=lambda draw: initial_weights(compile_spec(model.spec, draw=draw).program),
+        redrawn=lambda draw: redrawn_weights(model, draw),
     )
     dataset = _measured(model, data, data_root, "training")
     try:

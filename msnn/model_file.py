@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, cast
 
 from backends.atomic_write import write_text
 from compiler.compile import compile_spec
+from compiler.linking.link import WeightsByPart, link
 from compiler.program import Program
 from compiler.program_file import (
     data_from_json,
@@ -18,7 +18,10 @@ from compiler.program_file import (
     program_from_data,
     program_to_data,
 )
-from spec_schema.diagnostics import Diagnostic, SpecError
+from msnn.data.dataset import FloatArray
+from msnn.spec_hash import Part, hash_of, parts_of
+from msnn.submodel_weights import read_submodel_weights
+from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors.commands import foreign_spec
 from spec_schema.errors.files import unreadable_file
 from spec_schema.reader import ReadResult, read_spec
@@ -44,6 +47,12 @@ class Model:
     text: str
     sources: tuple[SourceText, ...]
     warnings: tuple[Diagnostic, ...]
+    read: ReadResult
+    """The spec and its sub-models as their files have them; `spec` is both in one."""
+    parts: tuple[Part, ...] = ()
+    """Its sub-models, those of sub-models too."""
+    part_weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, FloatArray]])
+    """The arrays that their `weights:` have; empty for a program file."""
 
     @property
     def name(self) -> str:
@@ -78,22 +87,45 @@ def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Mod
 
 
 def write_program_file(model: Model, folder: Path) -> Path:
-    """Writes `<name>.program.json`: the program, and the spec's text for the workflow sections."""
+    """Writes `<name>.program.json`: the program, and the spec's text for the workflow sections.
+
+    The texts of sub-models stand there too; of their weights the program has what it needs.
+    """
     file = folder / f"{model.name}{PROGRAM_SUFFIX}"
-    spec_path = Path(os.path.relpath(model.path, folder)).as_posix()
-    data = program_to_data(model.program) | {"spec": {"path": spec_path, "text": model.text}}
-    return write_text(file, data_to_json(data))
+    spec: dict[str, Any] = {"path": _seen_from(folder, model.path), "text": model.text}
+    if model.parts:
+        texts = {part.path: part.text for part in model.parts}
+        spec["texts"] = {_seen_from(folder, path): text for path, text in texts.items()}
+        spec["weights"] = {part.name: part.weights for part in model.parts if part.weights}
+    return write_text(file, data_to_json(program_to_data(model.program) | {"spec": spec}))
+
+
+def _seen_from(folder: Path, path: str | Path) -> str:
+    return Path(os.path.relpath(path, folder)).as_posix()
 
 
 def _compiled(read: ReadResult, path: Path, settings: Sequence[str], strict_units: bool) -> Model:
-    sources = (read.source, settings_source(settings))
-    text = read.source.text
+    sources = (*read.sources, settings_source(settings))
+    text, findings = read.source.text, Findings()
+    findings.report(*read.warnings)
+    weights = read_submodel_weights(read, findings)
+    parts = parts_of(read, weights.digests)
     try:
-        compiled = compile_spec(read.spec, strict_units=strict_units, spec_hash=_hash(text))
+        findings.raise_errors()
+        compiled = compile_spec(
+            read.spec,
+            used=read.used,
+            weights=weights.arrays,
+            strict_units=strict_units,
+            spec_hash=hash_of(text, parts),
+        )
     except SpecError as error:
-        raise SpecError((*read.warnings, *error.diagnostics), sources) from None
-    warnings = (*read.warnings, *compiled.warnings)
-    return Model(compiled.program, read.spec, path, text, sources, warnings)
+        findings.report(*error.diagnostics)
+        raise SpecError(findings.in_order, sources) from None
+    warnings = (*findings.in_order, *compiled.warnings)
+    return Model(
+        compiled.program, compiled.spec, path, text, sources, warnings, read, parts, weights.arrays
+    )
 
 
 def _from_program_file(file: Path, settings: Sequence[str]) -> Model:
@@ -106,28 +138,45 @@ def _from_program_file(file: Path, settings: Sequence[str]) -> Model:
     except UnicodeDecodeError as error:
         raise SpecError([unreadable_file(shown, "it is not UTF-8 text")]) from error
     data = data_from_json(text, shown)
-    embedded = _embedded_spec(data)
+    embedded = _embedded_spec(data, file.parent)
     program = program_from_data(data, shown)
     if embedded is None:
         raise SpecError([foreign_spec(shown)])
-    spec_path, spec_text = embedded
-    path = Path(os.path.normpath(file.parent / spec_path))
-    read = read_spec(path, spec_text, settings)
-    if program.spec_hash != _hash(read.source.text) or program.name != read.spec.name.value:
+    read = read_spec(embedded.path, embedded.text, settings, texts=embedded.texts)
+    parts, text = parts_of(read, embedded.weights), read.source.text
+    if program.spec_hash != hash_of(text, parts) or program.name != read.spec.name.value:
         raise SpecError([foreign_spec(shown)])
-    sources = (read.source, settings_source(settings))
-    return Model(program, read.spec, path, read.source.text, sources, read.warnings)
+    sources = (*read.sources, settings_source(settings))
+    spec = link(
+        read.spec, read.used, {}, Findings()
+    ).spec  # which compiled when the file was written
+    return Model(program, spec, embedded.path, text, sources, read.warnings, read, parts)
 
 
-def _embedded_spec(data: Any) -> tuple[str, str] | None:
-    """Takes path and text of the spec out of the data of a program file; None if not there."""
+@dataclass(frozen=True, slots=True)
+class _EmbeddedSpec:
+    """The spec in a program file, the texts of sub-models by path, digests of their weights."""
+
+    path: Path
+    text: str
+    texts: Mapping[str, str]
+    weights: Mapping[str, str]
+
+
+def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
+    """Takes the spec out of the data of a program file; None if it is not there."""
     found = cast("dict[str, Any]", data).pop("spec", None) if isinstance(data, dict) else None
     match found:
         case {"path": str(path), "text": str(text)} if "\0" not in path:
-            return path, text
+            spec = Path(os.path.normpath(folder / path))
         case _:
             return None
+    texts, weights = _texts(found.get("texts")), _texts(found.get("weights"))
+    texts = {os.path.normpath(folder / path): text for path, text in texts.items()}
+    return _EmbeddedSpec(spec, text, texts, weights)
 
 
-def _hash(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
+def _texts(data: Any) -> dict[str, str]:
+    """The texts in a JSON object, which may hold anything."""
+    items = cast("dict[str, Any]", data).items() if isinstance(data, dict) else ()
+    return {name: text for name, text in items if isinstance(text, str) and "\0" not in name}

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from compiler.compile import compile_spec
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.weights_file import known_weights, read_weights
+from msnn.model_file import Model
+from msnn.weights_file import initial_weights, known_weights, read_weights
 from spec_schema.diagnostics import Diagnostic, SpecError
 from spec_schema.errors.commands import not_trained
 
@@ -22,6 +24,18 @@ class ChosenWeights:
     weights: Mapping[str, FloatArray]
     origin: str
     warnings: tuple[Diagnostic, ...] = ()
+
+
+def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
+    """Initial values of another draw; what a sub-model has from `weights:` stays."""
+    read = model.read
+    program = compile_spec(read.spec, used=read.used, weights=model.part_weights, draw=draw).program
+    given = tuple(f"{part.name}." for part in model.parts if part.weights)
+    kept = initial_weights(model.program)
+    return {
+        name: kept[name] if name.startswith(given) else values
+        for name, values in initial_weights(program).items()
+    }
 
 
 def choose_weights(

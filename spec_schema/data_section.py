@@ -8,7 +8,7 @@ from spec_schema.columns import Column, ColumnField
 from spec_schema.entry import Entry, findings_of
 from spec_schema.errors import data_files as errors
 from spec_schema.expression_fields import ConditionField
-from spec_schema.named_tables import Named
+from spec_schema.named_tables import BySignal, Named
 from spec_schema.plain_fields import (
     Character,
     LocatedText,
@@ -73,7 +73,7 @@ class Layout(Entry):
     first: LengthField | None = Field(default=None, alias="from")
     last: LengthField | None = Field(default=None, alias="to")
     every: PositiveCount | None = None
-    columns: Named[Column] = Field(default_factory=dict[str, Column])
+    columns: BySignal[Column] = Field(default_factory=dict[str, Column])
     time: TimeColumn | None = None
     csv: Csv | None = None
     resample: (

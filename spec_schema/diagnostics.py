@@ -32,6 +32,10 @@ class Diagnostic:
         more = f" … and {files} more file{'s' if files > 1 else ''}"
         return replace(self, message=self.message + more) if files else self
 
+    def seen_from(self, place: Span, label: str) -> "Diagnostic":
+        """The same with one further place, to which it matters."""
+        return replace(self, secondary=(*self.secondary, (place, label)))
+
 
 class SpecError(Exception):
     """A stage failed; carries every diagnostic of that stage, warnings included.

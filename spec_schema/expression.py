@@ -70,8 +70,15 @@ class Name:
 
 
 @dataclass(frozen=True)
+class LanguageName(Name):
+    """A name that means what the language says, whatever a spec declares."""
+
+
+@dataclass(frozen=True)
 class Member:
-    """`base.name`: the log of a signal (`q.meas`) or a member of an instance (`vehicle.A`)."""
+    """`base.name`: the log of a signal (`q.meas`) or a member of a sub-model (`vehicle.A`).
+
+    `base` may be a name with dots: `vehicle.tire.mu` has the base `vehicle.tire`."""
 
     base: str
     name: str

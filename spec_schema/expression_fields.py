@@ -12,6 +12,7 @@ from spec_schema.expression import (
     Expression,
     Length,
     ListLiteral,
+    Member,
     Name,
     Samples,
     TimeOffset,
@@ -82,6 +83,14 @@ def _read_prediction(node: Node, findings: Findings) -> Prediction:
             ahead.sign == 1
         ):
             signal = Located(name, span, node.key)
+            return Prediction(signal, ahead.length, expression.span)
+        case Member():
+            name = Located(f"{expression.base}.{expression.name}", expression.span, node.key)
+            return Prediction(name, Samples(0, expression.span), expression.span)
+        case Window(operand=Member() as member, first=TimeOffset() as ahead, last=None) if (
+            ahead.sign == 1
+        ):
+            signal = Located(f"{member.base}.{member.name}", member.span, node.key)
             return Prediction(signal, ahead.length, expression.span)
         case _:
             findings.report(errors.malformed_prediction(expression.span))

@@ -131,10 +131,11 @@ class _Admission:
                 return Binary(kind, a, b, span, self.places.between(left, right, kind.value))
             case ast.Compare():
                 return self.comparison(node, span, depth, condition)
-            case ast.Attribute(value=ast.Name(id=base), attr=name):
+            case ast.Attribute(value=owner, attr=name):
+                base = _dotted(owner)
+                if base is None:
+                    return self.refuse(errors.long_member(span), span)
                 return Member(base, normalised(name), span)
-            case ast.Attribute():
-                return self.refuse(errors.long_member(span), span)
             case ast.Subscript():
                 return self.window(node, span, depth)
             case ast.Call(func=ast.Attribute(attr="past" | "future")):
@@ -249,6 +250,17 @@ class _Admission:
     def refuse(self, diagnostic: errors.Diagnostic, span: Span) -> Expression:
         self.findings.report(diagnostic)
         return _nothing(span)
+
+
+def _dotted(node: ast.expr) -> str | None:
+    """`a.b.c` as text; None for what is not names alone."""
+    names: list[str] = []
+    while isinstance(node, ast.Attribute):
+        names.append(normalised(node.attr))
+        node = node.value
+    if not isinstance(node, ast.Name):
+        return None
+    return ".".join((normalised(node.id), *reversed(names)))
 
 
 _LONGEST_WINDOW = 10**9

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
-from spec_schema.reader import read_spec
 from spec_schema.source import SourceText
 from spec_schema.spec import Spec
+from spec_schema.spec_file import read_one_spec
 from spec_schema.yaml_nodes import Listing, Node, Scalar, Table
 from spec_schema.yaml_reader import read_tree
 from spec_schema.yaml_writer import quoted
@@ -32,7 +32,7 @@ def format_spec(path: str, text: str) -> str:
     text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
     if not path.endswith(".json"):
         text = _quoted_where_needed(path, text)
-    read_spec(path, text)
+    read_one_spec(path, text)
     before = _meaning(path, text)
     if path.endswith(".json"):
         return _json(text)

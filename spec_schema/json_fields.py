@@ -14,7 +14,8 @@ JsonSchema: TypeAlias = Mapping[str, Any]
 # of ohm are there beside the Greek letters that normalisation makes of them.
 _NAME = "[A-Za-zµΩͰ-Ͽ][A-Za-z0-9_µΩͰ-Ͽ]*"
 NEW_NAME = rf"^(?!({RESERVED_PATTERN})$){_NAME}$"
-REFERENCE = rf"^{_NAME}(\.{_NAME})?$"
+REFERENCE = rf"^{_NAME}(\.{_NAME})*$"
+MEMBER = rf"^{_NAME}(\.{_NAME})+$"
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,18 @@ def list_of(item: JsonSchema) -> JsonSchema:
 def declarations(item: JsonSchema) -> JsonSchema:
     """A mapping whose keys are new names."""
     names = {"pattern": NEW_NAME}
+    return {"type": ["object", "null"], "propertyNames": names, "additionalProperties": item}
+
+
+def signals(item: JsonSchema) -> JsonSchema:
+    """A mapping whose keys are names of signals, those of sub-models with dots."""
+    names = {"pattern": REFERENCE}
+    return {"type": ["object", "null"], "propertyNames": names, "additionalProperties": item}
+
+
+def members(item: JsonSchema) -> JsonSchema:
+    """A mapping whose keys are members of sub-models."""
+    names = {"pattern": MEMBER}
     return {"type": ["object", "null"], "propertyNames": names, "additionalProperties": item}
 
 

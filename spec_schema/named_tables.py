@@ -7,15 +7,24 @@ from pydantic import ValidationInfo
 
 from spec_schema.entry import RefusedError, findings_of
 from spec_schema.errors import schema as errors
-from spec_schema.json_fields import Gathering, any_keys, declarations
-from spec_schema.names import is_name, why_reserved
+from spec_schema.json_fields import Gathering, any_keys, declarations, signals
+from spec_schema.names import is_dotted_name, is_name, why_reserved
 from spec_schema.yaml_nodes import Node, Scalar, Table, kind
 
 Item = TypeVar("Item")
 
 
+def _read_signals(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
+    """Keys are names of signals, those of sub-models with dots."""
+    table = read_table(node, info)
+    for name in table.entries:
+        if not is_name(name) and not is_dotted_name(name):
+            findings_of(info).report(errors.malformed_name(name, table.keys[name]))
+    return {n: v for n, v in table.entries.items() if is_name(n) or is_dotted_name(n)}
+
+
 def _read_declarations(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
-    table = _read_table(node, info)
+    table = read_table(node, info)
     findings = findings_of(info)
     admitted: dict[str, Node] = {}
     for name, value in table.entries.items():
@@ -30,10 +39,11 @@ def _read_declarations(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
 
 
 def _read_any_keys(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
-    return _read_table(node, info).entries
+    return read_table(node, info).entries
 
 
-def _read_table(node: Node, info: ValidationInfo) -> Table:
+def read_table(node: Node, info: ValidationInfo) -> Table:
+    """The mapping that a node is; nothing written is an empty one."""
     if isinstance(node, Scalar) and node.is_empty:
         return Table({}, {}, node.span, node.key)
     if not isinstance(node, Table):
@@ -44,4 +54,5 @@ def _read_table(node: Node, info: ValidationInfo) -> Table:
 
 
 Named: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_declarations, schema=declarations)]
+BySignal: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_signals, schema=signals)]
 Keyed: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_any_keys, schema=any_keys)]

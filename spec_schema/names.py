@@ -27,6 +27,12 @@ def is_name(name: str) -> bool:
     return name.isidentifier() and _NAME.fullmatch(normalised(name)) is not None
 
 
+def is_dotted_name(name: str) -> bool:
+    """Whether a text is names with dots between them: a member of a sub-model."""
+    parts = name.split(".")
+    return len(parts) > 1 and all(is_name(part) for part in parts)
+
+
 def why_reserved(name: str) -> str | None:
     """Why nothing may be declared under this name; None when it is free."""
     return _TAKEN.get(name) or ("it is a reserved word of Python" if is_python_word(name) else None)

@@ -72,8 +72,7 @@ def _read_new_name(node: Node, findings: Findings) -> Located[str]:
 
 def _read_reference(node: Node, findings: Findings) -> Located[str]:
     found = scalar(node, findings, "a name")
-    parts = found.text.split(".")
-    if len(parts) > 2 or not all(is_name(part) for part in parts):
+    if not all(is_name(part) for part in found.text.split(".")):
         findings.report(errors.malformed_name(found.text, found.span))
         raise RefusedError
     return Located(normalised(found.text), found.span, found.key)

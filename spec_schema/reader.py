@@ -1,70 +1,28 @@
-"""Reads a spec file: text, YAML, schema and expressions, with everything wrong with it at once."""
+"""Reads a spec: its file, and the files of its sub-models."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from pydantic import ValidationError
+from spec_schema.spec_file import ReadResult, read_one_spec
+from spec_schema.used_specs import read_used
 
-from spec_schema.diagnostics import Diagnostic, Findings, SpecError
-from spec_schema.errors import yaml_text as errors
-from spec_schema.errors.files import unreadable_file
-from spec_schema.settings import apply_settings, settings_source
-from spec_schema.source import SourceText
-from spec_schema.spec import Spec
-from spec_schema.yaml_reader import read_tree
-
-
-@dataclass(frozen=True)
-class ReadResult:
-    """A spec, what is to be said about it, and its text for printing later diagnostics."""
-
-    spec: Spec
-    warnings: tuple[Diagnostic, ...]
-    source: SourceText
+__all__ = ["ReadResult", "read_spec"]
 
 
 def read_spec(
-    path: str | Path, text: str | None = None, settings: Sequence[str] = ()
+    path: str | Path,
+    text: str | None = None,
+    settings: Sequence[str] = (),
+    *,
+    texts: Mapping[str, str] | None = None,
 ) -> ReadResult:
     """The spec in a `.yaml` or `.json` file, or in `text` as if it stood in that file.
 
-    `settings` such as `train.0.epochs=5` replace values of the workflow sections.
+    `settings` such as `train.0.epochs=5` replace values of the workflow sections. The files of
+    sub-models are read too; with `texts`, these are their contents by path.
     Raises SpecError with all diagnostics of the first stage that fails: the file, its YAML, its
-    schema together with its expressions.
+    schema together with its expressions, its sub-models.
     """
-    findings = Findings()
-    source = read_file(Path(path)) if text is None else SourceText(str(path), text)
-    # A byte order mark is not a character of the text.
-    source = SourceText(source.path, source.text.removeprefix("\ufeff"))
-    try:
-        root = read_tree(source, findings)
-        findings.raise_errors()
-        if root is not None:
-            root = apply_settings(root, settings, findings)
-        findings.raise_errors()
-        try:
-            spec = Spec.model_validate(root, context=findings)
-        except ValidationError:
-            # Whatever pydantic refuses was reported where it was refused.
-            findings.raise_errors()
-            raise
-        findings.raise_errors()
-    except SpecError as error:
-        raise SpecError(error.diagnostics, (source, settings_source(settings))) from None
-    return ReadResult(spec, findings.in_order, source)
-
-
-def read_file(path: Path) -> SourceText:
-    """The text of a file as it stands there; SpecError where it is not given or is not UTF-8."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise SpecError((unreadable_file(str(path), reason),)) from error
-    try:
-        return SourceText(str(path), content.decode())
-    except UnicodeDecodeError as error:
-        readable = SourceText(str(path), content[: error.start].decode())
-        end = len(readable.text)
-        raise SpecError((errors.not_utf8(readable.span(end, end)),), (readable,)) from error
+    result = read_one_spec(path, text, settings)
+    return replace(result, used=read_used(result, texts))

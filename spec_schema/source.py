@@ -1,8 +1,11 @@
 """Places in files: the text a person wrote, and spans that point into it."""
 
+import re
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
+
+_LINE_END = re.compile(r"\r\n?|\n")
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -32,15 +35,7 @@ class SourceText:
 
     @cached_property
     def _starts(self) -> tuple[int, ...]:
-        starts = [0]
-        text = self.text
-        for offset, character in enumerate(text):
-            ends_line = character == "\n" or (
-                character == "\r" and text[offset + 1 : offset + 2] != "\n"
-            )
-            if ends_line:
-                starts.append(offset + 1)
-        return tuple(starts)
+        return (0, *(found.end() for found in _LINE_END.finditer(self.text)))
 
     @property
     def line_count(self) -> int:

@@ -15,6 +15,7 @@ from spec_schema.named_tables import Named
 from spec_schema.plain_fields import EntriesOf, LanguageVersion, NewName, Text
 from spec_schema.quantity_fields import SampleTime
 from spec_schema.signals import Equation, Loss, Output, Signal, State
+from spec_schema.submodels import Connection, Connections, Use
 from spec_schema.training import Stage
 from spec_schema.values import Constant, Function, Parameter
 
@@ -26,13 +27,14 @@ class Spec(Entry):
     """
 
     noun: ClassVar[str] = "the spec"
-    later: ClassVar[frozenset[str]] = frozenset({"use", "connect", "mpc"})
+    later: ClassVar[frozenset[str]] = frozenset({"mpc"})
 
     msnn: LanguageVersion
     name: NewName
     doc: Text | None = None
     sample_time: SampleTime | None = None
     dims: Named[DimensionField] = Field(default_factory=dict[str, Dimension])
+    use: Named[Use] = Field(default_factory=dict[str, Use])
     inputs: Named[Signal]
     targets: Named[Signal] = Field(default_factory=dict[str, Signal])
     constants: Named[Constant] = Field(default_factory=dict[str, Constant])
@@ -42,6 +44,7 @@ class Spec(Entry):
     states: Named[State] = Field(default_factory=dict[str, State])
     integrator: Integrator | None = None
     equations: Named[Equation] = Field(default_factory=dict[str, Equation])
+    connect: Connections = Field(default_factory=dict[str, Connection])
     outputs: Named[Output]
     losses: Named[Loss] = Field(default_factory=dict[str, Loss])
     data: Data | None = None

@@ -30,6 +30,7 @@ from spec_schema.located import Located
 from spec_schema.quantity import Quantity
 from spec_schema.spec import Spec
 from spec_schema.splits import Blocks, Fraction, TimeRange
+from spec_schema.submodels import Freeze
 from spec_schema.units import Unit
 
 
@@ -64,6 +65,9 @@ def _plain(value: Any) -> Any:
             return int(value) if value.is_integer() and abs(value) < _EXACT else value
         case Entry():
             return _entry(value)
+        case Freeze(patterns=patterns):
+            listed = [pattern.value for pattern in patterns]
+            return "all" if listed == ["*"] else listed or "none"
         case Located():
             return _plain(cast("Located[Any]", value).value)
         case Number(value=number):

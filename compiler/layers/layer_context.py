@@ -21,7 +21,7 @@ from compiler.types import WINDOW, Axis, describe_axes
 from spec_schema.diagnostics import Diagnostic
 from spec_schema.entry import Entry
 from spec_schema.errors import names, shapes
-from spec_schema.expression import Call, Name
+from spec_schema.expression import Call, LanguageName, Name
 from spec_schema.located import Located
 from spec_schema.source import Span
 from spec_schema.units import Unit
@@ -102,7 +102,7 @@ class LayerContext:
         )
         if type.axes != full:
             self._called_differently()
-        return self.builder.parameter(f"{self.name}.{suffix}", type)
+        return self.model.arrays.read(self.builder, f"{self.name}.{suffix}")
 
     def measured(
         self, suffix: str, statistic: Statistic, axes: tuple[Axis, ...], unit: Unit | None
@@ -111,10 +111,9 @@ class LayerContext:
         name = f"{self.name}.{suffix}"
         values = np.full([axis.size for axis in axes], 0.0 if statistic.kind == "mean" else 1.0)
         doc = f"{statistic.kind} of `{statistic.signal}` in the training data"
-        type = self.model.arrays.declare(
-            name, axes, values, unit, doc, self.span, (None, None), statistic
-        )
-        return self.builder.parameter(name, type)
+        arrays = self.model.arrays
+        arrays.declare(name, axes, values, unit, doc, self.span, (None, None), statistic)
+        return arrays.read(self.builder, name)
 
     def initial(
         self, suffix: str, initializer: Initializer | None, axes: tuple[Axis, ...], bound: float
@@ -147,7 +146,10 @@ class LayerContext:
             },
         )
         given = tuple(Name(name, span) for name in arguments)
-        result = self.model.call(Call(Name(function.value, span), given, (), span), inner)
+        # in a sub-model everything that is declared has a dot
+        is_language = self.model.is_of_submodel(self.name) and "." not in function.value
+        kind = LanguageName if is_language else Name
+        result = self.model.call(Call(kind(function.value, span), given, (), span), inner)
         axes = self.builder.type(nodes[0]).axes
         found = self.builder.type(result).axes
         if set(found) != set(axes):

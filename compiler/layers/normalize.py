@@ -9,6 +9,7 @@ import numpy as np
 from compiler.layers.arguments import read_value
 from compiler.layers.layer_context import LayerContext
 from compiler.layers.layer_rule import Arguments, LayerRule
+from compiler.linking.connected import Connected
 from compiler.program import NodeId, Statistic
 from compiler.types import Axis, describe_axes
 from spec_schema.errors import names, shapes
@@ -76,7 +77,7 @@ def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
         name, span = "" if inverse else _signal_name(argument), argument.span
     declared = model.declared(name, span) if settings.of is not None else model.scope.get(name)
     before = known.setdefault(context.name, name)
-    if declared is None or not isinstance(declared.entry, Signal) or before != name:
+    if declared is None or not isinstance(declared.entry, Signal | Connected) or before != name:
         problem = "`data` takes mean and std of one input or target"
         repair = f"name it: `{context.name}: {{normalize: {{mean: data, std: data, of: SIGNAL}}}}`"
         context.refuse(names.unfit_setting("normalize", problem, span, repair))
@@ -101,8 +102,16 @@ def _measured(
 ) -> NodeId:
     builder = context.builder
     entry = context.model.scope[signal].entry
+    is_connected = isinstance(entry, Connected)
+    if is_connected:
+        entry = entry.feeds
     assert isinstance(entry, Signal)
     axes = context.model.arrays.axes_of(entry)
+    shape = tuple(axis.size for axis in axes)
+    if is_connected and context.model.given.value(f"{context.name}.{kind}", shape) is None:
+        problem = f"no data has `{signal}`, which is connected"
+        repair = "give the sub-model its `weights:`, where mean and std are"
+        context.refuse(names.unfit_setting("normalize", problem, context.span, repair))
     found = builder.type(value).axes
     if not set(axes) <= set(found):
         what, place = f"the argument of `{context.name}`", context.call.arguments[0].span

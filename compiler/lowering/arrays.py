@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
@@ -18,7 +18,7 @@ from compiler.scalar_functions import Array
 from compiler.types import Axis, Type, describe_axes
 from compiler.unit_rules import same_unit
 from spec_schema.errors import names, units
-from spec_schema.expression import Call, Expression, ListLiteral, Name
+from spec_schema.expression import Call, Expression, LanguageName, ListLiteral, Name
 from spec_schema.located import Located
 from spec_schema.quantity import Quantity
 from spec_schema.signals import Equation, Output, Signal, State
@@ -55,7 +55,21 @@ class Arrays:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Everything learnable, in the order of first use."""
-        return tuple(self._parameters.values())
+        return tuple(p for p in self._parameters.values() if not self._is_constant(p))
+
+    @property
+    def all_names(self) -> tuple[str, ...]:
+        """Parameters and those that sub-models hold constant."""
+        return tuple(self._parameters)
+
+    def read(self, builder: GraphBuilder, name: str) -> NodeId:
+        """The value of a declared parameter: a constant where its sub-model is frozen (R11)."""
+        found = self._parameters[name]
+        if not self._is_constant(found):
+            return builder.parameter(name, Type(found.axes, found.unit))
+        node = builder.constant(found.initial, found.axes, found.unit)
+        builder.name(node, name)
+        return node
 
     # ---- constants
 
@@ -103,7 +117,7 @@ class Arrays:
             isinstance(expression, Call)
             and isinstance(expression.function, Name)
             and expression.function.name == "eye"
-            and "eye" not in self._model.scope
+            and (isinstance(expression.function, LanguageName) or "eye" not in self._model.scope)
             and len(expression.arguments) == 1
         )
 
@@ -153,7 +167,7 @@ class Arrays:
             raise LoweringFailed
         if name not in self._parameters:
             self._failed.add(name)
-            self._parameters[name] = self._declared(name, entry)
+            self._parameters[name] = self._with_given(self._declared(name, entry))
             self._failed.remove(name)
         found = self._parameters[name]
         return Type(found.axes, found.unit)
@@ -217,8 +231,21 @@ class Arrays:
             found = Parameter(
                 name, axes, unit, values, low, high, 1.0, learn, statistic, doc=doc, span=span
             )
-            self._parameters[name] = found
+            found = self._parameters[name] = self._with_given(found)
         return Type(found.axes, found.unit)
+
+    def _with_given(self, parameter: Parameter) -> Parameter:
+        """The parameter with the value that the weights of its sub-model have."""
+        shape = tuple(axis.size for axis in parameter.axes)
+        given = self._model.given.value(parameter.name, shape)
+        if given is None:
+            return parameter
+        values = tuple(float(value) for value in given.ravel())
+        return replace(parameter, initial=values, statistic=None)  # which is known then
+
+    def _is_constant(self, parameter: Parameter) -> bool:
+        """Frozen with its sub-model; a statistic that no weights give is first to be found."""
+        return parameter.statistic is None and self._model.given.is_frozen(parameter.name)
 
     # ---- axes and units of entries
 

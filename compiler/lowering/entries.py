@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from compiler.builder import GraphBuilder
+from compiler.linking.connected import Connected
+from compiler.lowering.connections import fitted_to_input
 from compiler.lowering.environment import Environment, Part, Stage, Time
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
@@ -27,7 +29,8 @@ class Entries:
         self._model = model
         self._variables = variables
         self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
-        self._active: list[str] = []
+        self._active: dict[str, None] = {}
+        """The entries that are being lowered, outermost first."""
         self._loops: list[set[str]] = []
         """Algebraic loops that are reported: entered elsewhere, it is the same loop."""
 
@@ -40,12 +43,15 @@ class Entries:
         because it depends on a state or on itself, its past values are kept.
         """
         own = environment.of_entry()
+        stage = own.stage
+        if isinstance(entry, Connected) and stage is not None and entry.is_held_for(stage.owner):
+            own = own.without_stage()
         if own.part is Part.START and own.latest < 0 and entry.history is not None:
             return lower(self._model, entry.history, own)
         if own.is_elsewhere and own.part is Part.STEP:
             own = own.without_stage()
             recomputed = None
-            if name not in self._active and entry.history is None:
+            if name not in self._active and not _has_own_past(entry):
                 recomputed = self.tried(lambda: self._lowered(name, entry, own, span))
             if recomputed is not None:
                 return recomputed
@@ -63,13 +69,13 @@ class Entries:
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
         """The node, or None where lowering fails; nothing is reported and nothing remembered."""
         mark, loops = self._model.findings.mark(), len(self._loops)
-        known = set(self._entries)
+        known = len(self._entries)
         try:
             return lower_it()
         except LoweringFailed:
             self._model.findings.forget(mark)
             del self._loops[loops:]
-            for key in set(self._entries) - known:
+            for key in list(self._entries)[known:]:
                 if self._entries[key] is None:
                     del self._entries[key]
             return None
@@ -77,7 +83,8 @@ class Entries:
     def _lowered(self, name: str, entry: Equation | Output, own: Environment, span: Span) -> NodeId:
         key = (name, own.part, own.time, own.stage)
         if name in self._active:
-            loop = self._active[self._active.index(name) :]
+            active = list(self._active)
+            loop = active[active.index(name) :]
             if not any(set(loop) == known for known in self._loops):
                 self._model.findings.report(states.algebraic_loop((*loop, name), span))
                 self._loops.append(set(loop))
@@ -87,19 +94,27 @@ class Entries:
             if node is None:
                 raise LoweringFailed
             return node
-        self._active.append(name)
+        self._active[name] = None
         try:
             self._entries[key] = None  # stays when lowering fails
             node = lower(self._model, entry.expr, own)
             builder = self._model.builder(own)
             if name in self._variables:
                 node = _own_node(builder, name, node)
-            self._model.arrays.agree_on_unit(builder, node, name, entry)
-            builder.name(node, name)
+            if isinstance(entry, Connected):  # whose expression has names of its own
+                node = fitted_to_input(self._model, builder, node, name, entry, own)
+            else:
+                self._model.arrays.agree_on_unit(builder, node, name, entry)
+                builder.name(node, name)
             self._entries[key] = node
         finally:
-            self._active.pop()
+            del self._active[name]
         return node
+
+
+def _has_own_past(entry: Equation | Output) -> bool:
+    """Whether the past before the start is given, by `history:` or by a log, not evaluated (R5)."""
+    return entry.history is not None or (isinstance(entry, Output) and entry.predicts is not None)
 
 
 def _own_node(builder: GraphBuilder, name: str, node: NodeId) -> NodeId:

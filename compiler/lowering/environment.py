@@ -31,6 +31,8 @@ class Stage:
     """Values of the continuous states at one stage of the integrator (R6); equal only to itself."""
 
     values: Mapping[str, NodeId]
+    owner: str = ""
+    """The sub-model whose states are integrated; "" for those of the model itself."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,7 +86,7 @@ def _profile(shaped: Shaped, count: int) -> Array:
 
 def _of_index(model: Model, name: str, expression: Expression, axes: tuple[Axis, ...]) -> Array:
     """A list fills the array in its order; a formula of the index aligns by name."""
-    found = model.arrays.evaluate_in(expression, _with_indices(model, axes, expression.span))
+    found = model.arrays.evaluate_in(expression, _with_indices(model, name, axes, expression.span))
     if axes and found.axes and set(found.axes) <= set(axes):
         order = [found.axes.index(axis) for axis in axes if axis in found.axes]
         shape = [axis.size if axis in found.axes else 1 for axis in axes]
@@ -96,8 +96,11 @@ def _of_index(model: Model, name: str, expression: Expression, axes: tuple[Axis,
     return model.arrays.fitted(name, found.values, axes, expression.span)
 
 
-def _with_indices(model: Model, axes: tuple[Axis, ...], span: Span) -> Environment:
-    """Constants, and the indices where the spec declares nothing of that name."""
+def _with_indices(model: Model, array: str, axes: tuple[Axis, ...], span: Span) -> Environment:
+    """Constants, and the indices where the spec declares nothing of that name.
+
+    What a sub-model declares has a dot in its name: there a bare one is always an index.
+    """
     plain = Environment(Part.CONSTANT)
     if not axes:
         return plain
@@ -110,7 +113,7 @@ def _with_indices(model: Model, axes: tuple[Axis, ...], span: Span) -> Environme
     arguments = {
         name: Argument(Name(name, span), plain, {plain.time: node})
         for name, node in values.items()
-        if name not in model.scope
+        if name not in model.scope or model.is_of_submodel(array)
     }
     return Environment(Part.CONSTANT, arguments=arguments)
 

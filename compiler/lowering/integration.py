@@ -11,6 +11,7 @@ from compiler.lowering.expressions import lower, report_unit_conflicts
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
 from compiler.lowering.linear_implicit import increments
+from compiler.lowering.scope import owner_of
 from compiler.program import NodeId
 from compiler.types import Type
 from spec_schema.errors import calculus, time
@@ -23,6 +24,7 @@ from spec_schema.integrators import (
     RungeKutta4,
     SemiImplicit,
 )
+from spec_schema.source import Span
 from spec_schema.unit_parser import parse_unit
 
 if TYPE_CHECKING:
@@ -45,12 +47,15 @@ class Derivative:
     type: Type
 
 
-def integrated(model: Model) -> Mapping[str, NodeId]:
-    """The value of every continuous state after one sample time, by the spec's integrator."""
+def integrated(model: Model, owner: str) -> Mapping[str, NodeId]:
+    """The values of the continuous states of one spec after one sample time, by its integrator.
+
+    `owner` is the sub-model that has the spec, "" for the model itself.
+    """
     vector_field = {
         name: Derivative(entry.der, model.states.type(entry))
         for name, entry in model.spec.states.items()
-        if entry.der is not None
+        if entry.der is not None and owner_of(name) == owner
     }
     dt = model.sampling.sample_time
     if dt is None:
@@ -59,21 +64,20 @@ def integrated(model: Model) -> Mapping[str, NodeId]:
         raise LoweringFailed
     builder = model.builder(_STEP)
     values = {name: builder.state(name, law.type) for name, law in vector_field.items()}
-    method = model.spec.integrator.choice if model.spec.integrator else None
-    if isinstance(method, LinearImplicit):
-        _check_size(model, vector_field)
+    integrator = model.integrators[owner]
+    method = integrator.choice if integrator else None
+    if integrator is not None and isinstance(method, LinearImplicit):
+        _check_size(model, vector_field, integrator.place.key)
     substeps = method.substeps if method else 1
-    steps = _Steps(model, vector_field, dt / substeps)
+    steps = _Steps(model, owner, vector_field, dt / substeps)
     for _ in range(substeps):
         values = steps.step(method, values)
     return values
 
 
-def _check_size(model: Model, vector_field: Mapping[str, Derivative]) -> None:
+def _check_size(model: Model, vector_field: Mapping[str, Derivative], place: Span) -> None:
     size = sum(law.type.size for law in vector_field.values())
-    assert model.spec.integrator is not None
     if size > LARGEST_SYSTEM:
-        place = model.spec.integrator.place.key
         model.findings.report(calculus.too_large_to_solve(size, LARGEST_SYSTEM, place))
         raise LoweringFailed
 
@@ -83,6 +87,7 @@ class _Steps:
     """One step of length `step`, h in the formulas, of x' = f(x), by each of the methods."""
 
     model: Model
+    owner: str
     vector_field: Mapping[str, Derivative]
     step_length: float
 
@@ -110,7 +115,7 @@ class _Steps:
         """
         moved = dict(values)
         for name in values:
-            slope = self._slope(name, Environment(Part.STEP, stage=Stage(dict(moved))))
+            slope = self._slope(name, Environment(Part.STEP, stage=Stage(dict(moved), self.owner)))
             moved |= self._moved({name: moved[name]}, {name: slope}, self.step_length)
         return moved
 
@@ -145,7 +150,7 @@ class _Steps:
 
     def _slopes(self, values: Values) -> Values:
         """f(x), every memoryless equation between states and `der` evaluated anew."""
-        stage = Environment(Part.STEP, stage=Stage(values))
+        stage = Environment(Part.STEP, stage=Stage(values, self.owner))
         slopes: Values = {}
         failed = False
         for name in self.vector_field:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from compiler.builder import GraphBuilder
+from compiler.linking.connected import Connected
+from compiler.linking.given_weights import GivenWeights
+from compiler.linking.link import Linked
 from compiler.lowering.arrays import Arrays
 from compiler.lowering.builtins import BUILTINS, lower_builtin
 from compiler.lowering.entries import Entries
@@ -21,13 +24,13 @@ from compiler.program import NodeId
 from compiler.types import WINDOW, Axis, Type
 from spec_schema.diagnostics import Findings
 from spec_schema.dimensions import Dimension
-from spec_schema.errors import names, time
+from spec_schema.errors import names, submodels, time
 from spec_schema.errors import shapes as shape_errors
-from spec_schema.expression import Call, Expression, Member, Name
+from spec_schema.expression import Call, Expression, LanguageName, Member, Name
 from spec_schema.layers import Layer
 from spec_schema.signals import Equation, Output, Signal, State
 from spec_schema.source import Span
-from spec_schema.spec import Spec
+from spec_schema.submodels import Use
 from spec_schema.unit_parser import parse_unit
 from spec_schema.values import Constant, Function, Parameter
 
@@ -39,11 +42,13 @@ _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 class Model:
     """A spec being lowered: its names, the graphs that grow, and what was found on the way."""
 
-    def __init__(self, spec: Spec, findings: Findings, known: Known, draw: int = 0) -> None:
-        self.spec = spec
+    def __init__(self, linked: Linked, findings: Findings, known: Known, draw: int = 0) -> None:
+        spec = self.spec = linked.spec
+        self.integrators = linked.integrators
         self.draw = draw
         """Which initial values are drawn, where they are."""
         self.findings = findings
+        self.given = GivenWeights(linked, findings)
         self.scope = Scope(spec, findings)
         seconds = spec.sample_time.value if spec.sample_time else None
         self.sampling = Sampling(seconds, findings)
@@ -102,12 +107,13 @@ class Model:
                 return builder.constant(array.values, array.axes, array.unit)
             case Parameter() as parameter:
                 self._forbid_in_constant(name.name, name.span, environment)
-                return builder.parameter(name.name, self.arrays.parameter(name.name, parameter))
+                self.arrays.parameter(name.name, parameter)
+                return self.arrays.read(builder, name.name)
             case State() as state:
                 return self.states.value(name.name, state, name.span, environment)
             case Equation() | Output() as entry:
                 return self.entries.value(name.name, entry, environment, name.span)
-            case Layer() | Function() | Dimension():
+            case Layer() | Function() | Dimension() | Use():
                 self.findings.report(names.not_a_value(name.name, declared.kind.value, name.span))
                 raise LoweringFailed
 
@@ -126,7 +132,22 @@ class Model:
 
     def member(self, member: Member, environment: Environment) -> NodeId:
         """`s.meas`: the log of a signal or state, whatever the step sees (R6)."""
+        base, _, rest = member.base.rpartition(".")
+        if member.base not in self.scope and base in self.scope:  # `x.meas.meas`
+            member = Member(base, f"{rest}.{member.name}", member.span)
         entry = self.declared(member.base, member.span).entry
+        if isinstance(entry, Use):
+            unknown = f"{member.base}.{member.name}"
+            self.findings.report(
+                submodels.unknown_submodel_member(unknown, member.span, self.scope)
+            )
+            raise LoweringFailed
+        if isinstance(entry, Connected) and member.name == "meas":
+            if environment.part is Part.START:  # where a bare input is its log too
+                return self.entries.value(member.base, entry, environment, member.span)
+            place = entry.place.key
+            self.findings.report(submodels.log_of_connected(member.base, member.span, place))
+            raise LoweringFailed
         if member.name != "meas" or not isinstance(entry, Signal | State):
             self.findings.report(names.no_member(member.base, member.name, member.span))
             raise LoweringFailed
@@ -154,13 +175,14 @@ class Model:
         if name in ("next", "flow"):
             return self.states.call(name, call, environment)
         builtin = BUILTINS.get(name)
-        if builtin is not None and name not in self.scope:
+        is_declared = name in self.scope and not isinstance(function, LanguageName)
+        if builtin is not None and not is_declared:
             return lower_builtin(self, name, builtin, call, environment)
-        if name in LOSS_FUNCTIONS and name not in self.scope:
+        if name in LOSS_FUNCTIONS and not is_declared:
             repair = "a loss is one of them alone; write two losses with `weight:`"
             self.findings.report(names.misplaced(name, "an expression", function.span, repair))
             raise LoweringFailed
-        declared = self.declared(name, function.span) if name in self.scope else None
+        declared = self.declared(name, function.span) if is_declared else None
         if declared is None:
             known = [n for n, d in self.scope.items() if d.kind in _CALLABLE]
             self.findings.report(names.unknown_name(name, function.span, (*known, *BUILTINS)))
@@ -198,6 +220,10 @@ class Model:
             raise LoweringFailed
         self.used.add(name)
         return Axis(name, entry.size)
+
+    def is_of_submodel(self, name: str) -> bool:
+        """Whether a full name is a member of a sub-model."""
+        return name.partition(".")[0] in self.spec.use
 
     def labels(self, dimension: str) -> tuple[str, ...]:
         """Labels of a dimension's elements; empty where it has none."""

@@ -12,14 +12,18 @@ from spec_schema.errors import names as errors
 from spec_schema.layers import Layer
 from spec_schema.signals import Equation, Output, Signal, State
 from spec_schema.spec import Spec
+from spec_schema.submodels import Use
 from spec_schema.values import Constant, Function, Parameter
 
-Entry = Dimension | Signal | Constant | Parameter | Layer | Function | State | Equation | Output
+Entry = (
+    Use | Dimension | Signal | Constant | Parameter | Layer | Function | State | Equation | Output
+)
 
 
 class Kind(Enum):
     """The section that declares a name; the value is how messages call it."""
 
+    SUBMODEL = "a sub-model"
     DIMENSION = "a dimension"
     INPUT = "an input"
     TARGET = "a target"
@@ -41,12 +45,18 @@ class Declared:
     entry: Entry
 
 
+def owner_of(name: str) -> str:
+    """The sub-model that a full name is in, "" for the model itself."""
+    return name.rpartition(".")[0]
+
+
 class Scope(Mapping[str, Declared]):
     """All declared names; one declared twice is reported and keeps its first meaning."""
 
     def __init__(self, spec: Spec, findings: Findings) -> None:
         self._declared: dict[str, Declared] = {}
         sections: tuple[tuple[Kind, Mapping[str, Entry]], ...] = (
+            (Kind.SUBMODEL, spec.use),
             (Kind.DIMENSION, spec.dims),
             (Kind.INPUT, spec.inputs),
             (Kind.TARGET, spec.targets),

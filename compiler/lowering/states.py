@@ -11,6 +11,7 @@ from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
 from compiler.lowering.integration import integrated
+from compiler.lowering.scope import owner_of
 from compiler.program import NodeId
 from compiler.types import Type
 from spec_schema.errors import names
@@ -30,7 +31,7 @@ class States:
 
     def __init__(self, model: Model) -> None:
         self._model = model
-        self._flow: Mapping[str, NodeId] | None = None
+        self._flow: dict[str, Mapping[str, NodeId]] = {}
         self._next: dict[str, NodeId | None] = {}
         self._differentiated: list[str] = []
         """States whose right-hand side is being lowered, outermost first."""
@@ -80,7 +81,7 @@ class States:
         if entry.der is None:
             findings.report(errors.flow_of_discrete(name, argument.span))
             raise LoweringFailed
-        return self.flow()[name]
+        return self.flow(owner_of(name))[name]
 
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
         """The right-hand side of a continuous state at the environment's time and stage."""
@@ -121,17 +122,17 @@ class States:
         node = lower(self._model, entry.init, Environment(Part.START))
         return fitted(self._model, f"`init` of `{name}`", node, type, entry.init, builder)
 
-    def flow(self) -> Mapping[str, NodeId]:
-        """The integrator's result of every continuous state, all integrated together (R6)."""
-        if self._flow is None:
-            self._flow = integrated(self._model)
-        return self._flow
+    def flow(self, owner: str) -> Mapping[str, NodeId]:
+        """The integrator's result of every continuous state of one spec, all together (R6)."""
+        if owner not in self._flow:
+            self._flow[owner] = integrated(self._model, owner)
+        return self._flow[owner]
 
     # ---- inside
 
     def _lower_next(self, name: str, entry: State) -> NodeId:
         if entry.next is None:
-            return self.flow()[name]
+            return self.flow(owner_of(name))[name]
         builder = self._model.builder(_STEP)
         node = lower(self._model, entry.next, _STEP)
         what = f"`next` of `{name}`"

@@ -56,7 +56,7 @@ def fmt(
 
 def _source(file: Path) -> SourceText:
     """The text as it stands in the file, with its line ends."""
-    from spec_schema.reader import read_file
+    from spec_schema.spec_file import read_file
 
     return read_file(file)
 

@@ -170,7 +170,7 @@ def repeated_keyword(name: str, span: Span, first: Span) -> Diagnostic:
 
 
 def long_member(span: Span) -> Diagnostic:
-    """E0344: a member of a member, or of something that is not a name."""
+    """E0344: a member of something that is not a name."""
     return _error("E0344", "only a name has members", span, "write `name.member`")
 
 

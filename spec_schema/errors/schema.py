@@ -73,6 +73,18 @@ def malformed_name(name: str, span: Span) -> Diagnostic:
     )
 
 
+def malformed_member(name: str, span: Span) -> Diagnostic:
+    """E0229: a key that is to name an input of a sub-model."""
+    return Diagnostic(
+        "E0229",
+        "error",
+        f"`{name}` does not name an input of a sub-model",
+        span,
+        "not a name with a dot",
+        help="write the name of the sub-model, a dot and its input: `plant.u: …`",
+    )
+
+
 def reserved_name(name: str, span: Span, reason: str) -> Diagnostic:
     """E0206: a name that means something already."""
     return Diagnostic(

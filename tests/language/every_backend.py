@@ -16,9 +16,16 @@ from tests.language.compiled import compiled
 
 def assert_backends_agree(text: str, log: Mapping[str, ArrayLike], times: list[int]) -> None:
     """Outputs and next states of one step at each row, in torch, CasADi, ONNX and C."""
+    assert_backends_agree_on(compiled(text), log, times)
+
+
+def assert_backends_agree_on(
+    program: Program, log: Mapping[str, ArrayLike], times: list[int]
+) -> None:
+    """The same for a program."""
     import torch
 
-    program = _with_varied_weights(compiled(text))
+    program = _with_varied_weights(program)
     rows = np.array(times)
     series = {name: np.asarray(values, dtype=float) for name, values in log.items()}
     judge = run_interpreter(np.float64)(program, series, rows)

@@ -22,16 +22,16 @@ def said_of(path: Path) -> str:
     from compiler.compile import compile_spec
 
     try:
-        compiled = compile_spec(result.spec)
+        compiled = compile_spec(result.spec, used=result.used)
     except SpecError as error:
-        return _shown(SpecError(error.diagnostics, (result.source,)), path)
+        return _shown(SpecError(error.diagnostics, result.sources), path)
     # A spec that compiles may still be here for its warnings.
-    return _shown(SpecError((*result.warnings, *compiled.warnings), (result.source,)), path)
+    return _shown(SpecError((*result.warnings, *compiled.warnings), result.sources), path)
 
 
 def _shown(error: SpecError, path: Path) -> str:
     text = render(error.diagnostics, "full", error.sources)
-    return text.replace(str(path), path.name) + "\n"
+    return text.replace(f"{path.parent}/", "") + "\n"
 
 
 @pytest.mark.parametrize("path", BROKEN, ids=lambda path: path.name)

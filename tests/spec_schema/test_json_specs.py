@@ -11,13 +11,14 @@ import pytest
 
 from compiler.compile import compile_spec
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
-from spec_schema.reader import read_file, read_spec
+from spec_schema.reader import read_spec
 from spec_schema.source import SourceText
+from spec_schema.spec_file import read_file
 from spec_schema.yaml_nodes import Listing, Node, Scalar
 from spec_schema.yaml_reader import read_tree
 
 # YAML's own faults (E01) have no JSON, and neither have NaN and infinity.
-NOT_IN_JSON = {"E0210_nan", "E0210_not_finite"}
+NOT_IN_JSON = {"E0210_nan", "E0210_not_finite", "E0731_itself"}  # the last names its own file
 BROKEN = [
     path
     for path in sorted((Path(__file__).parents[1] / "bad_specs").glob("[EW]0[2-9]*.yaml"))
@@ -41,13 +42,14 @@ def test_the_same_is_said(path: Path) -> None:
     lines = SourceText(name, text)
     for diagnostic in in_json:
         span = diagnostic.span
-        assert span is None or (span.file, span.line <= lines.line_count) == (name, True)
+        in_part = span is not None and Path(span.file).parent.name == "parts"
+        assert span is None or in_part or (span.file, span.line <= lines.line_count) == (name, True)
 
 
 def _said(path: str, text: str) -> tuple[Diagnostic, ...]:
     try:
         read = read_spec(path, text)
-        return (*read.warnings, *compile_spec(read.spec).warnings)
+        return (*read.warnings, *compile_spec(read.spec, used=read.used).warnings)
     except SpecError as error:
         return error.diagnostics
 

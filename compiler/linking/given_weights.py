@@ -1,0 +1,94 @@
+"""Values that trained weights give to the parameters of sub-models, and which are constants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from fnmatch import fnmatchcase
+
+from compiler.linking.link import Linked
+from compiler.scalar_functions import Array
+from spec_schema.diagnostics import Findings
+from spec_schema.errors import submodels as errors
+from spec_schema.errors import training
+from spec_schema.source import Span
+
+
+class GivenWeights:
+    """What `weights:` and `freeze:` of the sub-models say of a parameter with a full name."""
+
+    def __init__(self, linked: Linked, findings: Findings) -> None:
+        self._use = linked.spec.use
+        self._files = linked.files
+        self._weights = linked.weights
+        self._findings = findings
+        self._missing: dict[str, list[str]] = {}
+
+    def value(self, name: str, shape: tuple[int, ...]) -> Array | None:
+        """The array of a parameter from the outermost sub-model whose weights have it."""
+        owners = list(self._owners(name))
+        for index, owner in enumerate(owners):
+            own = name.removeprefix(f"{owner}.")
+            arrays = self._weights.get(owner)
+            if arrays is None:
+                continue
+            if own in arrays:
+                return self._fitting(owner, own, arrays[own], shape)
+            if not self._freezes(owners[index + 1 :], name):
+                self._missing.setdefault(owner, []).append(own)
+                return None
+        return None
+
+    def is_frozen(self, name: str) -> bool:
+        """Whether a parameter is a constant of this model."""
+        return self._freezes(self._owners(name), name)
+
+    def report(self, names: Iterable[str]) -> None:
+        """Says what does not fit once all parameters are known."""
+        names = tuple(names)
+        for part, missing in self._missing.items():
+            listed = ", ".join(f"`{name}`" for name in missing)
+            problem = f"no values for {listed}"
+            repair = "were they trained with another version of its spec?"
+            place = self._place(part)
+            self._findings.report(errors.unusable_weights(part, problem, place, repair))
+        for part, arrays in self._weights.items():
+            spec = self._files[part].spec
+            known = {*spec.parameters, *spec.layers, *spec.use}
+            extra = sorted(name for name in arrays if name.partition(".")[0] not in known)
+            if extra:
+                self._findings.report(errors.needless_weights(part, extra, self._place(part)))
+        for part, use in self._use.items():
+            own = [n.removeprefix(f"{part}.") for n in names if n.startswith(f"{part}.")]
+            for pattern in use.freeze.patterns:
+                if pattern.value != "*" and not any(fnmatchcase(n, pattern.value) for n in own):
+                    report = training.no_parameter(pattern.value, pattern.span, own)
+                    self._findings.report(report)
+
+    # ---- inside
+
+    def _owners(self, name: str) -> Iterator[str]:
+        """The sub-models that a name is in, the outermost first."""
+        parts = name.split(".")
+        for count in range(1, len(parts)):
+            owner = ".".join(parts[:count])
+            if owner in self._use:
+                yield owner
+
+    def _freezes(self, owners: Iterable[str], name: str) -> bool:
+        return any(
+            fnmatchcase(name.removeprefix(f"{owner}."), pattern.value)
+            for owner in owners
+            for pattern in self._use[owner].freeze.patterns
+        )
+
+    def _fitting(self, part: str, own: str, array: Array, shape: tuple[int, ...]) -> Array | None:
+        if array.shape == shape:
+            return array
+        problem = f"`{own}` has the shape {list(array.shape)}, not {list(shape)}"
+        place = self._place(part)
+        self._findings.report(errors.unusable_weights(part, problem, place, None))
+        return None
+
+    def _place(self, part: str) -> Span:
+        use = self._use[part]
+        return use.weights.span if use.weights is not None else use.place.key

@@ -1,0 +1,199 @@
+"""A spec and its sub-models as one spec in which every member has its full name (R11)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from compiler.linking.connected import Connected
+from compiler.linking.renaming import Renaming
+from compiler.scalar_functions import Array
+from spec_schema.diagnostics import Findings
+from spec_schema.dimensions import Dimension
+from spec_schema.entry import Entry
+from spec_schema.errors import submodels as errors
+from spec_schema.integrators import Integrator
+from spec_schema.reader import ReadResult
+from spec_schema.signals import Output, Signal
+from spec_schema.spec import Spec
+from spec_schema.submodels import Connection, Use
+
+WeightsByPart = Mapping[str, Mapping[str, Array]]
+"""For each sub-model that has `weights:`, its arrays by the names of its own file."""
+
+
+@dataclass(frozen=True)
+class Linked:
+    """The spec of the whole model, and what its entries do not say."""
+
+    spec: Spec
+    """`use` has the sub-models of sub-models too; inputs that are connected are equations."""
+    integrators: Mapping[str, Integrator | None]
+    """How the continuous states of the model ("") and of each sub-model are integrated."""
+    files: Mapping[str, ReadResult] = field(default_factory=dict[str, ReadResult])
+    """What was read for each sub-model."""
+    weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, Array]])
+
+
+def link(
+    spec: Spec, used: Mapping[str, ReadResult], weights: WeightsByPart, findings: Findings
+) -> Linked:
+    """The model that a spec and those that it uses describe together.
+
+    Losses, data, training, validation, exports and `predicts` of sub-models stay behind: they say
+    how the sub-model was made, not what it is.
+    """
+    if not spec.use:
+        return Linked(spec, {"": spec.integrator})
+    if set(spec.use) != set(used):
+        message = "a spec with sub-models is compiled from its file: msnn.load(path)"
+        raise ValueError(message)
+    linking = _Linking(findings)
+    whole = linking.part(spec, used, "", ())
+    linking.connect(whole.sections)
+    sections = {**whole.sections, "dims": linking.dims, "use": linking.use}
+    return Linked(spec.model_copy(update=sections), linking.integrators, linking.files, weights)
+
+
+_SECTIONS = (
+    "inputs",
+    "targets",
+    "constants",
+    "parameters",
+    "layers",
+    "functions",
+    "states",
+    "equations",
+    "outputs",
+)
+_Dims = Mapping[str, tuple[str, Dimension]]
+"""Dimensions of a spec: by base name the full name and the declaration."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """The sections of a spec and its sub-models, and full names by the names that it uses."""
+
+    sections: dict[str, dict[str, Any]]
+    names: Mapping[str, str]
+
+
+class _Linking:
+    """What grows while specs are linked."""
+
+    def __init__(self, findings: Findings) -> None:
+        self.findings = findings
+        self.dims: dict[str, Dimension] = {}
+        self.use: dict[str, Use] = {}
+        self.integrators: dict[str, Integrator | None] = {}
+        self.files: dict[str, ReadResult] = {}
+        self.connections: list[tuple[str, Connection, str]] = []
+
+    def part(
+        self, spec: Spec, used: Mapping[str, ReadResult], prefix: str, around: tuple[_Dims, ...]
+    ) -> _Part:
+        """A spec with its sub-models; `around` are the dimensions of the specs that use it."""
+        owner = prefix.removesuffix(".")
+        self.integrators[owner] = spec.integrator
+        dims = self._dims(spec, prefix, around)
+        names = {name: full for name, (full, _) in dims.items()}
+        names |= {name: prefix + name for section in _SECTIONS for name in getattr(spec, section)}
+        inner: list[_Part] = []
+        for name, use in spec.use.items():
+            full, file = prefix + name, used[name]
+            self.use[full], self.files[full] = use, file
+            self._compare_sample_times(full, use, spec, file.spec)
+            part = self.part(file.spec, file.used, f"{full}.", (dims, *around))
+            names |= {f"{name}.{member}": known for member, known in part.names.items()}
+            inner.append(part)
+        renaming = Renaming(prefix, names)
+        self.connections += [
+            (renaming.name(name), renaming.entry(connection), owner)
+            for name, connection in spec.connect.items()
+        ]
+        sections = {
+            section: {
+                prefix + name: renaming.entry(_opened(entry) if prefix else entry)
+                for name, entry in getattr(spec, section).items()
+            }
+            for section in _SECTIONS
+        }
+        for part in inner:
+            for section, entries in part.sections.items():
+                sections[section] |= entries
+        if not prefix:
+            sections["losses"] = {name: renaming.entry(e) for name, e in spec.losses.items()}
+        return _Part(sections, names)
+
+    def connect(self, sections: dict[str, dict[str, Any]]) -> None:
+        """Makes an equation of every input that is connected."""
+        inputs, equations = sections["inputs"], sections["equations"]
+        first: dict[str, Connection] = {}
+        known = [name for name in inputs if "." in name]
+        for name, connection, owner in self.connections:
+            place = connection.place.key
+            if name in first:
+                self.findings.report(errors.fed_twice(name, place, first[name].place.key))
+                continue
+            signal = inputs.get(name)
+            if not isinstance(signal, Signal):
+                kind = self._kind(name, sections)
+                self.findings.report(errors.not_an_input(name, kind, place, known))
+                continue
+            first[name] = connection
+            equations[name] = Connected.model_construct(
+                place=connection.place,
+                expr=connection.expr,
+                unit=signal.unit,
+                history=connection.history,
+                doc=connection.doc or signal.doc,
+                input=signal,
+                declared_in=owner,
+            )
+        sections["inputs"] = {n: entry for n, entry in inputs.items() if n not in first}
+
+    def _kind(self, name: str, sections: Mapping[str, Mapping[str, Any]]) -> str | None:
+        """What a name is that is no input of a sub-model; None for nothing."""
+        if name in self.use:
+            return "a sub-model"
+        return next((f"one of its {s}" for s in _SECTIONS if name in sections[s]), None)
+
+    def _dims(self, spec: Spec, prefix: str, around: tuple[_Dims, ...]) -> _Dims:
+        """The full name of each dimension; one that the specs around have too is theirs."""
+        found: dict[str, tuple[str, Dimension]] = {}
+        for name, dimension in spec.dims.items():
+            outer = next((dims[name] for dims in around if name in dims), None)
+            if outer is not None and _is_same(outer[1], dimension):
+                full = outer[0]
+                labels = self.dims[full].labels or dimension.labels
+                self.dims[full] = replace(self.dims[full], labels=labels)
+            else:
+                full = prefix + name
+                self.dims[full] = dimension
+            found[name] = full, dimension
+        return found
+
+    def _compare_sample_times(self, part: str, use: Use, spec: Spec, inner: Spec) -> None:
+        expected, found = (s.sample_time.value if s.sample_time else None for s in (spec, inner))
+        if expected != found:
+            place = use.spec.span
+            declared = inner.sample_time.span if inner.sample_time else inner.name.span
+            report = errors.other_sample_time(part, _rate(found), _rate(expected), place, declared)
+            self.findings.report(report)
+
+
+def _opened(entry: Entry) -> Entry:
+    """An output as others use it: what it predicted where it was trained stays behind."""
+    is_output = isinstance(entry, Output)
+    return entry.model_copy(update={"predicts": None}) if is_output else entry
+
+
+def _is_same(outer: Dimension, inner: Dimension) -> bool:
+    """Dimensions of one base name are one where their sizes agree and no labels contradict."""
+    labels = not outer.labels or not inner.labels or outer.labels == inner.labels
+    return outer.size == inner.size and labels
+
+
+def _rate(seconds: float | None) -> str:
+    return "no sample time" if seconds is None else f"a sample time of {seconds:.9g} s"

@@ -1,0 +1,126 @@
+"""Full names: an entry of a sub-model with every name in it as the whole model calls it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar, cast
+
+from compiler.lowering.builtins import BUILTINS
+from compiler.lowering.initial_values import INDICES, LENGTH
+from compiler.lowering.losses import LOSS_FUNCTIONS
+from spec_schema.entry import Entry
+from spec_schema.expression import Call, Expression, Keyword, LanguageName, Member, Name
+from spec_schema.located import Located
+from spec_schema.quantity import Quantity
+from spec_schema.source import Span
+from spec_schema.units import Unit
+from spec_schema.values import Function, Initializer
+
+OF_THE_LANGUAGE = frozenset({"t", "dt", "pi", "next", "flow", "der", *BUILTINS, *LOSS_FUNCTIONS})
+"""Names that mean the same in every spec unless it declares them."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Renaming:
+    """From the names that one spec uses to full names.
+
+    `names` has everything that the spec and its sub-models declare. A name that nothing declares
+    becomes a member of the sub-model too, so that it is not mistaken for one of another spec.
+    """
+
+    prefix: str
+    names: Mapping[str, str]
+
+    def name(self, name: str) -> str:
+        """The full name of what a spec calls so."""
+        found = self.names.get(name)
+        if found is not None:
+            return found
+        return name if name in OF_THE_LANGUAGE else self.prefix + name
+
+    def entry(self, entry: T) -> T:
+        """An entry, expression or reference with full names."""
+        return cast("T", self._renamed(entry, frozenset()))
+
+    def _renamed(self, value: Any, arguments: frozenset[str]) -> Any:
+        """`arguments` are names of the function around it, which stay as they are."""
+        match value:
+            case None | str() | int() | float() | Span() | Unit() | Quantity():
+                return cast("Any", value)  # most of what there is
+            case Name():
+                return value if value.name in arguments else self._named(value)
+            case Initializer(file=Located()):
+                return value  # the path of a file is no name
+            case Initializer():
+                own = frozenset(name for name in (*INDICES, LENGTH) if name not in self.names)
+                return self._entry(value, arguments | own)
+            case Member():
+                return self._member(value)
+            case Call():
+                return self._call(value, arguments)
+            case Keyword(name="method"):
+                return value  # of an integral or derivative: a word, no name
+            case Keyword():
+                return replace(value, value=self._renamed(value.value, arguments))
+            case Located(value=str() as text):
+                return replace(cast("Located[str]", value), value=self.name(text))
+            case Function():
+                own = frozenset(argument.value for argument in value.args)
+                return value.model_copy(update={"expr": self._renamed(value.expr, own)})
+            case Entry():
+                return self._entry(value, arguments)
+            case tuple():
+                parts = cast("tuple[Any, ...]", value)
+                return tuple(self._renamed(part, arguments) for part in parts)
+            case Located():
+                return cast("Any", value)
+            case _ if dataclasses.is_dataclass(value) and not isinstance(value, type):
+                return self._dataclass(value, arguments)
+            case _:
+                return value
+
+    def _named(self, name: Name) -> Name:
+        full = self.name(name.name)
+        is_language = bool(self.prefix) and full in OF_THE_LANGUAGE
+        return LanguageName(full, name.span) if is_language else Name(full, name.span)
+
+    def _member(self, member: Member) -> Expression:
+        """`tire.mu` is a name of the whole model; `x.meas` stays a member, of a full name."""
+        full = f"{member.base}.{member.name}"
+        if full in self.names:
+            return Name(self.names[full], member.span)
+        return Member(self.name(member.base), member.name, member.span)
+
+    def _call(self, call: Call, arguments: frozenset[str]) -> Call:
+        renamed = [self._renamed(argument, arguments) for argument in call.arguments]
+        if isinstance(call.function, Name) and call.function.name == "part" and len(renamed) > 1:
+            # `part(q, joint2)`: a label of a dimension is no name of the spec
+            renamed[1:] = call.arguments[1:]
+        return Call(
+            self._renamed(call.function, arguments),
+            tuple(renamed),
+            self._renamed(call.keywords, arguments),
+            call.span,
+        )
+
+    def _entry(self, entry: Entry, arguments: frozenset[str]) -> Entry:
+        changed: dict[str, Any] = {}
+        for name in type(entry).model_fields:
+            before = getattr(entry, name)
+            after = self._renamed(before, arguments)
+            if after is not before:
+                changed[name] = after
+        return entry.model_copy(update=changed) if changed else entry
+
+    def _dataclass(self, value: Any, arguments: frozenset[str]) -> Any:
+        changed: dict[str, Any] = {}
+        for field in dataclasses.fields(value):
+            before = getattr(value, field.name)
+            after = self._renamed(before, arguments)
+            if after is not before:
+                changed[field.name] = after
+        return replace(value, **changed) if changed else value
