@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from msnn.data.frames import Frames
     from msnn.exporting import TargetName
     from msnn.simulation import Simulation
+    from msnn.training.own_loop import StageLoss
     from msnn.training.progress import Progress
     from msnn.training.train import TrainingResult
     from msnn.validation import ValidationReport
@@ -85,6 +86,37 @@ def train(
     dataset = _measured(model, data, data_root, "training")
     try:
         return engine.train(model.program, dataset, model.spec.train, options, progress, weights)
+    except SpecError as error:
+        raise _with_sources(error, model) from None
+
+
+def stage_loss(
+    model: Model,
+    data: Frames | None = None,
+    *,
+    data_root: str | Path | None = None,
+    stage: int = 0,
+    weights: Weights | None = None,
+) -> StageLoss:
+    """The loss of one stage as a torch module whose forward and backward are the kernel's.
+
+        loss = msnn.stage_loss(model)
+        optimizer = torch.optim.RAdam(loss.parameters(), lr=1e-3)
+        for epoch in range(100):
+            for batch in loss.batches(epoch):
+                optimizer.zero_grad()
+                loss(batch).backward()
+                optimizer.step()
+        weights = loss.weights()
+
+    Rollouts, batches, dtype, `freeze` and loss weights are those of the stage; its optimiser,
+    schedule and limits of gradients are yours. `data` as in `train`. Raises SpecError.
+    """
+    from msnn.training.own_loop import stage_loss as opened
+
+    dataset = _measured(model, data, data_root, "training")
+    try:
+        return opened(model.program, dataset, model.spec.train, stage, weights)
     except SpecError as error:
         raise _with_sources(error, model) from None
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from spec_schema.entry import Entry
 from spec_schema.entry_kinds import about, kinds_of
+from spec_schema.key_docs_training import TRAINING_DOCS
 
 _UNIT = "Unit of measurement such as `m/s`; checked where both sides declare one."
 _DIMS = "Named dimensions of the value, in order."
@@ -12,8 +13,6 @@ _INIT = "Initial weights; small random numbers by default."
 _OUT = "Dimension of the result; a scalar by default."
 _DROPOUT = "Share of the elements that training leaves out at random."
 _BIAS = "Whether a learned constant is added."
-_EACH = "What the rate is multiplied by."
-_LR = "Step length of the optimiser."
 _RATE = "How often it falls by e from end to end."
 _ALONG = "Dimension along which the values change; by default the last axis."
 _PREFIX = "What generated names start with; by default the name of the spec."
@@ -29,6 +28,7 @@ _EVERYWHERE: Mapping[str, str] = {
     "unit": _UNIT,
 }
 _DOCS: Mapping[str, Mapping[str, str]] = {
+    **TRAINING_DOCS,
     "Spec": {
         "msnn": "Version of the language: 1.",
         "name": "Name of the model; generated code and files bear it.",
@@ -216,68 +216,6 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "blocks": "How many blocks a record is cut into.",
         "k": "How many folds are made.",
         "fold": "Number of the fold that is val, from 1.",
-    },
-    "Stage": {
-        "name": "Name of the stage in reports.",
-        "epochs": "Most passes over the data.",
-        "batch": "Rollouts a step.",
-        "optimizer": "The optimiser; `adam` by default.",
-        "losses": "Weights of losses in this stage.",
-        "freeze": "Parameters that keep their values; `*` stands for any text.",
-        "lr": "Factors of the step length of single parameters.",
-        "schedule": "How the learning rate goes down.",
-        "clip": "Longest gradient.",
-        "rollout": "How far predictions are fed back; one step by default.",
-        "early_stop": "When to end before all epochs.",
-        "seed": "Seed of the shuffling.",
-        "dtype": "Precision of the arithmetic.",
-        "engine": "What computes: native kernels or torch.",
-        "threads": "Threads of the native engine; any number gives the same bits.",
-        "starts": "Runs from different initial values, of which the best goes on.",
-        "weight_decay": "Pull of the weights towards 0.",
-    },
-    "Rollout": {
-        "horizon": "Steps or duration of a run, `episode` or `record`.",
-        "stride": "Distance of the starts.",
-        "skip": "First part that is not scored.",
-        "close": "Inputs that are fed back; all that can be by default.",
-        "curriculum": "Shorter horizons, each up to the end of an epoch.",
-    },
-    "Schedule": {
-        "cosine": "Half a cosine.",
-        "exponential": "The same factor after each epoch.",
-        "step": "A factor after each so many epochs.",
-        "plateau": "A factor when the monitor gets no better.",
-    },
-    "Cosine": {"to": "Share of the rate that is left at the end."},
-    "Exponential": {"factor": _EACH},
-    "Step": {"every": "Epochs between two reductions.", "factor": _EACH},
-    "Plateau": {
-        "patience": "Epochs without a better monitor.",
-        "factor": _EACH,
-        "least": "Share of the rate below which it never goes.",
-    },
-    "EarlyStop": {
-        "monitor": "Loss that is watched; the total by default.",
-        "patience": "Epochs without a better value.",
-    },
-    "Adam": {
-        "lr": _LR,
-        "beta1": "Decay of the mean.",
-        "beta2": "Decay of the square.",
-        "eps": "Least divisor.",
-    },
-    "AdamW": {
-        "lr": _LR,
-        "beta1": "Decay of the mean.",
-        "beta2": "Decay of the square.",
-        "eps": "Least divisor.",
-    },
-    "Sgd": {"lr": _LR, "momentum": "How much of the last step is kept."},
-    "Lbfgs": {
-        "lr": _LR,
-        "history": "Steps from which the curvature is estimated.",
-        "iterations": "Steps an epoch.",
     },
     "Check": {
         "of": "Output or loss.",

@@ -1,9 +1,23 @@
 """The optimisers of a training stage and their options."""
 
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, TypeAlias
 
-from spec_schema.entry import Entry, Variant
-from spec_schema.plain_fields import PositiveCount, PositiveNumber, number
+from pydantic import Field
+
+from spec_schema.diagnostics import Findings
+from spec_schema.entry import Entry, RefusedError, Variant
+from spec_schema.errors import schema as errors
+from spec_schema.located import Located
+from spec_schema.named_tables import Keyed
+from spec_schema.plain_fields import (
+    LocatedText,
+    PositiveCount,
+    PositiveNumber,
+    number,
+    reads,
+    scalar,
+)
+from spec_schema.yaml_nodes import Listing, Node, Scalar, kind
 
 _BelowOne = Annotated[float, number(least=0.0, most=1.0)]
 
@@ -49,6 +63,40 @@ class Lbfgs(Entry):
     iterations: PositiveCount = 20
 
 
+OptionValue: TypeAlias = bool | int | float | str | tuple[bool | int | float | str | None, ...]
+
+
+def _read_option(node: Node, findings: Findings) -> Located[OptionValue]:
+    if isinstance(node, Listing):
+        items = tuple(_read_item(item, findings) for item in node.items)
+        return Located(items, node.span, node.key)
+    found = scalar(node, findings, "a number, a word, a switch or a list of those")
+    assert found.value is not None
+    return Located(found.value, found.span, found.key)
+
+
+def _read_item(node: Node, findings: Findings) -> bool | int | float | str | None:
+    if isinstance(node, Scalar):
+        return node.value
+    findings.report(errors.wrong_kind("a number", kind(node), node.span))
+    raise RefusedError
+
+
+_ALONE = ["number", "boolean", "string"]
+_OPTION = {"type": [*_ALONE, "array"], "items": {"type": [*_ALONE, "null"]}}
+_Option = Annotated[Located[OptionValue], reads(_read_option, _OPTION)]
+
+
+class TorchOptimizer(Entry):
+    """An optimiser of `torch.optim` by the name of its class, with arguments of that class."""
+
+    noun: ClassVar[str] = "the torch optimizer"
+    shorthand: ClassVar[str | None] = "name"
+
+    name: LocatedText
+    options: Keyed[_Option] = Field(default_factory=dict[str, Located[OptionValue]])
+
+
 class Optimizer(Variant):
     """The optimiser of a stage."""
 
@@ -59,10 +107,11 @@ class Optimizer(Variant):
     adamw: AdamW | None = None
     sgd: Sgd | None = None
     lbfgs: Lbfgs | None = None
+    torch: TorchOptimizer | None = None
 
     @property
-    def choice(self) -> Adam | AdamW | Sgd | Lbfgs:
+    def choice(self) -> Adam | AdamW | Sgd | Lbfgs | TorchOptimizer:
         """The one that is given."""
-        given = self.adam or self.adamw or self.sgd or self.lbfgs
+        given = self.adam or self.adamw or self.sgd or self.lbfgs or self.torch
         assert given is not None
         return given

@@ -59,7 +59,7 @@ def _entry(entry: Entry) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     match value:
-        case bool() | int() | str():
+        case None | bool() | int() | str():
             return value
         case float():
             return int(value) if value.is_integer() and abs(value) < _EXACT else value

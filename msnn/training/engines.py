@@ -13,7 +13,7 @@ from msnn.training.stage_data import StageData
 from msnn.training.stage_plan import StagePlan
 from spec_schema.diagnostics import Diagnostic, SpecError
 from spec_schema.errors import training as errors
-from spec_schema.optimizers import Lbfgs
+from spec_schema.optimizers import Lbfgs, TorchOptimizer
 
 if TYPE_CHECKING:
     from msnn.training.torch_engine import TorchEngine
@@ -64,8 +64,8 @@ def open_engine(
 
 
 def _native(plan: StagePlan, arguments: EngineArguments) -> NativeEngine | TorchEngine:
-    """Whole epochs in the kernel, or torch's L-BFGS along the kernel's gradient."""
-    if not isinstance(plan.optimizer, Lbfgs):
+    """Whole epochs in the kernel, or an optimiser of torch along the kernel's gradient."""
+    if not isinstance(plan.optimizer, Lbfgs | TorchOptimizer):
         return NativeEngine(*arguments)
     from msnn.training.objectives import KernelObjective
     from msnn.training.torch_engine import TorchEngine

@@ -39,6 +39,10 @@ class StageData:
     watched_set: str
     lessons: tuple[Lesson, ...] = ()
 
+    def in_epoch(self, epoch: int) -> Runs:
+        """What is trained on after `epoch` complete epochs."""
+        return next((each.runs for each in self.lessons if epoch < each.until), self.train)
+
 
 def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData | None:
     """What a stage runs over; None after a report that there is nothing."""

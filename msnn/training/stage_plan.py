@@ -16,7 +16,7 @@ from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry
 from spec_schema.errors import training as errors
 from spec_schema.located import Located
-from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd
+from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd, TorchOptimizer
 from spec_schema.source import Span
 from spec_schema.training import Stage
 
@@ -33,7 +33,8 @@ class StagePlan:
     epochs: int
     batch: int | None
     """None: all starts at once."""
-    optimizer: Adam | AdamW | Sgd | Lbfgs
+    optimizer: Adam | AdamW | Sgd | Lbfgs | TorchOptimizer
+    lr: float
     rollout: RolloutPlan
     program: Program
     """What engines train: that of the rollout with its dropout drawn."""
@@ -158,6 +159,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         epochs=stage.epochs,
         batch=None if all_at_once else stage.batch,
         optimizer=optimizer,
+        lr=_rate(program, stage, trained, findings),
         rollout=rollout,
         program=drawn.program,
         masks=drawn.masks,
@@ -179,7 +181,22 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     )
 
 
+def _rate(program: Program, stage: Stage, trained: Sequence[str], findings: Findings) -> float:
+    """The learning rate of the optimiser."""
+    optimizer = stage.optimizer.choice
+    if not isinstance(optimizer, TorchOptimizer):
+        return optimizer.lr
+    # only torch knows what it takes, and to import it takes seconds
+    from msnn.training.torch_optimizers import check_torch_optimizer
+
+    moved = [program.parameter(name) for name in trained]
+    return check_torch_optimizer(optimizer, stage.weight_decay, moved, findings)
+
+
 def _variant(options: Entry) -> dict[str, object]:
+    if isinstance(options, TorchOptimizer):
+        given = {name: found.value for name, found in options.options.items()}
+        return {"torch": {"name": options.name.value, "options": given}}
     return {type(options).__name__.lower(): options.model_dump(exclude={"place"})}
 
 

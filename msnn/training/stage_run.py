@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from compiler.program import Measure
 from msnn.data.starts import Runs
-from msnn.rollout import LossSum, entry_value
+from msnn.rollout import LossSum
 from msnn.training.checkpoint import Checkpoint
 from msnn.training.engine import Engine, LossSums
 from msnn.training.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
+from msnn.training.monitor import loss_values, monitor, weighted_total
 from msnn.training.progress import EpochEnd
-from msnn.training.stage_data import Lesson
-from msnn.training.stage_plan import TOTAL, StagePlan
+from msnn.training.stage_data import StageData
+from msnn.training.stage_plan import StagePlan
 from msnn.training.stage_result import StageResult, Weights
-
-EVALUATION_BATCH = 4096
-"""Rollouts that the monitor runs side by side; bounds its memory."""
 
 
 class Interrupted(Exception):  # noqa: N818  (an event, no error)
@@ -37,13 +34,11 @@ class StageRun:
 
     plan: StagePlan
     engine: Engine
-    train: Runs
-    watched: Runs
+    data: StageData
     spec_hash: str
     stop_asked: Callable[[], bool]
     epoch_ended: Callable[[EpochEnd], None]
     attempt: int = 0
-    lessons: tuple[Lesson, ...] = ()
     epoch: int = 0
     batch: int = 0
     best_value: float = float("inf")
@@ -64,13 +59,13 @@ class StageRun:
         """Trains to the last epoch or the early stop. Raises NonFiniteLossError, Interrupted."""
         began = time.monotonic()
         if self.best is None:
-            self._keep_if_best(self._monitor())
+            self._keep_if_best(monitor(self.plan, self.engine.evaluate, self.data.watched))
         reason = "done"
         while self.epoch < self.plan.epochs:
-            runs, rate = self._runs(), self._rate()
+            runs, rate = self.data.in_epoch(self.epoch), self._rate()
             sums = self._run_epoch(runs, rate)
             self.epoch, self.batch, self.sums = self.epoch + 1, 0, None
-            value = self._monitor()
+            value = monitor(self.plan, self.engine.evaluate, self.data.watched)
             self._keep_if_best(value)
             self._report(sums, value, runs, rate, time.monotonic() - began)
             better = max(self.best_epoch, self.plan.whole_from)
@@ -108,10 +103,6 @@ class StageRun:
             self.reductions,
         )
 
-    def _runs(self) -> Runs:
-        """What the next epoch trains on."""
-        return next((each.runs for each in self.lessons if self.epoch < each.until), self.train)
-
     def _rate(self) -> float:
         """What learning rates are multiplied by in the next epoch."""
         plan = self.plan
@@ -134,35 +125,15 @@ class StageRun:
                 raise Interrupted(self.checkpoint())
         return sums
 
-    def _monitor(self) -> float:
-        sums: LossSums = {}
-        for start in range(0, len(self.watched), EVALUATION_BATCH):
-            members = np.arange(start, min(start + EVALUATION_BATCH, len(self.watched)))
-            for name, value in self.engine.evaluate(self.watched.take(members)).items():
-                sums[name] = sums.get(name, LossSum(0.0, 0)) + value
-        values = self._values(sums)
-        if self.plan.monitor == TOTAL:
-            return self._total(values)
-        return entry_value(self.plan.rollout.program, self.plan.monitor, values)
-
     def _keep_if_best(self, value: float) -> None:
         first_finite = np.isfinite(value) and not np.isfinite(self.best_value)
         if self.best is None or value < self.best_value or first_finite:
             self.best, self.best_value, self.best_epoch = self.engine.weights(), value, self.epoch
 
-    def _values(self, sums: LossSums) -> dict[str, float]:
-        measures: dict[str, Measure] = {
-            loss.name: loss.measure for loss in self.plan.rollout.program.losses
-        }
-        return {name: value.value(measures[name]) for name, value in sums.items()}
-
-    def _total(self, values: Mapping[str, float]) -> float:
-        return sum(w * values[name] for name, w in self.plan.loss_weights.items() if w)
-
     def _report(
-        self, sums: LossSums, monitor: float, runs: Runs, rate: float, seconds: float
+        self, sums: LossSums, watched: float, runs: Runs, rate: float, seconds: float
     ) -> None:
-        losses = self._values(sums)
+        losses = loss_values(self.plan, sums)
         self.epoch_ended(
             EpochEnd(
                 stage=self.plan.name,
@@ -170,12 +141,12 @@ class StageRun:
                 attempts=self.plan.attempts,
                 epoch=self.epoch,
                 epochs=self.plan.epochs,
-                total=self._total(losses),
+                total=weighted_total(self.plan, losses),
                 losses=losses,
-                monitor=monitor,
+                monitor=watched,
                 best=self.best_value,
                 best_epoch=self.best_epoch,
-                lr=self.plan.optimizer.lr * rate,
+                lr=self.plan.lr * rate,
                 horizon=int(runs.steps.max()),
                 seconds=seconds,
             )

@@ -17,7 +17,8 @@ from msnn.training.engine import EngineState, LossSums, NonFiniteLossError, batc
 from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.optimizer_state import flattened, rebuilt
 from msnn.training.stage_plan import StagePlan
-from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd
+from msnn.training.torch_optimizers import torch_optimizer
+from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd, TorchOptimizer
 
 _DTYPES = {"float32": torch.float32, "float64": torch.float64}
 _WALL = 1e6
@@ -123,6 +124,10 @@ class TorchEngine:
             for name, raw in self._variables.items():
                 raw.copy_(content["variables"][name])
         self._optimizer.load_state_dict(content["optimizer"])
+        # torch gives what it loads the dtype of the variable, also where the optimiser has another
+        moved = [raw for group in self._optimizer.param_groups for raw in group["params"]]
+        for number, kept in content["optimizer"]["state"].items():
+            self._optimizer.state[moved[number]].update(kept)
 
 
 def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.Optimizer:
@@ -141,6 +146,8 @@ def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.
         case Sgd(lr=lr, momentum=momentum):
             groups = _groups(plan, variables, lr)
             return torch.optim.SGD(groups, lr=lr, momentum=momentum, weight_decay=decay)
+        case TorchOptimizer():
+            return torch_optimizer(plan.optimizer, _groups(plan, variables, plan.lr), decay)
         case Lbfgs(lr=lr, history=history, iterations=iterations):
             return torch.optim.LBFGS(
                 list(variables.values()),

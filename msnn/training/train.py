@@ -170,13 +170,11 @@ class _Run:
             return StageRun(
                 plan,
                 engine,
-                data.train,
-                data.watched,
+                data,
                 self.program.spec_hash,
                 stop_asked.is_set,
                 self._epoch_ended,
                 attempt,
-                data.lessons,
             )
 
         return StageAttempts(plan, opened, self._left_out)

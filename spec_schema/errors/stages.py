@@ -1,7 +1,10 @@
 """E0940-E0949: curricula and optimisers of training stages."""
 
+from collections.abc import Iterable
+
 from spec_schema.diagnostics import Diagnostic
 from spec_schema.source import Span
+from spec_schema.suggest import nearest
 
 
 def misfitting_curriculum(problem: str, span: Span) -> Diagnostic:
@@ -25,4 +28,62 @@ def curriculum_outside_training(span: Span) -> Diagnostic:
         span,
         "nothing is trained here",
         help="leave it out: a metric is measured over the whole horizon",
+    )
+
+
+def unknown_torch_optimizer(
+    name: str, span: Span, known: Iterable[str], why: str | None
+) -> Diagnostic:
+    """E0942: an optimiser that torch.optim does not have, or that cannot train a model."""
+    known = tuple(known)
+    meant = nearest(name, known)
+    return Diagnostic(
+        "E0942",
+        "error",
+        f"`{name}` is no optimiser of torch.optim that trains a model",
+        span,
+        why or "not among them",
+        notes=(f"those of this version: {', '.join(known)}",),
+        help=f"did you mean `{meant}`?" if meant and why is None else None,
+    )
+
+
+def unknown_torch_option(
+    option: str, optimizer: str, span: Span, known: Iterable[str]
+) -> Diagnostic:
+    """E0943: an option that the class of an optimiser does not take, or not from a spec."""
+    known = tuple(known)
+    meant = nearest(option, known)
+    decay = "write `weight_decay:` beside `optimizer:`" if option == "weight_decay" else None
+    return Diagnostic(
+        "E0943",
+        "error",
+        f"`{option}` is no option of {optimizer}",
+        span,
+        "not an option",
+        notes=(f"options of {optimizer}: {', '.join(known)}",),
+        help=decay or (f"did you mean `{meant}`?" if meant else None),
+    )
+
+
+def no_weight_decay(optimizer: str, span: Span) -> Diagnostic:
+    """E0944: weight decay with an optimiser that has none."""
+    return Diagnostic(
+        "E0944",
+        "error",
+        f"{optimizer} knows no weight decay",
+        span,
+        "with `weight_decay:` of the stage",
+        help="add a loss such as `small: l2(W)` instead",
+    )
+
+
+def refused_by_torch(optimizer: str, reason: str, span: Span) -> Diagnostic:
+    """E0945: an optimiser that torch refuses to make for these parameters and options."""
+    return Diagnostic(
+        "E0945",
+        "error",
+        f"torch refuses {optimizer}: {reason}",
+        span,
+        "as it is set here",
     )

@@ -18,6 +18,7 @@ from spec_schema.expression import Duration, Expression, Samples
 from spec_schema.expression_fields import Prediction
 from spec_schema.key_docs import key_doc
 from spec_schema.located import Located
+from spec_schema.optimizers import OptionValue
 from spec_schema.quantity import Quantity
 from spec_schema.spec import Spec
 from spec_schema.splits import Blocks, Fraction
@@ -27,6 +28,7 @@ from tests.docs.markdown import apart, paragraph, table
 _WORDS: Mapping[Any, str] = {
     Expression: "expression",
     (Samples | Duration): "samples or duration",
+    Located[OptionValue]: "number, word, switch or list",
     Located[str]: "name",
     str: "text",
     bool: "`true` or `false`",

@@ -118,6 +118,7 @@ def test_values_of_the_complete_spec() -> None:
         "AdamW",
         "Sgd",
         "Lbfgs",
+        "TorchOptimizer",
         "Adam",
         "Adam",
     ]

@@ -13,6 +13,7 @@ from msnn.data.starts import Runs
 from msnn.rollout import LossSum
 from msnn.training.engine import EngineState, batches_of
 from msnn.training.progress import EpochEnd, StageEnd, StageStart
+from msnn.training.stage_data import StageData
 from msnn.training.stage_plan import plan_stages
 from msnn.training.stage_run import StageRun, shuffled
 from msnn.training.train import TrainingOptions, TrainingResult, train
@@ -187,7 +188,9 @@ def test_r12_an_epoch_visits_every_start_once_and_the_last_batch_is_smaller() ->
     engine = Counting()
     runs = Runs(np.arange(21), np.ones(21, dtype=np.int64), 0, 22)
     epochs: list[EpochEnd] = []
-    StageRun(plan, engine, runs, runs, "", lambda: False, epochs.append).run()
+    StageRun(
+        plan, engine, StageData(runs, None, runs, None, "train"), "", lambda: False, epochs.append
+    ).run()
     assert [len(batch) for batch in engine.batches] == [8, 8, 5]
     assert sorted(sum(engine.batches, [])) == list(range(21))  # noqa: RUF017  (short lists)
     assert epochs[0].total == 1.0  # the mean over starts, not over batches

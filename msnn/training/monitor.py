@@ -1,0 +1,40 @@
+"""What decides which weights of a stage are best: its losses over the rollouts that are watched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from compiler.program import Measure
+from msnn.data.starts import Runs
+from msnn.rollout import LossSum, entry_value
+from msnn.training.engine import LossSums
+from msnn.training.stage_plan import TOTAL, StagePlan
+
+EVALUATION_BATCH = 4096
+"""Rollouts that the monitor runs side by side; bounds its memory."""
+
+
+def monitor(plan: StagePlan, evaluate: Callable[[Runs], LossSums], watched: Runs) -> float:
+    """The monitored loss at the weights at which `evaluate` computes."""
+    sums: LossSums = {}
+    for start in range(0, len(watched), EVALUATION_BATCH):
+        members = np.arange(start, min(start + EVALUATION_BATCH, len(watched)))
+        for name, value in evaluate(watched.take(members)).items():
+            sums[name] = sums.get(name, LossSum(0.0, 0)) + value
+    values = loss_values(plan, sums)
+    if plan.monitor == TOTAL:
+        return weighted_total(plan, values)
+    return entry_value(plan.rollout.program, plan.monitor, values)
+
+
+def loss_values(plan: StagePlan, sums: LossSums) -> dict[str, float]:
+    """Each loss by its name."""
+    measures: dict[str, Measure] = {loss.name: loss.measure for loss in plan.rollout.program.losses}
+    return {name: value.value(measures[name]) for name, value in sums.items()}
+
+
+def weighted_total(plan: StagePlan, values: Mapping[str, float]) -> float:
+    """What the stage minimises."""
+    return sum(weight * values[name] for name, weight in plan.loss_weights.items() if weight)
