@@ -67,7 +67,8 @@ def train(
     except TrainingDivergedError as error:
         report([error.diagnostic], model.sources)
         kept = error.result.folder
-        note(f"the best weights before are kept in {kept}; `latest` does not lead there")
+        leads = "leads" if error.is_latest else "does not lead"
+        note(f"the best weights before are kept in {kept}; `latest` {leads} there")
         raise typer.Exit(ExitCode.DIVERGED) from None
     except TrainingInterruptedError as error:
         note(f"interrupted; its state is kept in {error.result.folder}")

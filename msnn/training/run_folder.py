@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from backends.atomic_write import write_text
 from compiler.program import Program
@@ -20,6 +20,7 @@ LATEST = "latest"
 WEIGHTS = "weights.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
 METRICS = "metrics.jsonl"
+DESCRIPTION = "run.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +46,11 @@ class RunFolder:
         """Lets `latest` point at this run: other commands take its weights from now on."""
         _point(self.path.parent / LATEST, self.path.name)
 
-    def be_not_latest(self) -> None:
-        """Removes a `latest` that points at this run; one that points at another stays."""
+    @property
+    def is_latest(self) -> bool:
+        """Whether `latest` points at this run."""
         link = self.path.parent / LATEST
-        if link.is_symlink() and link.readlink().name == self.path.name:
-            link.unlink()
+        return link.is_symlink() and link.readlink().name == self.path.name
 
     def append_metrics(self, record: Mapping[str, Any]) -> None:
         """Adds one line of JSON to `metrics.jsonl`."""
@@ -58,9 +59,17 @@ class RunFolder:
 
     def write_description(self, record: Mapping[str, Any], spec_text: str | None) -> None:
         """Writes `run.json` (resolved stages, data) and the spec as it was."""
-        write_text(self.path / "run.json", json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+        write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
         if spec_text is not None:
             write_text(self.path / "spec.msnn.yaml", spec_text)
+
+    def description(self) -> dict[str, Any]:
+        """What `write_description` has written; empty where it cannot be read."""
+        try:
+            found = json.loads((self.path / DESCRIPTION).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
 
 
 def new_run_folder(program: Program, runs: Path) -> RunFolder:

@@ -21,6 +21,7 @@ from msnn.training.engine import NonFiniteLossError
 from msnn.training.engines import open_engine
 from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.run_folder import RunFolder, interrupted_run, new_run_folder
+from msnn.training.run_record import differences, run_record
 from msnn.training.stage_attempts import StageAttempts
 from msnn.training.stage_data import StageData, stage_data
 from msnn.training.stage_plan import StagePlan, plan_stages
@@ -29,6 +30,7 @@ from msnn.training.stage_run import Interrupted, StageRun
 from msnn.training.statistics import with_statistics
 from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
+from spec_schema.errors import stages as stage_errors
 from spec_schema.errors import training as errors
 from spec_schema.training import Stage
 
@@ -56,11 +58,15 @@ class TrainingResult:
 
 
 class TrainingDivergedError(Exception):
-    """A stage met a value that is not finite; the best weights so far are in `result`."""
+    """A stage met a value that is not finite; the best weights so far are in `result`.
 
-    def __init__(self, diagnostic: Diagnostic, result: TrainingResult) -> None:
+    `latest` leads to them where the run had been interrupted before, and only there.
+    """
+
+    def __init__(self, diagnostic: Diagnostic, result: TrainingResult, *, is_latest: bool) -> None:
         super().__init__(diagnostic.message)
         self.diagnostic = diagnostic
+        self.is_latest = is_latest
         self.result = result
 
 
@@ -95,9 +101,7 @@ def train(
         progress.warned(warning)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
     first = dict(weights or with_statistics(program, data, initial_weights(program)))
-    folder, checkpoint = _folder(program, options)
-    if folder is not None and checkpoint is None:
-        folder.write_description(_description(program, plans, data), options.spec_text)
+    folder, checkpoint = _folder(program, options, run_record(program, plans, data))
     run = _Run(program, data, ready, folder, progress, findings.in_order, options.redrawn)
     with _end_on_interrupt() as stop_asked:
         return run.through(first, checkpoint, stop_asked)
@@ -138,11 +142,10 @@ class _Run:
                 raise TrainingInterruptedError(found) from None
             except NonFiniteLossError as fault:
                 self._keep(stage.best or weights)
-                if self.folder is not None:  # a resumed run may have been the latest
-                    self.folder.be_not_latest()
                 diagnostic = self._explained(stage.current, fault)
                 found = self._result(stage.best or weights, done)
-                raise TrainingDivergedError(diagnostic, found) from None
+                latest = self.folder is not None and self.folder.is_latest
+                raise TrainingDivergedError(diagnostic, found, is_latest=latest) from None
             done.append(result)
             weights = dict(result.best)
             self._keep(weights)
@@ -246,34 +249,24 @@ def _stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
 
 
 def _folder(
-    program: Program, options: TrainingOptions
+    program: Program, options: TrainingOptions, record: Mapping[str, Any]
 ) -> tuple[RunFolder | None, Checkpoint | None]:
+    """A fresh folder that says what it is of, or that of an interrupted run of the same."""
     if options.runs is None:
         return None, None
     if not options.resume:
-        return new_run_folder(program, options.runs), None
+        folder = new_run_folder(program, options.runs)
+        folder.write_description(record, options.spec_text)
+        return folder, None
     folder = interrupted_run(program, options.runs)
     if folder is None:
         place = str(options.runs / program.name)
         raise SpecError((errors.no_checkpoint(place),))
     checkpoint = read_checkpoint(folder.checkpoint)
-    if checkpoint.spec_hash != program.spec_hash:
-        reason = "the spec has changed since"
-        raise SpecError((errors.other_checkpoint(str(folder.path), reason),))
+    changes = differences(folder.description(), record)
+    if changes:
+        raise SpecError((stage_errors.another_run(str(folder.path), changes),))
     return folder, checkpoint
-
-
-def _description(program: Program, plans: Sequence[StagePlan], data: Dataset) -> dict[str, Any]:
-    return {
-        "format": 1,
-        "program": program.name,
-        "spec_sha256": program.spec_hash,
-        "stages": [plan.record() for plan in plans],
-        "data": {
-            "files": [record.file for record in data.records],
-            "rows": {name: int(data.in_set(name).sum()) for name in data.sets},
-        },
-    }
 
 
 @contextmanager

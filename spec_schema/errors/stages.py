@@ -1,6 +1,6 @@
-"""E0940-E0949: curricula and optimisers of training stages."""
+"""E0940-E0949: curricula and optimisers of training stages, runs that go on."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from spec_schema.diagnostics import Diagnostic
 from spec_schema.source import Span
@@ -86,4 +86,16 @@ def refused_by_torch(optimizer: str, reason: str, span: Span) -> Diagnostic:
         f"torch refuses {optimizer}: {reason}",
         span,
         "as it is set here",
+    )
+
+
+def another_run(folder: str, changes: Sequence[str]) -> Diagnostic:
+    """E0946: resuming a run with another spec, other settings or other data."""
+    return Diagnostic(
+        "E0946",
+        "error",
+        f"the run in {folder} cannot go on: it would be another one",
+        None,
+        notes=tuple(changes),
+        help="resume with the spec, `--set` and data of that run, or train without `--resume`",
     )

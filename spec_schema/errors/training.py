@@ -204,7 +204,7 @@ def no_checkpoint(folder: str) -> Diagnostic:
 
 
 def other_checkpoint(folder: str, reason: str) -> Diagnostic:
-    """E0916: resuming a run of another model."""
+    """E0916: a checkpoint that cannot be read."""
     return Diagnostic("E0916", "error", f"cannot resume the run in {folder}: {reason}", None)
 
 

@@ -17,6 +17,7 @@ from msnn.training.train import (
     TrainingResult,
     train,
 )
+from msnn.weights_file import read_weights
 from spec_schema.diagnostics import SpecError
 from tests.training.cases import dataset, gain, gain_series
 
@@ -87,21 +88,76 @@ def test_the_second_interrupt_is_not_waited_for() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_a_resumed_run_that_diverges_is_latest_no_more(tmp_path: Path) -> None:
-    with pytest.raises(TrainingInterruptedError) as caught:
+def test_a_resumed_run_that_diverges_stays_the_latest(tmp_path: Path) -> None:
+    """`latest` led to its weights after the interruption; those kept now are at least as good."""
+    stages = "  - {epochs: 4, batch: 16}\n  - {epochs: 3, optimizer: {sgd: {lr: 1e30}}}\n"
+    with pytest.raises(TrainingInterruptedError):
+        run(stages, TrainingOptions(runs=tmp_path), Interrupting("stage_1", 3))
+    with pytest.raises(TrainingDivergedError) as caught:
+        run(stages, TrainingOptions(runs=tmp_path, resume=True))
+    assert caught.value.is_latest
+    folder = caught.value.result.folder
+    assert folder is not None
+    assert (tmp_path / "gain" / "latest").resolve() == folder.resolve()
+    program, _ = gain(stages)
+    kept = read_weights(folder / "weights.safetensors", program).weights
+    assert kept["a"] == caught.value.result.weights["a"]
+    assert np.isfinite(kept["a"])
+
+
+def test_a_run_that_diverges_at_once_is_not_the_latest(tmp_path: Path) -> None:
+    with pytest.raises(TrainingDivergedError) as caught:
+        run("  - {optimizer: {sgd: {lr: 1e30}}}\n", TrainingOptions(runs=tmp_path))
+    assert not caught.value.is_latest
+    assert not (tmp_path / "gain" / "latest").exists()
+
+
+@pytest.mark.parametrize(
+    ("stages", "changed"),
+    [
+        (
+            "  - {epochs: 7, batch: 16}\n  - {epochs: 5, batch: 8, rollout: 4}\n",
+            "train.0.epochs: 6, now 7",
+        ),
+        (
+            "  - {epochs: 6, batch: 16}\n  - {epochs: 5, batch: 8, rollout: 5}\n",
+            "train.1.rollout.horizon: 4, now 5",
+        ),
+        ("  - {epochs: 6, batch: 16}\n", "train.1.epochs: 5, now not given"),
+        (
+            "  - {epochs: 6, batch: 16, clip: 1}\n  - {epochs: 5, batch: 8, rollout: 4}\n",
+            "train.0.clip: not given, now 1.0",
+        ),
+    ],
+)
+def test_other_settings_than_those_of_the_run_are_named(
+    stages: str, changed: str, tmp_path: Path
+) -> None:
+    with pytest.raises(TrainingInterruptedError):
         run(STAGES["adam"], TrainingOptions(runs=tmp_path), Interrupting("stage_1", 3))
-    assert caught.value.result.folder is not None
+    with pytest.raises(SpecError) as caught:
+        run(stages, TrainingOptions(runs=tmp_path, resume=True))
+    (found,) = caught.value.diagnostics
+    assert found.code == "E0946"
+    assert changed in found.notes
+
+
+def test_other_data_than_those_of_the_run_are_named(tmp_path: Path) -> None:
+    with pytest.raises(TrainingInterruptedError):
+        run(STAGES["adam"], TrainingOptions(runs=tmp_path), Interrupting("stage_1", 3))
     program, spec = gain(STAGES["adam"])
     series = gain_series(150)
-    series["u"][5] = np.nan
-    with pytest.raises(TrainingDivergedError):
-        train(
-            program,
-            dataset(series, train=[70], val=[40]),
-            spec.train,
-            TrainingOptions(runs=tmp_path, resume=True),
-        )
-    assert not (tmp_path / "gain" / "latest").is_symlink()
+    series["u"][5] += 1e-12
+    other = dataset(series, train=[70], val=[40])
+    with pytest.raises(SpecError) as caught:
+        train(program, other, spec.train, TrainingOptions(runs=tmp_path, resume=True))
+    assert caught.value.diagnostics[0].notes == ("the data have changed",)
+
+
+def test_other_threads_go_on(tmp_path: Path) -> None:
+    with pytest.raises(TrainingInterruptedError):
+        run("  - {epochs: 4}\n", TrainingOptions(runs=tmp_path), Interrupting("stage_1", 2))
+    assert run("  - {epochs: 4, threads: 2}\n", TrainingOptions(runs=tmp_path, resume=True)).stages
 
 
 def test_nothing_to_resume_is_said(tmp_path: Path) -> None:

@@ -284,6 +284,9 @@ def test_a_run_is_kept_with_its_metrics_weights_and_spec(tmp_path: Path) -> None
     description = json.loads((result.folder / "run.json").read_text())
     assert description["stages"][0]["name"] == "only"
     assert description["data"]["rows"] == {"train": 60, "val": 40}
+    assert len(description["data"]["sha256"]) == 64
+    assert description["spec_sha256"] == program.spec_hash
+    assert set(description["versions"]) == {"msnn", "python", "numpy", "torch"}
     latest = read_weights(tmp_path / "gain" / "latest" / "weights.safetensors", program)
     assert latest.weights["a"] == result.weights["a"]
     assert not (result.folder / "checkpoint.safetensors").exists()
