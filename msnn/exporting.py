@@ -94,6 +94,7 @@ def write_export(
                     math=plan.c.math,
                     ring=plan.c.ring,
                     unroll=plan.c.unroll,
+                    constant_time=plan.c.constant_time,
                 )
             return write_c(plan.program, weights, folder, options)
         case _:
@@ -130,6 +131,8 @@ def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | 
             prefix = c_identifier(entry.prefix.value, set())
         if isinstance(entry, CasadiExport) and dtype != "float64":
             findings.report(workflow.casadi_is_double(entry.place.key))
+        if isinstance(entry, CExport) and entry.constant_time and entry.math == "libm":
+            findings.report(workflow.untimed_library(entry.place.key))
         program = _closed(program, entry, findings)
     if program is None:
         return None

@@ -3,7 +3,7 @@
 from typing import Annotated, ClassVar, Literal
 
 from spec_schema.entry import Entry
-from spec_schema.plain_fields import Dtype, NewName, NonNegativeCount, References, choice
+from spec_schema.plain_fields import Dtype, NewName, NonNegativeCount, References, Switch, choice
 
 
 class Target(Entry):
@@ -39,10 +39,10 @@ class CExport(Target):
 
     `params: inline` writes parameters into the code, the others give the step a pointer to them.
     `ring` says how windows move, `unroll` up to how many elements loops are written out.
+    `constant_time` makes every step take the same instructions, whatever its numbers are.
     """
 
     noun: ClassVar[str] = "the c export"
-    later: ClassVar[frozenset[str]] = frozenset({"constant_time"})
 
     prefix: NewName | None = None
     params: Annotated[
@@ -51,6 +51,7 @@ class CExport(Target):
     math: Annotated[Literal["own", "libm"], choice("own", "libm")] = "own"
     ring: Annotated[Literal["auto", "shift", "double"], choice("auto", "shift", "double")] = "auto"
     unroll: NonNegativeCount = 4
+    constant_time: Switch = False
 
 
 class Export(Entry):

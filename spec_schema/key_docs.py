@@ -238,6 +238,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "math": "Own math functions, or those of the C library.",
         "ring": "How windows move.",
         "unroll": "Loops of up to so many passes are written out.",
+        "constant_time": "Every step takes the same instructions, whatever its numbers are.",
     },
     "Export": {
         "torch": "A module that needs only torch.",

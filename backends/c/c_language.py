@@ -136,6 +136,7 @@ class Declare:
     value: Expression | None = None
     size: int | None = None
     constant: bool = False
+    volatile: bool = False
 
 
 @dataclass(frozen=True, slots=True)

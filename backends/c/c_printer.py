@@ -150,8 +150,9 @@ class Printer:
     def statement(self, statement: Statement) -> Iterable[str]:
         """The lines of a statement."""
         match statement:
-            case Declare(type, name, value, size, constant):
-                head = f"{'const ' if constant else ''}{self.type(type)} {name}"
+            case Declare(type, name, value, size, constant, volatile):
+                words = f"{'const ' if constant else ''}{'volatile ' if volatile else ''}"
+                head = f"{words}{self.type(type)} {name}"
                 if size is not None:
                     head = f"{head}[{size}]"
                 yield f"{head};" if value is None else f"{head} = {self.expression(value)};"

@@ -24,7 +24,7 @@ from compiler.program import Program
 def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
     """Texts by path in the folder, the same bytes for the same program, weights and options."""
     prefix, options = interface.prefix, interface.options
-    table = FunctionTable(FunctionNames(prefix, options.dtype, options.math))
+    table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
     model = Model(interface, weights, table)
     functions = {
         "init": init_function(program, model),
@@ -48,7 +48,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         files[f"src/{prefix}_params.c"] = _parameters(interface, weights)
     if table.kernels:
         real = "float" if options.dtype == "float32" else "double"
-        kernels = c_sources(table.kernels, real, prefix)
+        kernels = c_sources(table.kernels, real, prefix, constant_time=options.constant_time)
         files[f"src/{kernels.header_name}"] = kernels.header
         files[f"src/{kernels.source_name}"] = kernels.source
     sources = sorted(name for name in files if name.startswith("src/") and name.endswith(".c"))
@@ -61,7 +61,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 def _source(interface: Interface, table: FunctionTable, functions: list[Function]) -> str:
     printer = Printer(interface.prefix, interface.options.dtype)
-    checks = policy_functions(interface.inputs, interface.prefix)
+    checks = policy_functions(interface.inputs, table)
     all_functions = [*table.definitions(), *checks, *functions]
     return render(
         "source.c.j2",
@@ -98,6 +98,7 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         takes_parameters=interface.takes_parameters,
         tunable=interface.options.params == "tunable",
         waits_for_reset=bool(interface.from_record),
+        constant_time=interface.options.constant_time,
     )
 
 

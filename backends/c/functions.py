@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 from backends.c.c_language import (
-    Argument,
-    Binary,
     Call,
     Conditional,
     Expression,
     Function,
-    Name,
-    Real,
-    Return,
-    Unary,
 )
 from backends.c.c_literals import Dtype
+from backends.c.helper_functions import HELPERS
 from compiler.scalar_functions import SCALAR_FUNCTIONS
+from compiler.types import Kind
 
 MathLibrary = Literal["own", "libm"]
 
@@ -39,6 +33,7 @@ class FunctionNames:
     prefix: str
     dtype: Dtype
     math: MathLibrary
+    constant_time: bool = False
 
     def kernel(self, function: str) -> str | None:
         """The project's kernel that computes a scalar function, None where a library does."""
@@ -61,6 +56,16 @@ class FunctionTable:
         self.helpers: set[str] = set()
 
     @property
+    def prefix(self) -> str:
+        """What the names of its functions begin with."""
+        return self._names.prefix
+
+    @property
+    def constant_time(self) -> bool:
+        """Whether the same instructions are taken for all numbers."""
+        return self._names.constant_time
+
+    @property
     def dtype(self) -> Dtype:
         """The program's number type."""
         return self._names.dtype
@@ -69,11 +74,30 @@ class FunctionTable:
         """A scalar function of the language."""
         if function == "sign":
             return self.helper("sign", arguments)
+        if function == "sqrt" and self.constant_time:
+            return self.helper("square_root", arguments)
         kernel = self._names.kernel(function)
         if kernel is None:
-            return Call(self._names.library(function), arguments)
+            return self.library(function, arguments)
         self.kernels.add(kernel)
         return Call(f"{self._names.prefix}_{kernel}", arguments)
+
+    def library(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
+        """A function of the C library."""
+        return Call(self._names.library(function), arguments)
+
+    def truth(self, condition: Expression) -> Expression:
+        """The result of a comparison."""
+        return self.helper("truth", (condition,)) if self.constant_time else condition
+
+    def select(
+        self, kind: Kind, condition: Expression, then: Expression, otherwise: Expression
+    ) -> Expression:
+        """One of two values that are both computed."""
+        if not self.constant_time:
+            return Conditional(condition, then, otherwise)
+        name = "select" if kind == "real" else "select_truth"
+        return self.helper(name, (condition, then, otherwise))
 
     def helper(self, name: str, arguments: tuple[Expression, ...]) -> Expression:
         """A function that the generated file defines for itself."""
@@ -82,67 +106,8 @@ class FunctionTable:
 
     def definitions(self) -> tuple[Function, ...]:
         """The helpers that were called, in the order in which they may call each other."""
-        prefix = self._names.prefix
-        wanted = set(self.helpers)
-        if "clamp" in wanted:
-            wanted |= {"minimum", "maximum"}
-        return tuple(make(prefix) for name, make in _HELPERS.items() if name in wanted)
-
-
-def is_nan(x: Name) -> Expression:
-    """Every number is at most +∞; comparing x with itself would draw warnings."""
-    return Unary("!", Binary("<=", x, Real(math.inf)))
-
-
-def _choice(name: str, first: str, second: str, doc: str) -> Callable[[str], Function]:
-    """`first` and `second` are the relations of a to b by which a and b are chosen."""
-
-    def make(prefix: str) -> Function:
-        a, b = Name("a"), Name("b")
-        # neither holds where one is NaN, and then so is the sum
-        otherwise = Conditional(Binary(second, a, b), b, Binary("+", a, b))
-        value = Conditional(Binary(first, a, b), a, otherwise)
-        return _inline(prefix, name, ("a", "b"), value, doc)
-
-    return make
-
-
-def _clamp(prefix: str) -> Function:
-    raised = Call(f"{prefix}_maximum", (Name("x"), Name("low")))
-    limited = Call(f"{prefix}_minimum", (raised, Name("high")))
-    return _inline(prefix, "clamp", ("x", "low", "high"), limited, "x within low .. high.")
-
-
-def _sign(prefix: str) -> Function:
-    x, zero = Name("x"), Real(0.0)
-    rest = Conditional(Binary(">=", x, zero), zero, x)
-    otherwise = Conditional(Binary("<", x, zero), Real(-1.0), rest)
-    value = Conditional(Binary(">", x, zero), Real(1.0), otherwise)
-    return _inline(prefix, "sign", ("x",), value, "-1, 0 or 1; NaN of NaN.")
-
-
-def _inline(
-    prefix: str, name: str, arguments: tuple[str, ...], value: Expression, doc: str
-) -> Function:
-    real = f"{prefix}_real"
-    return Function(
-        f"{prefix}_{name}",
-        real,
-        tuple(Argument(real, argument) for argument in arguments),
-        (Return(value),),
-        doc,
-        static=True,
-        inline=True,
-    )
-
-
-_HELPERS: dict[str, Callable[[str], Function]] = {
-    "minimum": _choice(
-        "minimum", "<=", ">", "The smaller one, the first of equal ones; NaN if one is."
-    ),
-    "maximum": _choice(
-        "maximum", ">=", "<", "The larger one, the first of equal ones; NaN if one is."
-    ),
-    "clamp": _clamp,
-    "sign": _sign,
-}
+        made: list[Function] = []
+        for name, make in reversed(tuple(HELPERS.items())):
+            if name in self.helpers:
+                made.append(make(self))
+        return tuple(reversed(made))

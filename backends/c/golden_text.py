@@ -29,8 +29,8 @@ from backends.c.c_language import (
     Unary,
     Unsigned,
 )
-from backends.c.functions import is_nan
 from backends.c.golden_vectors import GoldenVectors, joined
+from backends.c.helper_functions import is_nan
 from backends.c.interface import Field, Interface
 from backends.c.places import Index, Place, variable
 from backends.c.scope import LocalNames, Scope

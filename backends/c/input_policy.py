@@ -27,6 +27,8 @@ from backends.c.c_language import (
     Unary,
 )
 from backends.c.c_literals import Dtype
+from backends.c.constant_time_checks import constant_time_check
+from backends.c.functions import FunctionTable
 from backends.c.interface import InputField
 from backends.c.places import Index, Place
 from backends.c.scope import Scope
@@ -97,10 +99,18 @@ def _filled(
     return place
 
 
-def policy_functions(inputs: Iterable[InputField], prefix: str) -> tuple[Function, ...]:
+def policy_functions(inputs: Iterable[InputField], table: FunctionTable) -> tuple[Function, ...]:
     """Definitions of the checks that these inputs need."""
     used = {input.port.signal.on_invalid for input in inputs}
-    return tuple(make(prefix) for policy, make in _DEFINITIONS.items() if policy in used)
+    return tuple(
+        _check(
+            table.prefix,
+            policy,
+            constant_time_check(policy, table) if table.constant_time else body(table.prefix),
+        )
+        for policy, (_, body) in _CHECKS.items()
+        if policy in used
+    )
 
 
 _X, _LOW, _HIGH, _RESULT = Name("x"), Name("low"), Name("high"), Name("result")
@@ -108,43 +118,36 @@ _INSTEAD = Name("instead")
 _BELOW, _ABOVE = Binary("<", _X, _LOW), Binary(">", _X, _HIGH)
 # false for NaN, as every comparison with it is
 _VALID = Binary("&&", Binary(">=", _X, _LOW), Binary("<=", _X, _HIGH))
+_GIVEN = Declare(CType.REAL, _RESULT.text, _X)
 
 
 def _bit(prefix: str, bit: Status) -> Statement:
     return SetBits(Unary("*", Name("status")), Name(status_macro(prefix, bit)))
 
 
-def _flagged(prefix: str) -> Function:
+def _flagged(prefix: str) -> tuple[Statement, ...]:
     outside = _bit(prefix, Status.OUT_OF_RANGE)
     unordered = _bit(prefix, Status.NOT_A_NUMBER)
     choice = If(Binary("||", _BELOW, _ABOVE), (outside,), (unordered,))
-    doc = "Reports a value outside low .. high and leaves it as it is."
-    return _check(prefix, "flag", (If(Unary("!", _VALID), (choice,)),), doc)
+    return (If(Unary("!", _VALID), (choice,)),)
 
 
-def _clamped(prefix: str) -> Function:
+def _clamped(prefix: str) -> tuple[Statement, ...]:
     bit, unordered = _bit(prefix, Status.CLAMPED), _bit(prefix, Status.NOT_A_NUMBER)
     to_low, to_high = Assign(_RESULT, _LOW), Assign(_RESULT, _HIGH)
     replaced = (Assign(_RESULT, _INSTEAD), unordered)
     nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), replaced),))
-    doc = "The value moved into low .. high; another one instead of NaN."
-    body = (*_given(), If(Unary("!", _VALID), (bit, nearest)), Return(_RESULT))
-    return _check(prefix, "clamp", body, doc)
+    return (_GIVEN, If(Unary("!", _VALID), (bit, nearest)), Return(_RESULT))
 
 
-def _held(prefix: str) -> Function:
+def _held(prefix: str) -> tuple[Statement, ...]:
     bit, unordered = _bit(prefix, Status.HELD), _bit(prefix, Status.NOT_A_NUMBER)
     unordered_only = If(Unary("!", Binary("||", _BELOW, _ABOVE)), (unordered,))
     replaced = If(Unary("!", _VALID), (bit, Assign(_RESULT, _INSTEAD), unordered_only))
-    doc = "The value, or another one instead where it is outside low .. high."
-    return _check(prefix, "hold", (*_given(), replaced, Return(_RESULT)), doc)
+    return (_GIVEN, replaced, Return(_RESULT))
 
 
-def _given() -> tuple[Statement, ...]:
-    return (Declare(CType.REAL, _RESULT.text, _X),)
-
-
-def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...], doc: str) -> Function:
+def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...]) -> Function:
     real = f"{prefix}_real"
     names = ["x", "low", "high", *([] if policy == "flag" else [_INSTEAD.text])]
     return Function(
@@ -152,14 +155,14 @@ def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...], doc:
         "void" if policy == "flag" else real,
         (*(Argument(real, name) for name in names), Argument(f"{prefix}_status_t *", "status")),
         body,
-        doc,
+        _CHECKS[policy][0],
         static=True,
         inline=True,
     )
 
 
-_DEFINITIONS: dict[InvalidPolicy, Callable[[str], Function]] = {
-    "flag": _flagged,
-    "clamp": _clamped,
-    "hold": _held,
+_CHECKS: dict[InvalidPolicy, tuple[str, Callable[[str], tuple[Statement, ...]]]] = {
+    "flag": ("Reports a value outside low .. high and leaves it as it is.", _flagged),
+    "clamp": ("The value moved into low .. high; another one instead of NaN.", _clamped),
+    "hold": ("The value, or another one instead where it is outside low .. high.", _held),
 }

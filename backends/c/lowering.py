@@ -224,7 +224,7 @@ class GraphLowering:
     def _elementwise(self, node: Node, op: Elementwise, args: Sequence[Value]) -> Computed:
         def make(indices: Indices, scope: Scope) -> Expression:
             operands = tuple(element_of(arg, indices, scope) for arg in args)
-            return scalar_operation(op, operands, self._locals.functions)
+            return scalar_operation(op, operands, self._locals.functions, node.type.kind)
 
         def finish(value: Expression, scope: Scope) -> Expression:
             return self._locals.finished(node, value, scope)

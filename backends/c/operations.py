@@ -32,6 +32,7 @@ from compiler.ops import (
     Select,
     Subtract,
 )
+from compiler.types import Kind
 
 Elementwise = (
     Add
@@ -49,9 +50,12 @@ Elementwise = (
 
 
 def scalar_operation(
-    op: Elementwise, operands: tuple[Expression, ...], functions: FunctionTable
+    op: Elementwise,
+    operands: tuple[Expression, ...],
+    functions: FunctionTable,
+    kind: Kind = "real",
 ) -> Expression:
-    """One element of the operation's value."""
+    """One element of the operation's value, which is of that kind."""
     match op:
         case Add():
             return Binary("+", *operands)
@@ -70,9 +74,9 @@ def scalar_operation(
         case Clamp():
             return functions.helper("clamp", operands)
         case Compare(relation):
-            return Binary(relation.value, *operands)
+            return functions.truth(Binary(relation.value, *operands))
         case Select():
-            return Conditional(*operands)
+            return functions.select(kind, *operands)
         case Apply(function):
             return functions.apply(function, operands)
         case _:

@@ -30,6 +30,8 @@ class COptions:
     never moves any, `auto` shifts short windows and doubles long ones."""
     unroll: int = 4
     """Elements up to which a loop is written out."""
+    constant_time: bool = False
+    """Whether every step takes the same instructions, whatever its numbers are."""
 
     @property
     def is_exact(self) -> bool:

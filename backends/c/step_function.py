@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from backends.c.active_sets import active_sets
+from backends.c.active_sets import ActiveSets, active_sets
 from backends.c.c_language import (
     Argument,
     Binary,
+    Conditional,
     CType,
     Declare,
     Discard,
@@ -44,7 +45,9 @@ def step_function(program: Program, model: Model) -> Function:
     roots = [output.node for output in program.outputs]
     roots += [_joining(memory) for memory in model.interface.states]
     interface = model.interface
-    active = active_sets(program.step, roots)
+    # which sets are active depends on the numbers
+    constant_time = interface.options.constant_time
+    active = ActiveSets() if constant_time else active_sets(program.step, roots)
     moving = moving_sums(program.step, roots, interface.states, writer.unroll)
     lowered = GraphLowering(
         program.step, roots, writer, writer.scope, writer.locals, active, moving
@@ -86,9 +89,13 @@ class _StepWriter(FunctionWriter):
             if not isinstance(memory, PlainState | DelayLine):
                 memory.begin(scope)
         if interface.from_record:
-            scope.add(
-                If(Binary("!=", self._unset, Unsigned(0)), (self._bit(Status.UNINITIALISED),))
-            )
+            unset = Binary("!=", self._unset, Unsigned(0))
+            if interface.options.constant_time:
+                bit = Name(status_macro(interface.prefix, Status.UNINITIALISED))
+                known = self.model.functions.truth(unset)
+                scope.add(SetBits(Name("status"), Conditional(known, bit, Unsigned(0))))
+            else:
+                scope.add(If(unset, (self._bit(Status.UNINITIALISED),)))
         if interface.inputs:
             self.comment("inputs")
         for input in interface.inputs:
@@ -140,6 +147,11 @@ class _StepWriter(FunctionWriter):
     def _check_state(self, memory: PlainState, low: Real, high: Real) -> None:
         def check(indices: tuple[Index, ...], scope: Scope) -> None:
             value = memory.samples.element(indices)
+            if self.interface.options.constant_time:
+                outside = self.model.functions.helper("outside", (value, low, high))
+                macro = status_macro(self.interface.prefix, Status.STATE_OUT_OF_RANGE)
+                scope.add(SetBits(Name("status"), Binary("*", outside, Name(macro))))
+                return
             valid = Binary("&&", Binary(">=", value, low), Binary("<=", value, high))
             scope.add(If(Unary("!", valid), (self._bit(Status.STATE_OUT_OF_RANGE),)))
 

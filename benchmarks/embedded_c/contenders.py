@@ -58,6 +58,7 @@ _OWN = {
     "small": COptions(ring="shift", params="inline"),
     "fast": COptions(ring="double", unroll=25),
     "fast, inline": COptions(ring="double", unroll=25, params="inline"),
+    "constant time": COptions(constant_time=True),
 }
 
 

@@ -10,9 +10,11 @@ from __future__ import annotations
 from collections import Counter
 from typing import assert_never
 
+from compiler.kernels.c_choices import COMBINE, SELECT, TRUTH
 from compiler.kernels.c_literals import bare, c_kind, literal, unsigned_literal
 from compiler.kernels.operand_uses import branch_values, operands, plain_operands
 from compiler.kernels.statements import (
+    COMPARISONS,
     Assign,
     Binary,
     Block,
@@ -38,10 +40,16 @@ INLINE_LENGTH = 50
 
 
 class RoutineText:
-    """Lines of a routine's body; `needs_math` tells whether they use <math.h>."""
+    """Lines of a routine's body; `needs_math` tells whether they use <math.h>.
 
-    def __init__(self, routine: Routine, prefix: str) -> None:
+    In `constant_time` choices are calls of functions; `choices` has the names of those.
+    """
+
+    def __init__(self, routine: Routine, prefix: str, constant_time: bool = False) -> None:
+        self.routine = routine
         self.format = routine.format
+        self.constant_time = constant_time
+        self.choices: set[str] = set()
         self.prefix = prefix
         self.lines: list[str] = []
         self.tables: dict[str, Table] = {}
@@ -54,6 +62,11 @@ class RoutineText:
             self._taken |= set(routine.results)
         self._inlined: dict[int, str] = {}
         self._whole = set(branch_values(routine.body))
+
+    def c_type(self, kind: Kind) -> str:
+        """The type of a value; truth values are integers in constant time."""
+        integer = self.constant_time and kind is Kind.TRUTH
+        return c_kind(Kind.UNSIGNED if integer else kind, self.format)
 
     def write_block(self, block: Block, depth: int) -> list[str]:
         """Appends the statements of a block; the texts of its values."""
@@ -74,7 +87,7 @@ class RoutineText:
 
     def _write_assign(self, target: Local, operation: Operation, depth: int) -> None:
         if not self._inline(target, operation):
-            kind = c_kind(target.kind, self.format)
+            kind = self.c_type(target.kind)
             text = bare(self._operation(operation, target.kind))
             self._line(depth, f"const {kind} {self._name(target)} = {text};")
 
@@ -101,19 +114,19 @@ class RoutineText:
         texts = [bare(self._text(argument)) for argument in arguments]
         name = f"{self.prefix}_{routine.name}"
         if len(targets) == 1:
-            kind = c_kind(targets[0].kind, self.format)
+            kind = self.c_type(targets[0].kind)
             call = f"{name}({', '.join(texts)})"
             self._line(depth, f"const {kind} {self._name(targets[0])} = {call};")
             return
         for target in targets:
-            self._line(depth, f"{c_kind(target.kind, self.format)} {self._name(target)};")
+            self._line(depth, f"{self.c_type(target.kind)} {self._name(target)};")
         texts += [f"&{self._name(target)}" for target in targets]
         self._line(depth, f"{name}({', '.join(texts)});")
 
     def _write_branch(self, branch: Branch, depth: int, declared: bool = False) -> None:
         if not declared:
             for target in branch.targets:
-                self._line(depth, f"{c_kind(target.kind, self.format)} {self._name(target)};")
+                self._line(depth, f"{self.c_type(target.kind)} {self._name(target)};")
         opening = "if"
         chained: Branch | None = branch
         while chained is not None:
@@ -188,9 +201,14 @@ class RoutineText:
             case Kind.WIDE:
                 return unsigned_literal(int(value), "ULL")
             case Kind.TRUTH:
-                return "true" if value else "false"
+                return self._truth(bool(value))
             case _:
                 assert_never(kind)
+
+    def _truth(self, value: bool) -> str:
+        if self.constant_time:
+            return "1U" if value else "0U"
+        return "true" if value else "false"
 
     def _operation(self, operation: Operation, kind: Kind) -> str:
         match operation:
@@ -200,9 +218,11 @@ class RoutineText:
                 return self._binary(operator, left, right)
             case Select(condition, then, otherwise):
                 texts = [self._text(part) for part in (condition, then, otherwise)]
+                if self.constant_time:
+                    return self._choice(SELECT[kind], *texts)
                 return f"({texts[0]} ? {texts[1]} : {texts[2]})"
             case Convert(operand):
-                return f"({c_kind(kind, self.format)}){self._text(operand)}"
+                return f"({self.c_type(kind)}){self._text(operand)}"
             case Lookup(table, index):
                 self.tables[table.name] = table
                 return f"{table.name}[{bare(self._text(index))}]"
@@ -211,6 +231,11 @@ class RoutineText:
 
     def _binary(self, operator: Operator, left: Operand, right: Operand) -> str:
         first = self._text(left)
+        if self.constant_time and operator in COMPARISONS:
+            relation = f"{first} {operator.value} {self._text(right)}"
+            return self._choice(TRUTH, relation)
+        if self.constant_time and operator in COMBINE:
+            return f"({first} {COMBINE[operator]} {self._text(right)})"
         match operator, left, right:
             case Operator.ADD, _, Constant(Kind.REAL, value) if value < 0.0:
                 return f"({first} - {literal(-value, self.format)})"
@@ -222,12 +247,16 @@ class RoutineText:
             case _:
                 return f"({first} {operator.value} {self._text(right)})"
 
+    def _choice(self, function: str, *arguments: str) -> str:
+        self.choices.add(function)
+        return f"{self.prefix}_{function}({', '.join(map(bare, arguments))})"
+
     def _unary(self, function: Function, operand: str) -> str:
         match function:
             case Function.NEGATE:
                 return f"(-{operand})"
             case Function.NOT:
-                return f"(!{operand})"
+                return f"({operand} ^ 1U)" if self.constant_time else f"(!{operand})"
             case Function.MAGNITUDE:
                 self.needs_math = True
                 return f"fabs{self.format.c_suffix}({bare(operand)})"

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from compiler.kernels.c_choices import choice_functions
 from compiler.kernels.c_literals import c_kind, table_lines
 from compiler.kernels.c_routine import RoutineText
 from compiler.kernels.formats import FORMATS, RealName
 from compiler.kernels.statements import Block, Branch, Call, Routine
 from compiler.kernels.subroutine import trace
 from compiler.kernels.table import KERNELS
+from compiler.kernels.without_branches import without_branches
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,23 +30,33 @@ class CKernels:
     functions: Mapping[str, str]
 
 
-def c_sources(names: Iterable[str], real: RealName, prefix: str) -> CKernels:
+def c_sources(
+    names: Iterable[str], real: RealName, prefix: str, *, constant_time: bool = False
+) -> CKernels:
     """The kernels named, as functions `<prefix>_<name>`; those they call become static functions.
+
+    In `constant_time` they perform the same operations for every argument.
 
     The text does not depend on the order of `names`. Raises KeyError for a name not in `KERNELS`.
     """
     chosen = sorted(set(names))
     roots = [trace(KERNELS[name].subroutine, FORMATS[real]) for name in chosen]
+    if constant_time:
+        roots = [without_branches(root) for root in roots]
     routines = _callees_first(roots)
     functions = {name: f"{prefix}_{name}" for name in chosen}
-    texts = [_function(routine, prefix, routine.name in functions) for routine in routines]
-    needs_math = any(uses_math for _, uses_math in texts)
+    bodies = [RoutineText(routine, prefix, constant_time) for routine in routines]
+    definitions = [_function(body, body.routine.name in functions) for body in bodies]
+    choices = choice_functions(
+        (name for body in bodies for name in body.choices), FORMATS[real], prefix
+    )
+    needs_math = any(body.needs_math for body in bodies)
     header_name = f"{prefix}_math.h"
     return CKernels(
         header_name,
         _header(roots, prefix),
         f"{prefix}_math.c",
-        _source([text for text, _ in texts], header_name, needs_math),
+        _source([*choices, *definitions], header_name, needs_math),
         functions,
     )
 
@@ -86,9 +98,9 @@ def _signature(routine: Routine, prefix: str) -> str:
     return f"{result} {prefix}_{routine.name}({', '.join(parameters)})"
 
 
-def _function(routine: Routine, prefix: str, public: bool) -> tuple[str, bool]:
-    """The definition, and whether it needs <math.h>."""
-    text = RoutineText(routine, prefix)
+def _function(text: RoutineText, public: bool) -> str:
+    """The definition of a routine."""
+    routine, prefix = text.routine, text.prefix
     values = text.write_block(routine.body, 1)
     lines = [f"/* {routine.doc} */"]
     lines += [f"{'' if public else 'static '}{_signature(routine, prefix)}", "{"]
@@ -102,7 +114,7 @@ def _function(routine: Routine, prefix: str, public: bool) -> tuple[str, bool]:
             f"    *{name} = {value};" for name, value in zip(routine.results, values, strict=True)
         ]
     lines.append("}")
-    return "\n".join(lines) + "\n", text.needs_math
+    return "\n".join(lines) + "\n"
 
 
 def _header(roots: list[Routine], prefix: str) -> str:

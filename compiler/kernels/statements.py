@@ -42,6 +42,11 @@ class Operator(Enum):
     EITHER = "||"
 
 
+COMPARISONS = frozenset(
+    {Operator.LESS, Operator.LESS_EQUAL, Operator.GREATER, Operator.GREATER_EQUAL}
+)
+
+
 class Function(Enum):
     """One-operand operations, exact or correctly rounded."""
 

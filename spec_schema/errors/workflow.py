@@ -33,6 +33,18 @@ def casadi_is_double(span: Span) -> Diagnostic:
     )
 
 
+def untimed_library(span: Span) -> Diagnostic:
+    """E0956: constant time with functions of a C library, whose time nobody knows."""
+    return Diagnostic(
+        "E0956",
+        "error",
+        "functions of a C library do not take constant time",
+        span,
+        "`constant_time: true` with `math: libm` here",
+        help="leave `math:` out: the project's own functions take constant time",
+    )
+
+
 def unknown_signal(name: str, span: Span, signals: Sequence[str]) -> Diagnostic:
     """E0952: a column for a signal that the model does not have."""
     meant = nearest(name, signals)

@@ -23,19 +23,24 @@ STRICT = (
 )
 
 
-def write_sources(folder: Path, real: RealName) -> Path:
+def write_sources(folder: Path, real: RealName, *, constant_time: bool = False) -> Path:
     """Writes header and source of all kernels; the path of the source."""
-    sources = c_sources(KERNELS, real, "own")
+    sources = c_sources(KERNELS, real, "own", constant_time=constant_time)
     (folder / sources.header_name).write_text(sources.header, encoding="utf-8")
     (folder / sources.source_name).write_text(sources.source, encoding="utf-8")
     return folder / sources.source_name
 
 
 def compile_loops(
-    folder: Path, real: RealName, compiler: str, flags: tuple[str, ...]
+    folder: Path,
+    real: RealName,
+    compiler: str,
+    flags: tuple[str, ...],
+    *,
+    constant_time: bool = False,
 ) -> Callable[..., Array]:
     """call(name, *arrays): the compiled kernel on every element."""
-    source = write_sources(folder, real)
+    source = write_sources(folder, real, constant_time=constant_time)
     loops = folder / "loops.c"
     loops.write_text(_loops(real), encoding="utf-8")
     library = folder / "kernels.so"

@@ -90,6 +90,29 @@ def test_the_gallery_has_nothing_to_find(
     assert code == 0, said
 
 
+@pytest.mark.parametrize("name", ["reference", "tyre", "two_tanks"])
+def test_constant_time_takes_the_same_instructions_for_all_steps(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(GCC, ARM_GCC, ARM_QEMU)
+    text = spec_of(GALLERY, name).read_text(encoding="utf-8")
+    assert "c: {}" in text
+    spec = tmp_path / f"{name}.msnn.yaml"
+    spec.write_text(text.replace("c: {}", "c: {constant_time: true}"), encoding="utf-8")
+    folder = exported(spec, tmp_path)
+    code, said = verified(capsys, folder, "--targets", "m4", "--misra")
+    assert code == 0, said
+    figures = [figure for result in said["results"] for figure in result["figures"]]
+    assert len(figures) == 2
+    expected = folder / "test" / f"{name}_expected.txt"
+    steps = sum(map(bool, expected.read_text(encoding="utf-8").splitlines()))
+    for figure in figures:
+        least, mean, most = figure["instructions"]
+        # a window is filled by the one step that follows init
+        assert round(mean * steps) == least * (steps - 1) + most
+        assert name == "reference" or least == most
+
+
 def test_a_changed_constant_differs_from_the_golden_vectors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -115,13 +115,15 @@ def _inputs() -> dict[str, np.ndarray]:
     return {"x": x, "y": random.permutation(x[:-3]).take(range(x.size), mode="wrap"), "z": z}
 
 
+@pytest.mark.parametrize("constant_time", [False, True])
 @pytest.mark.parametrize("name", SPECS)
-def test_bits_are_those_of_all_sets(name: str, tmp_path: Path) -> None:
+def test_bits_are_those_of_all_sets(name: str, constant_time: bool, tmp_path: Path) -> None:
     program = settle_zeros(_program(name))
     assert active_sets(program.step, [out.node for out in program.outputs]).sums
     inputs = {s.name: _inputs()[s.name] for s in program.signals}
     steps = len(inputs["x"])
-    step = built(program, tmp_path, COptions(), flags=("-O2", "-fsanitize=undefined"))
+    options = COptions(constant_time=constant_time)
+    step = built(program, tmp_path, options, flags=("-O2", "-fsanitize=undefined"))
     step.reset({p: np.zeros(5, np.float32) for p in ("z",) if program.states})
     found, _ = step.run(inputs, steps)
     states = {s.name: np.zeros((1, *(a.size for a in s.axes)), np.float32) for s in program.states}

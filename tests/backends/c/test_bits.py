@@ -51,8 +51,11 @@ def test_float32_has_no_differing_bit_for_any_compiler_and_level(name: str, tmp_
         COptions(params="tunable"),
         COptions(unroll=1),
         COptions(unroll=64),
+        COptions(constant_time=True),
     ],
-    ids=lambda options: f"{options.ring}-{options.params}-{options.unroll}",
+    ids=lambda options: (
+        f"{options.ring}-{options.params}-{options.unroll}{'-constant' * options.constant_time}"
+    ),
 )
 def test_options_change_no_bit(name: str, options: COptions, tmp_path: Path) -> None:
     program = closed_sample(name)

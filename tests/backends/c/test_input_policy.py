@@ -19,11 +19,17 @@ NAN, INF = float("nan"), float("inf")
 @pytest.mark.parametrize("policy", ["clamp", "hold", "flag", "trust"])
 @pytest.mark.parametrize("limits", [LIMITS, None, (0.5, INF)], ids=str)
 @pytest.mark.parametrize("cells", [False, True], ids=["scalar", "array"])
+@pytest.mark.parametrize("constant_time", [False, True])
 def test_vectors_with_invalid_inputs(
-    policy: InvalidPolicy, limits: tuple[float, float] | None, cells: bool, tmp_path: Path
+    policy: InvalidPolicy,
+    limits: tuple[float, float] | None,
+    cells: bool,
+    constant_time: bool,
+    tmp_path: Path,
 ) -> None:
     for dtype in ("float32", "float64"):
-        program, options = filtered(policy, limits, cells), COptions(dtype=dtype)
+        options = COptions(dtype=dtype, constant_time=constant_time)
+        program = filtered(policy, limits, cells)
         vectors = golden(program, options, 60, seed=2)
         if policy in ("clamp", "hold"):
             assert np.isnan(vectors.inputs["u"]).any()

@@ -17,7 +17,11 @@ from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
 from tests.backends.c.small_programs import conditions, long_chain, nothing_to_do
 from tests.every_op.random_programs import programs
 
-OPTIONS = (COptions(), COptions(ring="double", params="inline", unroll=1))
+OPTIONS = (
+    COptions(),
+    COptions(ring="double", params="inline", unroll=1),
+    COptions(constant_time=True),
+)
 
 
 @settings(
@@ -37,7 +41,7 @@ def test_random_programs_have_no_differing_bit(program: Program) -> None:
 @pytest.mark.parametrize(
     "make", [conditions, nothing_to_do, lambda: long_chain(3000)], ids=["if", "still", "chain"]
 )
-@pytest.mark.parametrize("options", OPTIONS, ids=["default", "inline"])
+@pytest.mark.parametrize("options", OPTIONS, ids=["default", "inline", "constant"])
 def test_special_programs(make: Callable[[], Program], options: COptions, tmp_path: Path) -> None:
     _assert_bits(make(), tmp_path, options)
 

@@ -36,6 +36,7 @@ OPTIONS = {
     "float": COptions(),
     "double": COptions(dtype="float64", ring="double"),
     "inline": COptions(params="inline", unroll=1),
+    "constant_time": COptions(constant_time=True),
 }
 
 
@@ -81,17 +82,19 @@ def test_it_is_cpp_as_well(name: str, tmp_path: Path) -> None:
     assert "agree" in _run([program])
 
 
-def test_the_misra_addon_of_cppcheck_finds_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("constant_time", [False, True])
+def test_the_misra_addon_of_cppcheck_finds_nothing(constant_time: bool, tmp_path: Path) -> None:
     checker = require_tool("cppcheck", install="apt install cppcheck")
     folders = [tmp_path / name for name in PROGRAMS]
     for folder in folders:
-        write_c(PROGRAMS[folder.name](), {}, folder, COptions(prefix=f"{folder.name}_x"))
+        options = COptions(prefix=f"{folder.name}_x", constant_time=constant_time)
+        write_c(PROGRAMS[folder.name](), {}, folder, options)
     sources = [str(path) for folder in folders for path in folder.rglob("*.c")]
     # the kernels have tests of their own, and the test program prints
     checked = [path for path in sources if "_math" not in path and "_sil" not in path]
     includes = [f"-I{folder / 'include'}" for folder in folders]
-    options = ["-q", "-j2", "--addon=misra", "--std=c99", "--enable=style"]
-    findings = _run([checker, *options, "--template={file}:{line} {id}", *includes, *checked])
+    settings = ["-q", "-j2", "--addon=misra", "--std=c99", "--enable=style"]
+    findings = _run([checker, *settings, "--template={file}:{line} {id}", *includes, *checked])
     assert [line for line in findings.splitlines() if "misra-c2012" in line] == []
 
 
