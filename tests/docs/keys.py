@@ -52,6 +52,12 @@ def keys() -> str:
     return apart(*(_section(entry) for entry in kinds_within(Spec)))
 
 
+def options(entry: type[Entry]) -> str:
+    """The keys of an entry, their defaults and what they are for."""
+    rows = [(f"`{k}`", _default(f), key_doc(entry, k)) for k, f in _fields(entry).items()]
+    return table(("option", "default", ""), rows)
+
+
 def _fields(entry: type[Entry]) -> dict[str, FieldInfo]:
     fields = entry.model_fields.items()
     return {field.alias or name: field for name, field in fields if name != "place"}
