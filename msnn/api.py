@@ -60,6 +60,7 @@ def train(
     data_root: str | Path | None = None,
     runs: str | Path | None = "runs",
     resume: bool = False,
+    tensorboard: bool = False,
     weights: Weights | None = None,
     progress: Progress | None = None,
 ) -> TrainingResult:
@@ -70,9 +71,9 @@ def train(
 
     `data` are frames of pandas or polars or mappings of arrays, with the columns that the spec
     names, one a record: a single one, a list, or either for each set, `{"train": a, "val": b}`.
-    None takes the data of the spec. `runs` None keeps no files. `weights` are where the first
-    stage begins, by default the initial values. Raises SpecError, TrainingDivergedError and
-    TrainingInterruptedError.
+    None takes the data of the spec. `runs` None keeps no files; `tensorboard` adds curves to them.
+    `weights` are where the first stage begins, by default the initial values. Raises SpecError,
+    TrainingDivergedError, TrainingInterruptedError and MissingExtraError.
     """
     from msnn.model_weights import redrawn_weights
     from msnn.training import train as engine
@@ -80,6 +81,7 @@ def train(
     options = engine.TrainingOptions(
         runs=None if runs is None else Path(runs),
         resume=resume,
+        tensorboard=tensorboard,
         spec_text=model.text,
         redrawn=lambda draw: redrawn_weights(model, draw),
     )

@@ -31,6 +31,9 @@ def train(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the training that was interrupted.")
     ] = False,
+    tensorboard: Annotated[
+        bool, typer.Option("--tensorboard", help="Write curves for TensorBoard beside the weights.")
+    ] = False,
     out: Annotated[
         Path, typer.Option("--out", metavar="FOLDER", help="Trainings are kept in OUT/NAME/TIME.")
     ] = RUNS,
@@ -63,7 +66,14 @@ def train(
 
     progress = Recorded(Lines(sys.stderr, terminal=is_live(sys.stderr)))
     try:
-        found = api.train(model, data_root=data_root, runs=out, resume=resume, progress=progress)
+        found = api.train(
+            model,
+            data_root=data_root,
+            runs=out,
+            resume=resume,
+            tensorboard=tensorboard,
+            progress=progress,
+        )
     except TrainingDivergedError as error:
         report([error.diagnostic], model.sources)
         kept = error.result.folder
@@ -72,7 +82,9 @@ def train(
         raise typer.Exit(ExitCode.DIVERGED) from None
     except TrainingInterruptedError as error:
         note(f"interrupted; its state is kept in {error.result.folder}")
-        note(f"this goes on: {_resume_command(spec, data_root, settings, engine, out)}")
+        note(
+            f"this goes on: {_resume_command(spec, data_root, settings, engine, tensorboard, out)}"
+        )
         raise typer.Exit(ExitCode.INTERRUPTED) from None
     report(bound_warnings(model.program, found.weights), model.sources)
     if format is ResultFormat.JSON:
@@ -91,6 +103,7 @@ def _resume_command(
     data_root: Path | None,
     settings: list[str] | None,
     engine: EngineName | None,
+    tensorboard: bool,
     out: Path,
 ) -> str:
     """The command line that goes on with this training, as a shell takes it."""
@@ -98,5 +111,6 @@ def _resume_command(
     words += [] if data_root is None else ["--data-root", str(data_root)]
     words += [word for setting in settings or () for word in ("--set", setting)]
     words += [] if engine is None else ["--engine", engine.value]
+    words += ["--tensorboard"] if tensorboard else []
     words += [] if out == RUNS else ["--out", str(out)]
     return shlex.join(words)

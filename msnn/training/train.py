@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import signal
 import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -17,8 +14,9 @@ from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from msnn.training.divergence import explain_divergence
-from msnn.training.engine import NonFiniteLossError
+from msnn.training.engine import Engine, NonFiniteLossError
 from msnn.training.engines import open_engine
+from msnn.training.interrupts import end_on_interrupt
 from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.run_folder import RunFolder, interrupted_run, new_run_folder
 from msnn.training.run_record import differences, run_record
@@ -28,6 +26,7 @@ from msnn.training.stage_plan import StagePlan, plan_stages
 from msnn.training.stage_result import StageResult
 from msnn.training.stage_run import Interrupted, StageRun
 from msnn.training.statistics import with_statistics
+from msnn.training.tensorboard_curves import Curves, require_tensorboard
 from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import stages as stage_errors
@@ -43,6 +42,8 @@ class TrainingOptions:
     resume: bool = False
     spec_text: str | None = None
     """The text of the spec, to be kept beside the weights."""
+    tensorboard: bool = False
+    """Curves for TensorBoard beside the weights."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
     """Other initial values, by number, for the further runs of a stage with `starts:`."""
 
@@ -90,9 +91,11 @@ def train(
 
     `program` is in window form. `weights` are where the first stage begins, by default the initial
     values. Raises SpecError before anything runs when stages and data do not fit,
-    TrainingDivergedError and TrainingInterruptedError.
+    TrainingDivergedError, TrainingInterruptedError and MissingExtraError.
     """
     options, progress = options or TrainingOptions(), progress or Silent()
+    if options.tensorboard:
+        require_tensorboard()
     findings = Findings()
     plans = plan_stages(program, stages, findings)
     datas = [stage_data(plan, data, findings) for plan in plans]
@@ -102,9 +105,14 @@ def train(
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
     first = dict(weights or with_statistics(program, data, initial_weights(program)))
     folder, checkpoint = _folder(program, options, run_record(program, plans, data))
-    run = _Run(program, data, ready, folder, progress, findings.in_order, options.redrawn)
-    with _end_on_interrupt() as stop_asked:
-        return run.through(first, checkpoint, stop_asked)
+    curves = Curves(folder.path) if folder is not None and options.tensorboard else None
+    run = _Run(program, data, ready, folder, curves, progress, findings.in_order, options.redrawn)
+    try:
+        with end_on_interrupt() as stop_asked:
+            return run.through(first, checkpoint, stop_asked)
+    finally:
+        if curves is not None:
+            curves.close()
 
 
 @dataclass(slots=True)
@@ -113,6 +121,7 @@ class _Run:
     data: Dataset
     stages: Sequence[tuple[StagePlan, StageData]]
     folder: RunFolder | None
+    curves: Curves | None
     progress: Progress
     warnings: tuple[Diagnostic, ...]
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None
@@ -176,7 +185,7 @@ class _Run:
                 data,
                 self.program.spec_hash,
                 stop_asked.is_set,
-                self._epoch_ended,
+                lambda event: self._epoch_ended(event, engine),
                 attempt,
             )
 
@@ -219,9 +228,11 @@ class _Run:
             )
         )
 
-    def _epoch_ended(self, event: EpochEnd) -> None:
+    def _epoch_ended(self, event: EpochEnd, engine: Engine) -> None:
         if self.folder is not None:
             self.folder.append_metrics(asdict(event))
+        if self.curves is not None:
+            self.curves.epoch_ended(event, engine.weights())
         self.progress.epoch_ended(event)
 
     def _keep(self, weights: Mapping[str, FloatArray]) -> None:
@@ -267,25 +278,3 @@ def _folder(
     if changes:
         raise SpecError((stage_errors.another_run(str(folder.path), changes),))
     return folder, checkpoint
-
-
-@contextmanager
-def _end_on_interrupt() -> Generator[threading.Event]:
-    """Sets the event at the first Ctrl-C or SIGTERM, to finish the batch; the second one kills."""
-    asked = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield asked
-        return
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        del number, frame
-        if asked.is_set():
-            raise KeyboardInterrupt
-        asked.set()
-
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
