@@ -12,6 +12,7 @@ from backends.c.header_text import about_text, header_text
 from backends.c.input_policy import policy_functions
 from backends.c.interface import Field, Interface
 from backends.c.layout_metadata import layout_metadata
+from backends.c.package_texts import package_texts
 from backends.c.rendering import render
 from backends.c.selftest_text import SELFTEST_STEPS, selftest_text, test_texts
 from backends.c.start_functions import init_function, reset_function
@@ -52,7 +53,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         files[f"src/{kernels.header_name}"] = kernels.header
         files[f"src/{kernels.source_name}"] = kernels.source
     sources = sorted(name for name in files if name.startswith("src/") and name.endswith(".c"))
-    files["CMakeLists.txt"] = render("CMakeLists.txt.j2", interface, "", sources=sources)
+    files |= package_texts(interface, sources)
     files[f"{prefix}_ffi.py"] = render("ffi.py.j2", interface, "")
     files["README.md"] = _readme(interface, files)
     files[f"{prefix}.json"] = metadata_text(layout_metadata(program, interface, weights))

@@ -10,7 +10,12 @@ extern "C" {
 
 typedef float fir_closed_loop_real;
 
-/* The tool and its version, and the spec; a linker that drops unused data leaves them out. */
+/* The tool and its version, and the spec: what this header belongs to. */
+#define FIR_CLOSED_LOOP_MADE_BY "msnn 0.1.0"
+#define FIR_CLOSED_LOOP_SPEC_SHA256 \
+    ""
+
+/* The same, as it was compiled; a linker that drops unused data leaves them out. */
 extern const char fir_closed_loop_made_by[11];
 extern const char fir_closed_loop_spec_sha256[1];
 

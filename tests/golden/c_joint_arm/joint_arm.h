@@ -10,7 +10,12 @@ extern "C" {
 
 typedef float joint_arm_real;
 
-/* The tool and its version, and the spec; a linker that drops unused data leaves them out. */
+/* The tool and its version, and the spec: what this header belongs to. */
+#define JOINT_ARM_MADE_BY "msnn 0.1.0"
+#define JOINT_ARM_SPEC_SHA256 \
+    ""
+
+/* The same, as it was compiled; a linker that drops unused data leaves them out. */
 extern const char joint_arm_made_by[11];
 extern const char joint_arm_spec_sha256[1];
 

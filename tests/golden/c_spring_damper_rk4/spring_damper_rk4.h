@@ -10,7 +10,12 @@ extern "C" {
 
 typedef float spring_damper_rk4_real;
 
-/* The tool and its version, and the spec; a linker that drops unused data leaves them out. */
+/* The tool and its version, and the spec: what this header belongs to. */
+#define SPRING_DAMPER_RK4_MADE_BY "msnn 0.1.0"
+#define SPRING_DAMPER_RK4_SPEC_SHA256 \
+    ""
+
+/* The same, as it was compiled; a linker that drops unused data leaves them out. */
 extern const char spring_damper_rk4_made_by[11];
 extern const char spring_damper_rk4_spec_sha256[1];
 
