@@ -12,6 +12,7 @@ from backends.c.field_comments import (
     supplied_comment,
     window_comment,
 )
+from backends.c.moving_sums import moving_sums
 from backends.c.options import COptions
 from backends.c.places import Place
 from backends.c.state_memory import (
@@ -22,6 +23,7 @@ from backends.c.state_memory import (
     ShiftBuffer,
     StateMemory,
     doubles,
+    joining,
     kept_in_place,
     member_place,
 )
@@ -124,6 +126,14 @@ def c_interface(program: Program, options: COptions) -> Interface:
     in_place = kept_in_place(program)
     states = tuple(
         _memory(state, in_states, options, in_place.get(state.name)) for state in program.states
+    )
+    roots = [output.node for output in program.outputs] + [joining(memory) for memory in states]
+    moving = set(moving_sums(program.step, roots, states, options.unroll).values())
+    states = tuple(
+        replace(memory, in_sum=True)
+        if isinstance(memory, ShiftBuffer) and memory in moving
+        else memory
+        for memory in states
     )
     return Interface(
         program.name,

@@ -213,9 +213,15 @@ class GraphLowering:
                 sample = scalar_operation(Multiply(), (weight, sample), locals.functions)
             return sample
 
+        (newest,) = (
+            self._values[self._graph[arg].args[0]]
+            for arg in node.args
+            if self._values[arg] == memory.window
+        )
         locals.notes.write(node, self._scope)
         name = node.label or locals.notes.part_name(node, "sum")
-        total = write_moving_sum(memory, name, term, locals.block, self._scope)
+        sample = element_of(newest, (), self._scope)
+        total = write_moving_sum(memory, sample, name, term, locals.block, self._scope)
         return Place.single(total).reshaped_single(node.type.shape)
 
     def _operand(self, node: Node) -> Type:

@@ -25,7 +25,9 @@ def moving_sums(
     buffers = {
         memory.state.name: memory
         for memory in states
-        if isinstance(memory, ShiftBuffer) and len(memory.shape) == 1 and memory.size > unroll
+        if isinstance(memory, ShiftBuffer)
+        and len(memory.shape) == 1
+        and memory.shape[0] >= max(unroll, 2)
     }
     following = {memory.state.next: name for name, memory in buffers.items()}
     readers: dict[str, list[NodeId | None]] = {name: [] for name in buffers}
@@ -61,18 +63,27 @@ def _sums_window(node: Node) -> bool:
 
 
 def write_moving_sum(
-    memory: ShiftBuffer, total: str, term: Term, block: int, scope: Scope
+    memory: ShiftBuffer,
+    newest: Expression,
+    total: str,
+    term: Term,
+    block: int,
+    scope: Scope,
 ) -> Expression:
     """Writes the loop; `term` makes what a sample at a place of the window adds to the sum."""
-    window, kept = memory.window, memory.shape[-1]
+    samples, kept = memory.samples, memory.shape[-1]
     sum = scope.variable(total, Real(-0.0))
-    sample = scope.variable(f"{total}_sample", window.element((Index(),)))
+    sample = scope.variable(f"{total}_sample", samples.element((Index(),)))
 
-    def move(along: Index, inner: Scope) -> None:
+    def move(along: Index, following: Expression, inner: Scope) -> None:
         inner.assign(sum, Binary("+", sum, term(along, sample, inner)))
-        inner.assign(sample, window.element((along.plus(Index(1)),)))
-        inner.assign(window.element((along,)), sample)
+        inner.assign(sample, following)
+        inner.assign(samples.element((along,)), sample)
 
-    in_blocks(kept, block, scope, move)
+    def move_kept(along: Index, inner: Scope) -> None:
+        move(along, samples.element((along.plus(Index(1)),)), inner)
+
+    in_blocks(kept - 1, block, scope, move_kept)
+    move(Index(kept - 1), newest, scope)
     scope.assign(sum, Binary("+", sum, term(Index(kept), sample, scope)))
     return sum

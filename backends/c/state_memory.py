@@ -92,10 +92,13 @@ class ShiftBuffer:
     identifier: str
     shape: tuple[int, ...]
     """Axes of the signal, then the samples that are kept."""
+    in_sum: bool = False
+    """Whether a sum moves the samples while it reads them and takes the newest from elsewhere, so
+    that there is no room for it."""
 
     @property
     def size(self) -> int:
-        return math.prod(self.window.shape)
+        return math.prod(self.shape if self.in_sum else self.window.shape)
 
     @property
     def window(self) -> Place:
@@ -114,7 +117,8 @@ class ShiftBuffer:
         """Nothing to prepare: the samples stand where they always stand."""
 
     def push(self, newest: Place, scope: Scope, unroll: int) -> None:
-        copy_value(newest, _last(self.window, newest.shape), scope, unroll)
+        if not self.in_sum:
+            copy_value(newest, _last(self.window, newest.shape), scope, unroll)
 
     def fill(self, newest: Place, scope: Scope, unroll: int) -> None:
         """Makes every sample that was kept equal to the newest."""
@@ -197,6 +201,11 @@ Buffer = ShiftBuffer | DoubledRing
 """Memory that takes its newest sample during the step, and moves after it."""
 
 StateMemory = PlainState | DelayLine | Buffer
+
+
+def joining(memory: StateMemory) -> NodeId:
+    """The value that a state waits for: the one that joins its samples, or its whole next value."""
+    return memory.newest if isinstance(memory, DelayLine) else memory.state.next
 
 
 @dataclass(frozen=True, slots=True)

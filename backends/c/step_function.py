@@ -27,9 +27,9 @@ from backends.c.lowering import GraphLowering
 from backends.c.moving_sums import moving_sums
 from backends.c.places import Index, Place
 from backends.c.scope import Scope
-from backends.c.state_memory import Buffer, DelayLine, PlainState, StateMemory
+from backends.c.state_memory import Buffer, DelayLine, PlainState, joining
 from backends.c.status import Status, status_macro
-from compiler.program import NodeId, Program
+from compiler.program import Program
 
 BUFFERS_EMPTY = 1
 """Bit of the `unset` field: buffers wait for their first sample."""
@@ -43,7 +43,7 @@ def step_function(program: Program, model: Model) -> Function:
     writer = _StepWriter(model, program.step)
     writer.begin()
     roots = [output.node for output in program.outputs]
-    roots += [_joining(memory) for memory in model.interface.states]
+    roots += [joining(memory) for memory in model.interface.states]
     interface = model.interface
     # which sets are active depends on the numbers
     constant_time = interface.options.constant_time
@@ -66,11 +66,6 @@ def step_function(program: Program, model: Model) -> Function:
     )
     doc = "One step: outputs of sample t, then the states of sample t+1."
     return writer.finished("step", f"{prefix}_status_t", structs, doc)
-
-
-def _joining(memory: StateMemory) -> NodeId:
-    """The value that a state waits for: the one that joins its samples, or its whole next value."""
-    return memory.newest if isinstance(memory, DelayLine) else memory.state.next
 
 
 class _StepWriter(FunctionWriter):
@@ -121,7 +116,7 @@ class _StepWriter(FunctionWriter):
             self.comment("next states")
         for memory in interface.states:
             if isinstance(memory, PlainState | DelayLine):
-                node, name = _joining(memory), f"{memory.state.name}_next"
+                node, name = joining(memory), f"{memory.state.name}_next"
                 place = lowered.place(node, name)
                 if place != memory.samples:
                     if isinstance(place.storage, Member) and place.storage.base == "s":
