@@ -13,6 +13,8 @@ _INIT = "Initial weights; small random numbers by default."
 _OUT = "Dimension of the result; a scalar by default."
 _DROPOUT = "Share of the elements that training leaves out at random."
 _BIAS = "Whether a learned constant is added."
+_GIVEN_BIAS = "Whether a learned constant is added, or the parameter that it is."
+_WEIGHT = "Parameter that the weights are; by default they are the layer's own."
 _RATE = "How often it falls by e from end to end."
 _ALONG = "Dimension along which the values change; by default the last axis."
 _PREFIX = "What generated names start with; by default the name of the spec."
@@ -91,11 +93,18 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
     "Fir": {
         "window": "How far into the past it reaches, in samples or as a duration.",
         "out": _OUT,
-        "bias": _BIAS,
+        "bias": _GIVEN_BIAS,
+        "weight": _WEIGHT,
         "init": _INIT,
         "dropout": _DROPOUT,
     },
-    "Linear": {"out": _OUT, "bias": _BIAS, "init": _INIT, "dropout": _DROPOUT},
+    "Linear": {
+        "out": _OUT,
+        "bias": _GIVEN_BIAS,
+        "weight": _WEIGHT,
+        "init": _INIT,
+        "dropout": _DROPOUT,
+    },
     "Fuzzify": {
         "centers": "Centres of the fuzzy sets, ascending.",
         "membership": "Shape of the sets, or `{function: NAME}`.",

@@ -19,6 +19,7 @@ from spec_schema.plain_fields import (
     Reference,
     References,
     Switch,
+    SwitchOrReference,
     choice,
     number,
     read_count,
@@ -102,9 +103,15 @@ class Fir(Entry):
 
     window: PositiveLength | None = None
     out: Reference | None = None
-    bias: Switch = False
+    bias: SwitchOrReference = False
+    weight: Reference | None = None
     init: Initializer | None = None
     dropout: Share = 0.0
+
+    @model_validator(mode="after")
+    def _has_one_start(self, info: ValidationInfo) -> "Fir":
+        _refuse_two_starts(self, info)
+        return self
 
 
 class Linear(Entry):
@@ -113,9 +120,22 @@ class Linear(Entry):
     noun: ClassVar[str] = "a linear layer"
 
     out: Reference | None = None
-    bias: Switch = True
+    bias: SwitchOrReference = True
+    weight: Reference | None = None
     init: Initializer | None = None
     dropout: Share = 0.0
+
+    @model_validator(mode="after")
+    def _has_one_start(self, info: ValidationInfo) -> "Linear":
+        _refuse_two_starts(self, info)
+        return self
+
+
+def _refuse_two_starts(entry: Fir | Linear, info: ValidationInfo) -> None:
+    """A named parameter brings its own initial values."""
+    if entry.weight is not None and entry.init is not None:
+        report = errors.excluded_key("init", "weight", entry.place.key, entry.noun)
+        findings_of(info).report(report)
 
 
 class Fuzzify(Entry):

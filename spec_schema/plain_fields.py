@@ -78,15 +78,22 @@ def _read_reference(node: Node, findings: Findings) -> Located[str]:
     return Located(normalised(found.text), found.span, found.key)
 
 
-def _read_switch(node: Node, findings: Findings) -> bool:
-    found = scalar(node, findings, "true or false")
+def _read_switch(node: Node, findings: Findings, wanted: str = "true or false") -> bool:
+    found = scalar(node, findings, wanted)
     if isinstance(found.value, bool):
         return found.value
     if found.text.lower() in _OLD_BOOLEANS:
         findings.report(errors.old_boolean(found.text, found.span))
     else:
-        findings.report(errors.wrong_kind("true or false", kind(found), found.span))
+        findings.report(errors.wrong_kind(wanted, kind(found), found.span))
     raise RefusedError
+
+
+def _read_switch_or_reference(node: Node, findings: Findings) -> bool | Located[str]:
+    text = node.value if isinstance(node, Scalar) else None
+    if isinstance(text, str) and text.lower() not in _OLD_BOOLEANS:
+        return _read_reference(node, findings)
+    return _read_switch(node, findings, "true, false or the name of a parameter")
 
 
 def read_number(node: Node, findings: Findings) -> float:
@@ -235,6 +242,10 @@ Reference: TypeAlias = Annotated[
     Located[str], reads(_read_reference, {"type": "string", "pattern": REFERENCE})
 ]
 Switch: TypeAlias = Annotated[bool, reads(_read_switch, {"type": "boolean"})]
+SwitchOrReference: TypeAlias = Annotated[
+    bool | Located[str],
+    reads(_read_switch_or_reference, {"type": ["boolean", "string"], "pattern": REFERENCE}),
+]
 Character: TypeAlias = Annotated[
     str, reads(_read_character, {"type": ["string", "integer"], "minLength": 1, "maxLength": 1})
 ]

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from compiler.layers.layer_context import LayerContext
+from compiler.layers.named_arrays import named_array
 from compiler.program import NodeId
 from compiler.types import Axis, describe_axes
 from spec_schema.errors import shapes
+from spec_schema.located import Located
 from spec_schema.values import Initializer
 
 
@@ -17,12 +19,14 @@ class Affine:
 
     weight: str
     """Name of W within the layer."""
-    bias: str | None
-    """Name of b, None for a map without one."""
+    bias: str | Located[str] | None
+    """Name of b within the layer or of a parameter, None for a map without one."""
     out: tuple[Axis, ...]
     init: Initializer | None
     """Initial weights; by default uniform in ±`bound`."""
     bound: float
+    given: Located[str] | None = None
+    """The parameter that W is, instead of an array of the layer."""
 
     def of(self, context: LayerContext, value: NodeId, summed: Axis) -> NodeId:
         """The map of a value along one of its axes."""
@@ -37,9 +41,16 @@ class Affine:
             place = context.call.arguments[0].span
             context.refuse(shapes.wrong_axes(what, wanted, found, place))
         axes = (*self.out, summed)
-        start = context.initial(self.weight, self.init, axes, self.bound)
-        weight = context.learned(self.weight, axes, start, "one row of weights for each output")
+        if self.given is not None:
+            weight = named_array(context, self.given, axes)
+        else:
+            start = context.initial(self.weight, self.init, axes, self.bound)
+            weight = context.learned(self.weight, axes, start, "one row of weights for each output")
         result = builder.contract_over(weight, value, summed.name)
-        if self.bias is not None:
-            result = builder.add(result, context.learned(self.bias, self.out, 0.0, "offset"))
-        return result
+        match self.bias:
+            case None:
+                return result
+            case Located():
+                return builder.add(result, named_array(context, self.bias, self.out))
+            case own:
+                return builder.add(result, context.learned(own, self.out, 0.0, "offset"))

@@ -5,10 +5,12 @@ from __future__ import annotations
 from compiler.layers.arguments import read_window
 from compiler.layers.layer_context import LayerContext
 from compiler.layers.layer_rule import Arguments, LayerRule
+from compiler.layers.named_arrays import named_array
 from compiler.program import NodeId
 from compiler.types import WINDOW, Axis, describe_axes
 from spec_schema.errors import shapes
 from spec_schema.layers import Fir
+from spec_schema.located import Located
 
 
 def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:
@@ -17,7 +19,9 @@ def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:
     The argument has a window of n samples, its own or that of `window:`; each element e of a vector
     input has its own row of taps and `out` adds an axis o. Arrays: `weight`, and `bias` (off unless
     asked for, initially 0). The default initial taps are uniform in ±1/(2n): a loop closed over the
-    filter is stable whatever the draw, since Σ|W| ≤ 1/2. `dropout` leaves out elements of y.
+    filter is stable whatever the draw, since Σ|W| ≤ 1/2. `weight: W` and `bias: b` take named
+    parameters of these axes instead, which other layers can share. `dropout` leaves out elements
+    of y.
     """
     (window,) = arguments
     builder = context.builder
@@ -30,10 +34,15 @@ def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:
         context.refuse(shapes.wrong_axes(f"the argument of `{context.name}`", wanted, found, place))
     rows = (*out, *elements)
     axes = (*rows, Axis(WINDOW, taps))
-    start = context.initial("weight", settings.init, axes, 0.5 / taps)
-    weight = context.learned("weight", axes, start, "taps, oldest sample first")
+    if settings.weight is not None:
+        weight = named_array(context, settings.weight, axes)
+    else:
+        start = context.initial("weight", settings.init, axes, 0.5 / taps)
+        weight = context.learned("weight", axes, start, "taps, oldest sample first")
     result = builder.contract_over(weight, window, WINDOW)
-    if settings.bias:
+    if isinstance(settings.bias, Located):
+        result = builder.add(result, named_array(context, settings.bias, rows))
+    elif settings.bias:
         result = builder.add(result, context.learned("bias", rows, 0.0, "offset"))
     return context.dropout(result, settings.dropout)
 

@@ -15,13 +15,14 @@ def linear(context: LayerContext, settings: Linear, arguments: Arguments) -> Nod
 
     A scalar x counts as one element; several arguments are put side by side, all their elements in
     order. Arrays: `weight`, and `bias` (on unless `bias: false`, initially 0). The default initial
-    weights are uniform in ±1/n for n elements. `dropout` leaves out elements of y.
+    weights are uniform in ±1/n for n elements. `weight: W` and `bias: b` take named parameters of
+    these axes instead, which other layers can share. `dropout` leaves out elements of y.
     """
     (value,) = arguments
     summed = context.elements(value)[-1]
-    bias = "bias" if settings.bias else None
+    bias = "bias" if settings.bias is True else settings.bias or None
     out = context.out(settings.out)
-    layer = Affine("weight", bias, out, settings.init, 1.0 / summed.size)
+    layer = Affine("weight", bias, out, settings.init, 1.0 / summed.size, settings.weight)
     return context.dropout(layer.of(context, value, summed), settings.dropout)
 
 

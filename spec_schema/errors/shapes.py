@@ -76,3 +76,19 @@ def no_such_axis(function: str, axis: str, axes: str, span: Span) -> Diagnostic:
     return Diagnostic(
         "E0406", "error", f"`{function}` over `{axis}`: the value has {axes}", span, "no such axis"
     )
+
+
+def unfit_parameter(
+    layer: str, parameter: str, wanted: str, found: str, span: Span, declared: Span
+) -> Diagnostic:
+    """E0407: a parameter with other axes than the array of the layer that it is named for."""
+    return Diagnostic(
+        "E0407",
+        "error",
+        f"`{layer}` needs an array of {wanted}, and `{parameter}` has {found}",
+        span,
+        f"`{layer}` takes it from here",
+        secondary=((declared, f"declared with {found}"),),
+        notes=("axes in this order; samples of a window, oldest first, are the last",),
+        help=f"change `dims:` of `{parameter}`; `any` is whichever dim has that size",
+    )
