@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.c.drawn_inputs import drawn_log, drawn_series
+from backends.c.drawn_inputs import Outside, Place, drawn_log, drawn_series, knots_of
 from backends.c.interface import Interface
 from backends.c.policy_reference import apply_policy, first_held
 from backends.c.state_memory import PlainState
@@ -18,6 +18,7 @@ from compiler.interpreter import Interpreter
 from compiler.program import Program
 
 Array = NDArray[Any]
+_ANYWHERE = Place()
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,21 +42,21 @@ def golden_vectors(
     steps: int,
     seed: int = 0,
     *,
-    from_init: bool = False,
+    start: Place | Outside | None = _ANYWHERE,
 ) -> GoldenVectors:
     """`steps` steps from a drawn past, each from the states that the one before left.
 
-    With `from_init` they begin without a past, as after `init`.
+    `start` says where in their ranges, or beyond, the states begin; with None they begin without a
+    past, as after `init`.
 
     The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
     """
     dtype = interface.options.dtype
     random = np.random.Generator(np.random.Philox(seed))
-    drawn, t0 = drawn_log(program, random)
-    log = {name: series.astype(dtype) for name, series in drawn.items()}
+    log, t0 = drawn_log(program, random, start or _ANYWHERE, dtype)
+    knots = knots_of(program, dtype)
     inputs = {
-        input.field.name: drawn_series(input, steps, random).astype(dtype)
-        for input in interface.inputs
+        input.field.name: drawn_series(input, steps, random, knots) for input in interface.inputs
     }
     interpreter = Interpreter(replace(program, losses=()), weights, dtype)
     states = interpreter.start(log, t0)
@@ -72,7 +73,7 @@ def golden_vectors(
             name = input.field.name
             checked = apply_policy(input.port.signal, inputs[name][k], seen[name], dtype)
             seen[name], bits = checked[0], bits | checked[1]
-        if from_init and interface.from_record:
+        if start is None and interface.from_record:
             states = _unset(interpreter, interface, states, _log_of_step(interface, seen), k)
             waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
             bits |= Status.UNINITIALISED if waits else Status(0)

@@ -9,6 +9,7 @@ import numpy as np
 
 from backends.c.c_literals import Dtype
 from compiler.kernels import evaluate
+from compiler.kernels.branch_cover import branch_cover
 from compiler.scalar_functions import SCALAR_FUNCTIONS
 
 Case = tuple[tuple[float, ...], float]
@@ -18,12 +19,13 @@ _PLACES = (0.03, 0.37, 0.81)
 
 
 def kernel_cases(kernels: Iterable[str], dtype: Dtype) -> dict[str, list[Case]]:
-    """For each kernel some arguments within its domain, and its value there."""
+    """For each kernel arguments within its domain and on every branch, and its value there."""
     domains = {row.kernel: row.domain for row in SCALAR_FUNCTIONS.values() if row.kernel}
     cases: dict[str, list[Case]] = {}
     for kernel in sorted(kernels):
         axes = [[low + (high - low) * place for place in _PLACES] for low, high in domains[kernel]]
-        points = np.array(list(product(*axes)), dtype)
+        cover = branch_cover(kernel, "float" if dtype == "float32" else "double")
+        points = np.array([*product(*axes), *cover], dtype)
         values = evaluate(kernel, *points.T)
         cases[kernel] = [
             (tuple(float(x) for x in point), float(value))

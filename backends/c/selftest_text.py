@@ -8,6 +8,7 @@ import numpy as np
 
 from backends.c.c_literals import hex_literal, real_literal
 from backends.c.c_printer import Printer
+from backends.c.drawn_inputs import Outside, Place
 from backends.c.function_writer import Weights
 from backends.c.golden_text import differs_function, golden_functions, kernels_function
 from backends.c.golden_vectors import GoldenVectors, expected_text, golden_vectors
@@ -19,9 +20,21 @@ from compiler.program import Program
 SELFTEST_STEPS = 16
 """Golden steps that travel with the code to the target."""
 
-_TEST_RUNS, _TEST_STEPS = 10, 25
-"""Golden runs of the test program, each from another past and the last without one, and the steps
-of each."""
+_PARTS = 7
+_STARTS: tuple[Place | Outside | None, ...] = (
+    *(Place(part, _PARTS) for part in range(_PARTS)),
+    *(Place(part, _PARTS, "at") for part in range(_PARTS)),
+    *(Place(part, _PARTS, "below") for part in range(_PARTS)),
+    "above",
+    "below",
+    "far above",
+    "nan",
+    None,
+)
+"""Where the golden runs of the test program begin: the last without a past."""
+
+_TEST_STEPS = 16
+"""Golden steps of each."""
 
 _SELFTEST_SEED, _TEST_SEED = 1, 2
 
@@ -66,9 +79,9 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
             weights,
             _TEST_STEPS,
             _TEST_SEED + run,
-            from_init=run == _TEST_RUNS - 1,
+            start=start,
         )
-        for run in range(_TEST_RUNS)
+        for run, start in enumerate(_STARTS)
     ]
     vectors = render(
         "vectors.h.j2",
@@ -77,7 +90,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         guard=f"{prefix.upper()}_VECTORS_H",
         functions=_golden(interface, runs),
     )
-    main = render("main.c.j2", interface, "Test program", runs=_TEST_RUNS, steps=_TEST_STEPS)
+    main = render("main.c.j2", interface, "Test program", runs=len(_STARTS), steps=_TEST_STEPS)
     return {
         f"test/{prefix}_sil.c": main,
         f"test/{prefix}_vectors.h": vectors,

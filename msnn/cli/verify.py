@@ -36,7 +36,8 @@ def verify(
 ) -> None:
     """Verify exported C.
 
-    Strict builds, golden vectors of the interpreter to the bit, sanitizers; on boards in QEMU also
+    Strict builds, golden vectors of the interpreter to the bit and what of the code they reach,
+    sanitizers; on boards in QEMU also
     instructions, memory and stack of a step. Exit code 1 when anything was found, 5 when a tool is
     missing: what needs no missing tool is checked all the same.
     """

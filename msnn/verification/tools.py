@@ -24,6 +24,7 @@ class Tool:
 
 
 GCC = Tool("gcc", "gcc")
+GCOV = Tool("gcov", "gcc")
 GPP = Tool("g++", "g++")
 CLANG = Tool("clang", "clang")
 CPPCHECK = Tool("cppcheck", "cppcheck")

@@ -12,6 +12,7 @@ from typing import Literal
 
 from msnn.verification.bare_metal import board_checks
 from msnn.verification.check import Check, Result
+from msnn.verification.coverage import coverage_check
 from msnn.verification.exported_c import ExportedC, read_exported_c
 from msnn.verification.fuzz import fuzz_check
 from msnn.verification.host import host_checks, misra_check
@@ -77,6 +78,7 @@ def _all_results(checks: Sequence[Check], place: Path) -> tuple[Result, ...]:
 def _checks(model: ExportedC, wanted: Wanted) -> Iterator[Check]:
     if "host" in wanted.targets:
         yield from host_checks(model)
+        yield coverage_check(model)
     yield from board_checks(model, wanted.targets)
     if wanted.misra:
         yield misra_check(model)

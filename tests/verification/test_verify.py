@@ -195,7 +195,7 @@ def test_a_missing_tool_is_named_and_the_rest_runs(
     folder = exported(spec_of(GALLERY, "tyre"), tmp_path)
     tools = tmp_path / "tools"
     tools.mkdir()
-    for command in ("gcc", "as", "ld"):
+    for command in ("gcc", "gcov", "as", "ld"):
         found = shutil.which(command)
         assert found is not None
         (tools / command).symlink_to(found)
