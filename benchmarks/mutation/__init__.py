@@ -1,0 +1,1 @@
+"""How many changes of generated C its own test program sees."""
