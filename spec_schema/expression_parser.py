@@ -142,6 +142,8 @@ class _Admission:
                 return self.window_of_length(node, span, depth)
             case ast.Call():
                 return self.call(node, span, depth)
+            case ast.List(elts=[]):
+                return self.refuse(errors.empty_list(span), span)
             case ast.List(elts=elements):
                 return ListLiteral(tuple(self.expression(e, depth) for e in elements), span)
             case ast.Tuple():

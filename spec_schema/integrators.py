@@ -1,9 +1,12 @@
 """The integrators of continuous states."""
 
-from typing import ClassVar
+from typing import Annotated, ClassVar, TypeAlias
 
 from spec_schema.entry import Entry, Variant
-from spec_schema.plain_fields import PositiveCount
+from spec_schema.plain_fields import count
+
+Substeps: TypeAlias = Annotated[int, count(1, most=1000)]
+"""Every one is written out in the program; who needs more has a stiff system."""
 
 
 class Euler(Entry):
@@ -11,7 +14,7 @@ class Euler(Entry):
 
     noun: ClassVar[str] = "the euler integrator"
 
-    substeps: PositiveCount = 1
+    substeps: Substeps = 1
 
 
 class SemiImplicit(Entry):
@@ -19,7 +22,7 @@ class SemiImplicit(Entry):
 
     noun: ClassVar[str] = "the semi_implicit integrator"
 
-    substeps: PositiveCount = 1
+    substeps: Substeps = 1
 
 
 class LinearImplicit(Entry):
@@ -27,7 +30,7 @@ class LinearImplicit(Entry):
 
     noun: ClassVar[str] = "the linear_implicit integrator"
 
-    substeps: PositiveCount = 1
+    substeps: Substeps = 1
 
 
 class Midpoint(Entry):
@@ -35,7 +38,7 @@ class Midpoint(Entry):
 
     noun: ClassVar[str] = "the midpoint integrator"
 
-    substeps: PositiveCount = 1
+    substeps: Substeps = 1
 
 
 class RungeKutta4(Entry):
@@ -43,7 +46,7 @@ class RungeKutta4(Entry):
 
     noun: ClassVar[str] = "the rk4 integrator"
 
-    substeps: PositiveCount = 1
+    substeps: Substeps = 1
 
 
 Method = Euler | SemiImplicit | LinearImplicit | Midpoint | RungeKutta4

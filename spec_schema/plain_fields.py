@@ -24,6 +24,7 @@ from spec_schema.yaml_nodes import Listing, Node, Scalar, Table, kind, with_key
 
 _OLD_BOOLEANS = {"yes", "no", "on", "off", "y", "n"}
 Item = TypeVar("Item")
+LARGEST_COUNT = 2**31 - 1
 
 
 def reads(reader: Callable[[Node, Findings], Any], schema: JsonSchema) -> Leaf:
@@ -142,15 +143,15 @@ def number(
     return reads(read, {"type": "number", **finite})
 
 
-def read_count(node: Node, findings: Findings, least: int) -> int:
-    """An integer of at least `least` that fits 32 bits."""
+def read_count(node: Node, findings: Findings, least: int, most: int = LARGEST_COUNT) -> int:
+    """An integer from `least` to `most`."""
     found = scalar(node, findings, "an integer")
     value = found.value
     if isinstance(value, bool) or not isinstance(value, int):
         findings.report(errors.wrong_kind("an integer", kind(found), found.span))
         raise RefusedError
-    if not least <= value < _LARGEST_COUNT:
-        wanted = f"at least {least} and below {_LARGEST_COUNT}"
+    if not least <= value <= most:
+        wanted = f"at least {least}" if value < least else f"at most {most}"
         findings.report(errors.out_of_range(found.text[:40], found.span, wanted))
         raise RefusedError
     return value
@@ -180,10 +181,10 @@ def _read_language_version(node: Node, findings: Findings) -> int:
     return 1
 
 
-def count(least: int) -> Leaf:
-    """Validates an integer of at least `least`."""
-    schema = {"type": "integer", "minimum": least, "exclusiveMaximum": _LARGEST_COUNT}
-    return reads(lambda node, findings: read_count(node, findings, least), schema)
+def count(least: int, most: int = LARGEST_COUNT) -> Leaf:
+    """Validates an integer from `least` to `most`."""
+    schema = {"type": "integer", "minimum": least, "maximum": most}
+    return reads(lambda node, findings: read_count(node, findings, least, most), schema)
 
 
 def choice(*now: str) -> Leaf:
@@ -209,6 +210,18 @@ def read_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
     return (node,)
 
 
+def read_different_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
+    """The nodes of a list in which no text stands twice."""
+    items = read_items(node, info)
+    seen: dict[str, Scalar] = {}
+    for item in items:
+        first = seen.setdefault(item.text, item) if isinstance(item, Scalar) else item
+        if first is not item and isinstance(item, Scalar):
+            report = errors.repeated_item(item.text, item.span, first.span)
+            findings_of(info).report(report)
+    return items
+
+
 def read_entries(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
     """The nodes of a list of mappings."""
     if isinstance(node, Listing):
@@ -230,7 +243,6 @@ def _is_numeral(text: str) -> bool:
         return False
 
 
-_LARGEST_COUNT = 2**31
 _SCALAR = {"type": ["string", "number", "boolean"]}
 
 Text: TypeAlias = Annotated[str, reads(_read_text, _SCALAR)]
@@ -260,4 +272,7 @@ NonNegativeCount: TypeAlias = Annotated[int, count(0)]
 Dtype: TypeAlias = Annotated[Literal["float32", "float64"], choice("float32", "float64")]
 ManyOf: TypeAlias = Annotated[tuple[Item, ...], Gathering(read_items, schema=one_or_many)]
 EntriesOf: TypeAlias = Annotated[tuple[Item, ...], Gathering(read_entries, schema=list_of)]
-References: TypeAlias = ManyOf[Reference]
+DifferentOf: TypeAlias = Annotated[
+    tuple[Item, ...], Gathering(read_different_items, schema=one_or_many)
+]
+References: TypeAlias = DifferentOf[Reference]

@@ -10,9 +10,9 @@ from spec_schema.errors import schema as errors
 from spec_schema.errors import units as unit_errors
 from spec_schema.expression import Expression
 from spec_schema.expression_fields import ArrayField, ExpressionField
-from spec_schema.json_fields import Gathering, one_or_many
 from spec_schema.located import Located
 from spec_schema.plain_fields import (
+    DifferentOf,
     LocatedText,
     NewName,
     NonNegativeNumber,
@@ -22,7 +22,6 @@ from spec_schema.plain_fields import (
     Switch,
     Text,
     number,
-    read_items,
 )
 from spec_schema.quantity_fields import QuantityField, UnitField, split_quantity
 from spec_schema.yaml_nodes import Node, Scalar, Table
@@ -178,18 +177,7 @@ def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
     return Table(entries, keys, node.span, node.key)
 
 
-def _different(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
-    items = read_items(node, info)
-    seen: dict[str, Scalar] = {}
-    for item in items:
-        first = seen.setdefault(item.text, item) if isinstance(item, Scalar) else item
-        if first is not item and isinstance(item, Scalar):
-            report = errors.repeated_item(item.text, item.span, first.span)
-            findings_of(info).report(report)
-    return items
-
-
-Arguments: TypeAlias = Annotated[tuple[NewName, ...], Gathering(_different, schema=one_or_many)]
+Arguments: TypeAlias = DifferentOf[NewName]
 
 
 class Function(Entry):

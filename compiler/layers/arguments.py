@@ -119,6 +119,8 @@ def _joined(context: LayerContext, nodes: list[NodeId], time_axis: tuple[Axis, .
 
 def _check_count(context: LayerContext, wanted: str, fits: bool) -> None:
     call = context.call
-    found = len(call.arguments) + len(call.keywords)
-    if call.keywords or not fits:
+    for keyword in call.keywords:
+        context.refuse(names.unknown_keyword(context.name, keyword.name, keyword.span, ()))
+    if not fits:
+        found = len(call.arguments)
         context.refuse(names.wrong_argument_count(context.name, wanted, found, call.span))

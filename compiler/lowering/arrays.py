@@ -50,6 +50,8 @@ class Arrays:
         self._model = model
         self._constants: dict[str, NamedArray | None] = {}
         self._parameters: dict[str, Parameter] = {}
+        self._active: list[str] = []
+        """Constants being evaluated: one that is met again needs itself."""
         self._failed: set[str] = set()
 
     @property
@@ -75,9 +77,17 @@ class Arrays:
 
     def constant(self, name: str, entry: ConstantEntry) -> NamedArray:
         """The value of a `constants:` entry."""
+        if name in self._active:
+            circle = (*self._active[self._active.index(name) :], name)
+            self._model.findings.report(names.circular_constant(circle, entry.value.span))
+            raise LoweringFailed
         if name not in self._constants:
-            self._constants[name] = None  # a constant that needs itself finds this
-            self._constants[name] = self._evaluated(name, entry)
+            self._constants[name] = None  # what a failed one leaves: its mistake is reported
+            self._active.append(name)
+            try:
+                self._constants[name] = self._evaluated(name, entry)
+            finally:
+                self._active.pop()
         found = self._constants[name]
         if found is None:
             raise LoweringFailed

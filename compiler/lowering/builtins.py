@@ -187,6 +187,11 @@ def _stack(model: Model, call: Call, environment: Environment) -> NodeId:
             _, _, axes = builder.aligned(
                 builder.broadcast(nodes[0], axes or builder.type(nodes[0]).axes), node
             )
+    if any(axis.name == name for axis in axes):
+        new = f"without the new axis `{name}`" if name != UNNAMED else "without an unnamed axis"
+        found, place = describe_axes(axes), call.arguments[0].span
+        model.findings.report(shapes.wrong_axes("what `stack` is given", new, found, place))
+        raise LoweringFailed
     parts = [
         builder.reshape(builder.broadcast(node, axes), (Axis(name, 1), *axes)) for node in nodes
     ]
@@ -204,16 +209,19 @@ def _part(model: Model, call: Call, environment: Environment) -> NodeId:
             labels = model.labels(axis.name)
             if wanted.name in labels:
                 return builder.element(node, axis.name, labels.index(wanted.name))
-        model.findings.report(
-            shapes.no_such_axis("part", wanted.name, describe_axes(axes), wanted.span)
-        )
+        labels = [f"`{label}`" for axis in axes for label in model.labels(axis.name)]
+        among = f"its elements are {', '.join(labels)}" if labels else "`dims:` gives it no labels"
+        report = shapes.no_such_element(wanted.name, describe_axes(axes), among, wanted.span)
+        model.findings.report(report)
         raise LoweringFailed
     index = model.whole_number(wanted, environment, "the index of `part`")
     spatial = [axis for axis in axes if axis.name != WINDOW]
     if len(spatial) != 1 or not 0 <= index < spatial[0].size:
-        model.findings.report(
-            shapes.no_such_axis("part", str(index), describe_axes(axes), wanted.span)
-        )
+        among = "a number takes an element of a value of one axis"
+        if len(spatial) == 1:
+            among = f"its elements are 0 to {spatial[0].size - 1}"
+        report = shapes.no_such_element(str(index), describe_axes(axes), among, wanted.span)
+        model.findings.report(report)
         raise LoweringFailed
     return builder.element(node, spatial[0].name, index)
 

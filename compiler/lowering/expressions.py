@@ -280,7 +280,5 @@ def _lower_list(
                 )
             )
             raise LoweringFailed
-    if not nodes:
-        raise AssertionError("the parser admits no empty list")
     parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in nodes]
     return parts[0] if len(parts) == 1 else builder.concat(parts, UNNAMED)

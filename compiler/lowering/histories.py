@@ -56,6 +56,8 @@ class Histories:
         self._known = known
         self._lengths: dict[str, int] = {}
         self._places: dict[str, Span] = {}
+        self._refused: set[str] = set()
+        """What is a window itself, as is reported: there is no more to say about its past."""
 
     def read(
         self, name: str, entry: State | Equation | Output, span: Span, environment: Environment
@@ -114,6 +116,7 @@ class Histories:
                 axes = self._known.get(name, Remembered(0)).axes
             if any(axis.name == WINDOW for axis in axes):
                 self._model.findings.report(errors.window_of_window(self._places[name]))
+                self._refused.add(name)
                 axes = ()
             found[name] = Remembered(length, axes)
         return found
@@ -123,6 +126,8 @@ class Histories:
         builder = self._model.builder(_STEP)
         made: list[ProgramState] = []
         for name, remembered in self._known.items():
+            if name in self._refused:
+                continue
             entry = self._entry(name)
             try:
                 now = self._now(name, entry, self._places[name])

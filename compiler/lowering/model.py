@@ -179,7 +179,7 @@ class Model:
         if builtin is not None and not is_declared:
             return lower_builtin(self, name, builtin, call, environment)
         if name in LOSS_FUNCTIONS and not is_declared:
-            repair = "a loss is one of them alone; write two losses with `weight:`"
+            repair = "it belongs in `losses:`"
             self.findings.report(names.misplaced(name, "an expression", function.span, repair))
             raise LoweringFailed
         declared = self.declared(name, function.span) if is_declared else None

@@ -39,6 +39,11 @@ def incomplete_expression(span: Span) -> Diagnostic:
     return _error("E0347", message, span, "something is missing after this")
 
 
+def empty_list(span: Span) -> Diagnostic:
+    """E0348: a list without elements."""
+    return _error("E0348", "a list has at least one element", span, "holds nothing")
+
+
 def too_long(length: int, longest: int, span: Span) -> Diagnostic:
     """E0324: an expression above the cap of characters."""
     message = f"the expression has {length} characters, more than {longest}"

@@ -136,6 +136,17 @@ def recursive_function(name: str, span: Span) -> Diagnostic:
     )
 
 
+def circular_constant(circle: tuple[str, ...], span: Span) -> Diagnostic:
+    """E0315: a constant whose value needs itself."""
+    return Diagnostic(
+        "E0315",
+        "error",
+        f"the constant `{circle[0]}` needs its own value",
+        span,
+        " → ".join(circle),
+    )
+
+
 def unused_entry(name: str, kind: str, span: Span) -> Diagnostic:
     """W0301: something declared that nothing uses."""
     return Diagnostic(

@@ -71,10 +71,22 @@ def unknown_dimension(name: str, span: Span) -> Diagnostic:
     )
 
 
+def no_such_element(element: str, axes: str, among: str, span: Span) -> Diagnostic:
+    """E0408: an element that no axis of the value has."""
+    return Diagnostic(
+        "E0408",
+        "error",
+        f"`part` finds no element `{element}` in a value that is {axes}",
+        span,
+        "no such element",
+        help=among,
+    )
+
+
 def no_such_axis(function: str, axis: str, axes: str, span: Span) -> Diagnostic:
     """E0406: an axis that the value does not have."""
     return Diagnostic(
-        "E0406", "error", f"`{function}` over `{axis}`: the value has {axes}", span, "no such axis"
+        "E0406", "error", f"`{function}` over `{axis}`: the value is {axes}", span, "no such axis"
     )
 
 

@@ -103,7 +103,7 @@ def test_r3_value(expression: str, expected: Array) -> None:
         ("concat(q, s)", "E0402"),
         ("[q, 1]", "E0402"),
         ("sum(q, over=ch)", "E0406"),
-        ("part(q, 3)", "E0406"),
+        ("part(q, 3)", "E0408"),
         ("softmax(s)", "E0402"),
         ("softmax(q, over=ch)", "E0406"),
         ("outer(q, q)", "E0402"),

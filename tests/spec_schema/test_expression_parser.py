@@ -160,7 +160,7 @@ def _larger(inner: st.SearchStrategy[Expression]) -> st.SearchStrategy[Expressio
         | st.builds(Window, inner, _TIMES, st.none() | _TIMES, here)
         | st.builds(Past, inner, _LENGTHS, here)
         | st.builds(Future, inner, _LENGTHS, here)
-        | st.builds(ListLiteral, several, here)
+        | st.builds(ListLiteral, several.filter(len), here)
     )
 
 

@@ -1,0 +1,1 @@
+"""Mutated specs: no mistake of a user may ever show a traceback."""
