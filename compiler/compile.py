@@ -242,11 +242,16 @@ def _report_log_reads(model: Model, outputs: list[Output], table: list[State]) -
     _, deployed = needed_over_time(graph, following, [output.node for output in outputs])
     results = [(output.name, output.node, output.span) for output in outputs]
     results += [(s.name, s.next, s.span) for s in table if s.name in deployed]
+    of_log = [index for index, node in graph if isinstance(node.op, ReadLog)]
+    kept = needed(graph, [node for _, node, _ in results])
+    if not any(kept[index] for index in of_log):
+        return  # nearly always: who reads the log is looked for only where somebody does
     reported: set[int] = set()
     for name, node, span in results:
-        for index, is_needed in enumerate(needed(graph, (node,))):
+        kept = needed(graph, (node,))
+        for index in of_log:
             op = graph[index].op
-            if is_needed and isinstance(op, ReadLog) and index not in reported:
+            if kept[index] and isinstance(op, ReadLog) and index not in reported:
                 place = graph[index].span or span
                 assert place is not None
                 reported.add(index)
