@@ -98,8 +98,8 @@ def _compiled(
     if any(d.severity == "error" for d in diagnostics):
         raise SpecError(diagnostics)
     # What failed without a diagnostic would silently be missing.
-    assert len(lowered.outputs) == len(spec.outputs), "an output was lost"
-    assert {state.name for state in lowered.states} >= spec.states.keys(), "a state was lost"
+    assert len(lowered.outputs) == len(linked.spec.outputs), "an output was lost"
+    assert {state.name for state in lowered.states} >= linked.spec.states.keys(), "a state was lost"
     program = Program(
         name=spec.name.value,
         sample_time=model.sampling.sample_time,

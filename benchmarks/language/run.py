@@ -31,13 +31,13 @@ def main() -> None:
     for path in sorted(DRAFTS.glob("*.msnn.yaml")):
         name = path.name.removesuffix(".msnn.yaml")
         print(f"| `msnn check` of {name}, a new process | {_command(path):.2f} s |", flush=True)
-        print(f"| {name} again in one process | {_milliseconds(lambda: load_model(path), 20)} |")
-    print(f"| {EQUATIONS} equations | {_milliseconds(lambda: _compiled(_equations()))} |")
-    print(
-        f"| {EQUATIONS} equations, each needs the next | {_milliseconds(lambda: _compiled(_chain()))} |"
-    )
-    grid = f"{CELLS}×{CELLS} local models"
-    print(f"| {grid} | {_milliseconds(lambda: _compiled(_grid()))} |")
+        print(f"| {name} again in one process | {_milliseconds(partial(load_model, path), 20)} |")
+    for what, text in (
+        (f"{EQUATIONS} equations", _equations()),
+        (f"{EQUATIONS} equations, each needs the next", _chain()),
+        (f"{CELLS}×{CELLS} local models", _grid()),
+    ):
+        print(f"| {what} | {_milliseconds(partial(_compiled, text))} |", flush=True)
 
 
 def _milliseconds(work: Callable[[], object], times: int = 3) -> str:
@@ -89,8 +89,8 @@ def _grid() -> str:
         f"{_HEAD}dims: {{a: {CELLS}, b: {CELLS}}}\nlayers:\n"
         f"  phi: {{fuzzify: {{centers: {{linspace: [0, 1, {CELLS}]}}, dim: a}}}}\n"
         f"  psi: {{fuzzify: {{centers: {{linspace: [0, 1, {CELLS}]}}, dim: b}}}}\n"
-        "  local: {local_model: {by: [phi, psi], cell: {fir: {window: 5}}}}\n"
-        "outputs: {y: 'local(u.past(5), u.past(5), v.past(5))'}\n"
+        "  local: {local_model: {by: [phi(u), psi(v)], cell: {fir: {window: 5}}}}\n"
+        "outputs: {y: local(u)}\n"
     )
 
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from msnn.model_file import load_model
+from msnn.workflow_checks import checked_model
 
 DRAFTS = sorted((Path(__file__).parent / "drafts").glob("*.msnn.yaml"))
 
 
 @pytest.mark.parametrize("path", DRAFTS, ids=lambda path: path.name.removesuffix(".msnn.yaml"))
 def test_draft_checks_clean(path: Path) -> None:
-    assert load_model(path, strict_units=True).warnings == ()
+    assert checked_model(path, strict_units=True).warnings == ()

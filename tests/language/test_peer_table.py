@@ -140,14 +140,13 @@ dims: {a: 2, b: 3}
 layers:
   phi: {fuzzify: {centers: [-6, 10], dim: a}}
   psi: {fuzzify: {centers: [0, 2, 4], dim: b}}
-  local: {local_model: {by: [phi, psi], cell: {linear: {bias: false}}}}
+  local: {local_model: {by: [phi(x), psi(z)], cell: {linear: {bias: false}}}}
 parameters: {W: {dims: [a, b], init: 1}}
 """
     w = np.arange(6.0).reshape(2, 3) + 1
     share = (X[T] + 6) / 16
     fuzzy = np.outer([1 - share, share], [0, 0.5, 0.5])  # z = 3
-    text = "sum(W * phi(x) * psi(z) * x)"
-    closely(value(text, head, W=w), np.sum(w * fuzzy) * X[T])
+    closely(value("local(x)", head, local__weight=w[..., None]), np.sum(w * fuzzy) * X[T])
     found = value("phi(x) @ (psi(z) @ (W * x))", head, W=w)
     closely(found, np.sum(w * fuzzy) * X[T])
 
