@@ -64,9 +64,9 @@ def answer(text: str) -> None:
 def _check(path: Path, text: str) -> None:
     found = read_spec(path, text)
     try:
-        program = compile_spec(found.spec).program
+        program = compile_spec(found.spec, used=found.used).program
     except SpecError as error:
-        raise SpecError(error.diagnostics, (found.source,)) from None
+        raise SpecError(error.diagnostics, found.sources) from None
     mermaid_text(found.spec)
     latex_text(found.spec)
     yaml_text(spec_data(found.spec))
