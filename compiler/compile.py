@@ -31,6 +31,7 @@ from compiler.program import (
     State,
 )
 from compiler.verifier import verify
+from spec_schema import signals
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import names
 from spec_schema.errors import time as times
@@ -71,24 +72,21 @@ def compile_spec(
     Raises SpecError with every mistake found; with `strict_units` units that do not fit are errors.
     Another `draw` has other initial values where they are drawn.
     """
+    problems = Findings()
     try:
-        return _compiled(spec, used or {}, weights or {}, strict_units, spec_hash, draw)
+        linked = link(spec, used or {}, weights or {}, problems)
+        problems.raise_errors()
+        return compile_linked(linked, strict_units=strict_units, spec_hash=spec_hash, draw=draw)
     except SpecError as error:
         raise SpecError(in_own_files(error.diagnostics, spec, used or {})) from None
 
 
-def _compiled(
-    spec: Spec,
-    used: Mapping[str, ReadResult],
-    weights: WeightsByPart,
-    strict_units: bool,
-    spec_hash: str,
-    draw: int,
+def compile_linked(
+    linked: Linked, *, strict_units: bool = False, spec_hash: str = "", draw: int = 0
 ) -> Compiled:
-    problems = Findings()
-    linked = link(spec, used, weights, problems)
-    problems.raise_errors()
-    with room_for(len(linked.spec.equations) + len(linked.spec.outputs)):
+    """The program of a spec in which everything has its full name; otherwise as `compile_spec`."""
+    spec = linked.spec
+    with room_for(len(spec.equations) + len(spec.outputs)):
         lowered = _lowered(linked, draw)
     model, findings = lowered.model, lowered.model.findings
     diagnostics = tuple(
@@ -110,13 +108,13 @@ def _compiled(
         start=model.builder(_START).graph(),
         outputs=tuple(lowered.outputs),
         losses=tuple(lowered.losses),
-        dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in linked.spec.dims.items()),
+        dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in spec.dims.items()),
         doc=spec.doc or "",
         spec_hash=spec_hash,
     )
     verify(program)
     program = run_passes(program)
-    return Compiled(program, linked.spec, (*diagnostics, *never_finite(program)))
+    return Compiled(program, spec, (*diagnostics, *never_finite(program)))
 
 
 def in_own_files(
@@ -187,17 +185,26 @@ def _lowered_once(linked: Linked, known: Known, draw: int) -> _Lowered:
 
 def _outputs(model: Model) -> list[Output]:
     found: list[Output] = []
-    for name, entry in model.spec.outputs.items():
+    for name, entry in {**model.spec.outputs, **_exported_equations(model.spec)}.items():
+        predicts = None
+        model.used.add(name)  # an equation too, by the export that names it
         try:
             node = model.entries.value(name, entry, _STEP, entry.place.key)
-            predicts = prediction_of(model, name, entry)
+            if isinstance(entry, signals.Output):
+                predicts = prediction_of(model, name, entry)
+                if predicts is not None:
+                    node = as_predicted(model, name, entry, node, predicts)
         except LoweringFailed:
             continue
-        if predicts is not None:
-            node = as_predicted(model, name, entry, node, predicts)
         needs = needed_submodels(model.spec, Name(name, entry.place.key))
         found.append(Output(name, node, predicts, entry.doc or "", entry.place.key, needs))
     return found
+
+
+def _exported_equations(spec: Spec) -> dict[str, signals.Equation]:
+    """The equations that an export names among its outputs, in the order of the spec."""
+    names = spec.export.named_outputs if spec.export is not None else frozenset[str]()
+    return {name: entry for name, entry in spec.equations.items() if name in names}
 
 
 def _states(model: Model) -> list[State]:

@@ -83,6 +83,7 @@ def train(
         resume=resume,
         tensorboard=tensorboard,
         spec_text=model.text,
+        parts=model.parts,
         redrawn=lambda draw: redrawn_weights(model, draw),
     )
     dataset = _measured(model, data, data_root, "training")

@@ -136,7 +136,7 @@ def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | 
         program = _closed(program, entry, findings)
     if program is None:
         return None
-    outputs = _outputs(program, entry, findings)
+    outputs = _outputs(model, entry, findings)
     step = to_step_form(prune_outputs(program, outputs))
     c = entry if isinstance(entry, CExport) else None
     if target == "c":
@@ -159,10 +159,11 @@ def loop_fault(error: LoopError, place: Span | None) -> Diagnostic:
     return not_closable(error.signal, place or error.span, f"{error.kind.value}{through}")
 
 
-def _outputs(program: Program, entry: _TargetEntry | None, findings: Findings) -> list[str]:
-    known = [output.name for output in program.outputs]
+def _outputs(model: Model, entry: _TargetEntry | None, findings: Findings) -> list[str]:
+    """The names of what a target computes; equations only where its entry names them."""
+    known = [output.name for output in model.program.outputs]
     if entry is None or entry.outputs is None:
-        return known
+        return [name for name in known if name in model.spec.outputs]
     unknown = [name for name in entry.outputs if name.value not in known]
     findings.report(*(workflow.unknown_output(n.value, n.span, known) for n in unknown))
     return [name.value for name in entry.outputs if name.value in known]

@@ -19,6 +19,14 @@ class Part:
     text: str
     weights: str
 
+    def record(self) -> dict[str, str]:
+        """What a run was made of, as data."""
+        return {
+            "path": self.path,
+            "spec_sha256": _sha256(self.text),
+            "weights_sha256": self.weights,
+        }
+
 
 def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[Part, ...]:
     """Every sub-model of a spec; `digests` are those of weights by full name."""

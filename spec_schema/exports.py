@@ -64,3 +64,10 @@ class Export(Entry):
     onnx: OnnxExport | None = None
     casadi: CasadiExport | None = None
     c: CExport | None = None
+
+    @property
+    def named_outputs(self) -> frozenset[str]:
+        """All that the `outputs:` of any target name."""
+        targets = (self.torch, self.onnx, self.casadi, self.c)
+        wanted = (target.outputs or () for target in targets if target is not None)
+        return frozenset(name.value for names in wanted for name in names)

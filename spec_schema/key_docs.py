@@ -236,7 +236,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "min": "Limit that the metric must reach.",
     },
     "Target": {
-        "outputs": "Outputs that are kept; all by default.",
+        "outputs": "Outputs that are kept, or equations; by default all outputs.",
         "close": "Inputs that are fed back inside; none by default.",
         "dtype": "Type of the numbers.",
     },

@@ -9,6 +9,7 @@ from typing import Any
 from compiler.linking.connected import Connected
 from compiler.linking.renaming import Renaming
 from compiler.scalar_functions import Array
+from spec_schema.data_section import Data
 from spec_schema.diagnostics import Findings
 from spec_schema.dimensions import Dimension
 from spec_schema.entry import Entry
@@ -75,7 +76,7 @@ _Dims = Mapping[str, tuple[str, Dimension]]
 class _Part:
     """The sections of a spec and its sub-models, and full names by the names that it uses."""
 
-    sections: dict[str, dict[str, Any]]
+    sections: dict[str, Any]
     names: Mapping[str, str]
 
 
@@ -112,7 +113,7 @@ class _Linking:
             (renaming.name(name), renaming.entry(connection), owner)
             for name, connection in spec.connect.items()
         ]
-        sections = {
+        sections: dict[str, Any] = {
             section: {
                 prefix + name: renaming.entry(_opened(entry) if prefix else entry)
                 for name, entry in getattr(spec, section).items()
@@ -124,6 +125,8 @@ class _Linking:
                 sections[section] |= entries
         if not prefix:
             sections["losses"] = {name: renaming.entry(e) for name, e in spec.losses.items()}
+            if spec.data is not None:
+                sections["data"] = _with_full_names(spec.data, renaming)
         return _Part(sections, names)
 
     def connect(self, sections: dict[str, dict[str, Any]]) -> None:
@@ -187,6 +190,15 @@ def _opened(entry: Entry) -> Entry:
     """An output as others use it: what it predicted where it was trained stays behind."""
     is_output = isinstance(entry, Output)
     return entry.model_copy(update={"predicts": None}) if is_output else entry
+
+
+def _with_full_names(data: Data, renaming: Renaming) -> Data:
+    """The data section; of all that stands there only filters are of names of the spec."""
+    sources = {
+        name: source.model_copy(update={"filter": renaming.entry(source.filter)})
+        for name, source in data.source.items()
+    }
+    return data.model_copy(update={"source": sources, "filter": renaming.entry(data.filter)})
 
 
 def _is_same(outer: Dimension, inner: Dimension) -> bool:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compiler.compile import compile_spec
+from compiler.compile import compile_linked
 from compiler.interpreter import Interpreter
+from compiler.linking.link import Linked
 from compiler.program import Program, Signal
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.reads import reads
@@ -19,6 +20,7 @@ from spec_schema.expression import Call, Compare, Expression, Name, Number
 from spec_schema.signals import Loss
 from spec_schema.source import Span
 from spec_schema.spec import Spec
+from spec_schema.submodels import Freeze
 
 _NAME = "filter"
 _AT_ONCE = 1 << 16
@@ -52,7 +54,8 @@ class RowFilter:
 def row_filters(spec: Spec) -> dict[str, RowFilter]:
     """The filter of every source of data that has one, or that has the default one.
 
-    Raises SpecError with everything that is wrong with them.
+    The spec has the entries of sub-models under their full names. Raises SpecError with everything
+    that is wrong with the filters.
     """
     data = spec.data
     if data is None:
@@ -82,6 +85,7 @@ def _compiled(
         name=spec.name,
         sample_time=spec.sample_time,
         dims=spec.dims,
+        use={name: use.model_copy(update={"freeze": Freeze()}) for name, use in spec.use.items()},
         inputs=spec.inputs,
         targets=spec.targets,
         constants=spec.constants,
@@ -91,7 +95,7 @@ def _compiled(
         place=spec.place,
     )
     try:
-        program = compile_spec(alone).program
+        program = compile_linked(Linked(alone, {})).program
     except SpecError as error:
         findings.report(*error.diagnostics)
         return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any, cast
 from backends.atomic_write import write_text
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
+from msnn.spec_hash import Part
 from msnn.weights_file import write_weights
 
 LATEST = "latest"
@@ -57,11 +58,15 @@ class RunFolder:
         with (self.path / METRICS).open("a", encoding="utf-8") as file:
             file.write(json.dumps(_finite(record), ensure_ascii=False) + "\n")
 
-    def write_description(self, record: Mapping[str, Any], spec_text: str | None) -> None:
-        """Writes `run.json` (resolved stages, data) and the spec as it was."""
+    def write_description(
+        self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[Part] = ()
+    ) -> None:
+        """Writes `run.json` (resolved stages, data), the spec and its sub-models as they were."""
         write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
         if spec_text is not None:
             write_text(self.path / "spec.msnn.yaml", spec_text)
+        for part in parts:
+            write_text(self.path / "parts" / f"{part.name}.msnn.yaml", part.text)
 
     def description(self) -> dict[str, Any]:
         """What `write_description` has written; empty where it cannot be read."""

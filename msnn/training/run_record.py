@@ -13,6 +13,7 @@ import numpy as np
 
 from compiler.program import Program
 from msnn.data.dataset import Dataset
+from msnn.spec_hash import Part
 from msnn.training.stage_plan import StagePlan
 from spec_schema.version import __version__
 
@@ -22,12 +23,15 @@ _SAME_BITS = frozenset({"threads"})
 """Keys of a stage that change no result."""
 
 
-def run_record(program: Program, plans: Sequence[StagePlan], data: Dataset) -> dict[str, Any]:
+def run_record(
+    program: Program, plans: Sequence[StagePlan], data: Dataset, parts: Sequence[Part] = ()
+) -> dict[str, Any]:
     """The resolved stages, hashes of the spec and of the data as read, and versions."""
     return {
         "format": _FORMAT,
         "program": program.name,
         "spec_sha256": program.spec_hash,
+        "parts": {part.name: part.record() for part in parts},
         "versions": {
             "msnn": __version__,
             "python": platform.python_version(),
@@ -47,7 +51,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     found: list[str] = []
     now = json.loads(json.dumps(now))  # lists, not tuples: as it is read back
     if before.get("spec_sha256") != now["spec_sha256"]:
-        found.append("the spec has changed")
+        found += _changed_parts(before, now) or ["the spec has changed"]
     stages = (_leaves(each.get("stages"), "train") for each in (before, now))
     old, new = (dict(leaves) for leaves in stages)
     for path in dict.fromkeys((*old, *new)):
@@ -57,6 +61,15 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     if len(set(hashes)) > 1:
         found.append("the data have changed")
     return found
+
+
+def _changed_parts(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Which sub-models are others, in their texts or weights."""
+    old, new = (dict(_leaves(each.get("parts", {}), "")) for each in (before, now))
+    changed = [path for path in dict.fromkeys((*old, *new)) if old.get(path) != new.get(path)]
+    what = {"spec_sha256": "the spec", "weights_sha256": "the weights"}
+    leaves = (path[1:].rpartition(".") for path in changed)
+    return [f"{what[key]} of `{part}` changed" for part, _, key in leaves if key in what]
 
 
 def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:

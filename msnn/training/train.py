@@ -12,6 +12,7 @@ import numpy as np
 
 from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray
+from msnn.spec_hash import Part
 from msnn.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from msnn.training.divergence import explain_divergence
 from msnn.training.engine import Engine, NonFiniteLossError
@@ -44,6 +45,8 @@ class TrainingOptions:
     """The text of the spec, to be kept beside the weights."""
     tensorboard: bool = False
     """Curves for TensorBoard beside the weights."""
+    parts: tuple[Part, ...] = ()
+    """Its sub-models, to be kept with it."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
     """Other initial values, by number, for the further runs of a stage with `starts:`."""
 
@@ -104,7 +107,7 @@ def train(
         progress.warned(warning)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
     first = dict(weights or with_statistics(program, data, initial_weights(program)))
-    folder, checkpoint = _folder(program, options, run_record(program, plans, data))
+    folder, checkpoint = _folder(program, options, run_record(program, plans, data, options.parts))
     curves = Curves(folder.path) if folder is not None and options.tensorboard else None
     run = _Run(program, data, ready, folder, curves, progress, findings.in_order, options.redrawn)
     try:
@@ -267,7 +270,7 @@ def _folder(
         return None, None
     if not options.resume:
         folder = new_run_folder(program, options.runs)
-        folder.write_description(record, options.spec_text)
+        folder.write_description(record, options.spec_text, options.parts)
         return folder, None
     folder = interrupted_run(program, options.runs)
     if folder is None:

@@ -54,6 +54,10 @@ def missing_columns(
     if numbers:
         label = "numbers, not names of columns"
         repair = "add a header, or write `csv: {header: false}` and name columns by index, from 0"
+    elif repair is None and (member := next((n for n in missing if "." in n), None)) is not None:
+        own = member.rpartition(".")[2]
+        repair = f"name its column: `columns: {{{member}: {own if own in columns else 'NAME'}}}`"
+        repair += " under `data:`, or feed it by `connect:`"
     notes = (f"columns: {_listed(columns)}",)
     return Diagnostic("E0804", "error", message, place, label, notes=notes, help=repair)
 

@@ -8,14 +8,14 @@ from spec_schema.suggest import nearest
 
 
 def unknown_output(name: str, span: Span, outputs: Sequence[str]) -> Diagnostic:
-    """E0950: an export of an output that the model does not have."""
+    """E0950: an export of what is neither an output of the model nor an equation."""
     meant = nearest(name, outputs)
     return Diagnostic(
         "E0950",
         "error",
         f"unknown output `{name}`",
         span,
-        "not an output",
+        "neither an output nor an equation",
         notes=(f"outputs: {', '.join(outputs)}",),
         help=f"did you mean `{meant}`?" if meant else None,
     )

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import msnn
 from compiler.passes.prune_outputs import prune_outputs
+from msnn.api import read_data
 from msnn.model_file import Model, load_model, with_engine, write_program_file
 from msnn.model_weights import redrawn_weights
+from msnn.training.run_record import differences
+from msnn.workflow_checks import check_workflow
 from spec_schema.diagnostics import SpecError
 from tests.language.submodels import diagnostics, model_of, names, run, write_weights
 
@@ -43,6 +49,67 @@ def controlled(folder: Path, freeze: str = "all") -> Model:
     lines = ["ref,position", *(f"{r},{x}" for r, x in rows)]
     (folder / "data.csv").write_text("\n".join(lines) + "\n")
     return model_of(folder, CONTROLLED.replace("FREEZE", freeze), plant=PLANT)
+
+
+def test_r11_a_run_keeps_the_specs_of_its_parts(tmp_path: Path) -> None:
+    result = msnn.train(controlled(tmp_path), runs=tmp_path / "runs")
+    assert result.folder is not None
+    kept = result.folder / "parts" / "plant.msnn.yaml"
+    assert kept.read_text() == (tmp_path / "plant.yaml").read_text()
+    recorded = json.loads((result.folder / "run.json").read_text())["parts"]["plant"]
+    for key, file in (("spec_sha256", "plant.yaml"), ("weights_sha256", "plant.safetensors")):
+        assert recorded[key] == hashlib.sha256((tmp_path / file).read_bytes()).hexdigest()
+
+
+def test_r11_a_resumed_run_says_which_part_has_changed() -> None:
+    def record(spec: str, weights: str) -> dict[str, Any]:
+        part = {"path": "plant.yaml", "spec_sha256": spec, "weights_sha256": weights}
+        return {"spec_sha256": spec + weights, "stages": [], "parts": {"a.plant": part}}
+
+    before = record("1", "2")
+    assert differences(before, record("1", "2")) == []
+    assert differences(before, record("1", "3")) == ["the weights of `a.plant` changed"]
+    assert differences(before, record("3", "2")) == ["the spec of `a.plant` changed"]
+    assert differences(before, before | {"spec_sha256": "4"}) == ["the spec has changed"]
+
+
+def test_r11_a_filter_may_read_an_input_of_a_part(tmp_path: Path) -> None:
+    text = """
+        use: {plant: {spec: plant.yaml, freeze: [a]}}
+        inputs: {u: 1}
+        constants: {least: 2}
+        connect: {plant.u: u}
+        outputs: {y: plant.x_next}
+        losses: {fit: "mse(y, plant.x.meas[t+1])"}
+        data: {source: {train: data.csv}, columns: {plant.x: x}, filter: "FILTER"}
+        """
+    (tmp_path / "data.csv").write_text("x,u\n1,1\n3,1\n4,1\n5,-1\n")
+    plant = PLANT.replace("V", "'1'")
+    for condition, kept in (("plant.x > least", [[1, 4]]), ("u * plant.x > 0", [[0, 3]])):
+        model = model_of(tmp_path, text.replace("FILTER", condition), plant=plant)
+        data = read_data(model, None, "training")
+        assert data.episodes("train").tolist() == kept
+    for condition, code in (("plant.y > 0", "E0739"), ("y > 0", "E0301"), ("plant.u > 0", "E0301")):
+        model = model_of(tmp_path, text.replace("FILTER", condition), plant=plant)
+        assert [d.code for d in check_workflow(model)] == [code]
+
+
+def test_r11_a_missing_column_of_a_part_says_how_to_name_it(tmp_path: Path) -> None:
+    text = """
+        use: {plant: {spec: plant.yaml}}
+        inputs: {u: V}
+        connect: {plant.u: u}
+        outputs: {y: {expr: plant.x_next, predicts: "plant.x[t+1]"}}
+        data: {source: {train: data.csv}}
+        """
+    (tmp_path / "data.csv").write_text("x,u\n1,1\n3,1\n")
+    model = model_of(tmp_path, text, plant=PLANT)
+    with pytest.raises(SpecError) as caught:
+        read_data(model, None, "training")
+    (found,) = caught.value.diagnostics
+    assert found.code == "E0804"
+    assert found.help is not None
+    assert "`columns: {plant.x: x}` under `data:`" in found.help
 
 
 @pytest.mark.parametrize("freeze", ["all", "none"])
@@ -136,6 +203,30 @@ def test_r13_a_state_that_a_pruned_part_moves_is_a_port(tmp_path: Path) -> None:
     measured = np.array([1.0, 3.0, -2.0])
     found = run(pruned, {"r": np.zeros(3), "x": measured}, steps=3, output="u")
     np.testing.assert_allclose(found, [-0.1, -0.3 - 0.1, 0.2 - 0.4], rtol=1e-15)
+
+
+def test_r13_an_equation_that_an_export_names_is_an_output_of_it(tmp_path: Path) -> None:
+    from msnn.exporting import plan_exports
+    from spec_schema.diagnostics import Findings
+
+    text = """
+        use: {part: {spec: part.yaml}}
+        inputs: {u: V}
+        equations: {half: u / 2, past: 3 * u.past(2), nothing: u + half}
+        connect: {part.u: half}
+        outputs: {y: u}
+        export: {onnx: {outputs: [y, half, past, part.square]}, c: {}, casadi: {outputs: [y]}}
+        """
+    part = "inputs: {u: V}\nequations: {square: u * u}\noutputs: {y: square * 2}\n"
+    model = model_of(tmp_path, text, part=part)
+    assert [d.code for d in model.warnings] == ["W0301"]  # `nothing`
+    plans = plan_exports(model, ("onnx", "c", "casadi"), Findings())
+    found = [names(plan.program)["outputs"] for plan in plans]
+    assert found == [["y", "half", "past", "part.square"], ["y", "part.y"], ["y"]]
+    log = {"u": [1.0, 4.0]}
+    np.testing.assert_array_equal(run(model.program, log, 1, output="half"), [2.0])
+    np.testing.assert_array_equal(run(model.program, log, 1, output="past"), [[3.0, 12.0]])
+    np.testing.assert_array_equal(run(model.program, log, 1, output="part.square"), [4.0])
 
 
 def test_r13_every_target_agrees_on_the_controller_alone(tmp_path: Path) -> None:
