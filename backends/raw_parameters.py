@@ -58,6 +58,41 @@ def raw_value(parameter: Parameter, physical: FloatArray) -> tuple[FloatArray, b
             raise AssertionError("bounds are floats or None")
 
 
+def physical_value(parameter: Parameter, raw: FloatArray) -> FloatArray:
+    """The physical value of a raw variable."""
+    match parameter.minimum, parameter.maximum:
+        case None, None:
+            return raw * parameter.scale
+        case float(low), None:
+            return low + parameter.scale * np.logaddexp(raw, 0.0)
+        case None, float(high):
+            return high - parameter.scale * np.logaddexp(-raw, 0.0)
+        case float(low), float(high):
+            return low + (high - low) * _sigmoid(raw)
+        case _:
+            raise AssertionError("bounds are floats or None")
+
+
+def physical_slope(parameter: Parameter, raw: FloatArray) -> FloatArray:
+    """∂ physical value/∂ raw variable."""
+    match parameter.minimum, parameter.maximum:
+        case None, None:
+            return np.full_like(raw, parameter.scale)
+        case float(), None:
+            return parameter.scale * _sigmoid(raw)
+        case None, float():
+            return parameter.scale * _sigmoid(-raw)
+        case float(low), float(high):
+            return (high - low) * _sigmoid(raw) * _sigmoid(-raw)
+        case _:
+            raise AssertionError("bounds are floats or None")
+
+
+def _sigmoid(raw: FloatArray) -> FloatArray:
+    small = np.exp(-np.abs(raw))
+    return np.where(raw >= 0.0, 1.0, small) / (1.0 + small)
+
+
 def _inside(parameter: Parameter, physical: FloatArray) -> FloatArray:
     low, high = parameter.minimum, parameter.maximum
     span = high - low if low is not None and high is not None else abs(parameter.scale)

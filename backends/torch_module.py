@@ -115,7 +115,10 @@ class TorchModel(nn.Module):
 
     def frame(self) -> Frame:
         """What all steps of one batch share; make a new one after each change of parameters."""
-        physical = self.physical()
+        return self.frame_of(self.physical())
+
+    def frame_of(self, physical: dict[str, Tensor]) -> Frame:
+        """The frame of physical values that are not those of the module."""
         return Frame(physical, self._step.prepare(physical), self._start.prepare(physical))
 
     def start(self, log: Mapping[str, Tensor], t: Tensor) -> dict[str, Tensor]:

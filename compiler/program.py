@@ -273,3 +273,8 @@ def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
 def parameters_read(graph: Graph) -> frozenset[str]:
     """Names of the parameters that the graph uses."""
     return frozenset(n.op.name for _, n in graph if isinstance(n.op, ReadParameter))
+
+
+def learned_numbers(program: Program) -> int:
+    """How many numbers training can move."""
+    return sum(Type(p.axes).size for p in program.parameters if p.learn)

@@ -66,12 +66,22 @@ def training_step(program: Program) -> TrainingStep:
     """The training graphs of a program in window form, its loops closed."""
     program = guard_untaken(program)
     builder = GraphBuilder(program.step)
-    losses = tuple(_loss_term(builder, loss) for loss in program.losses)
-    newest = {state.name: _newest(program, state) for state in program.states if _is_buffer(state)}
+    losses = loss_terms(builder, program)
+    newest = newest_samples(program)
     forward = replace(program, step=builder.graph())
     return TrainingStep(
         forward, losses, newest, _reverse_step(forward, losses, newest), _reverse_start(forward)
     )
+
+
+def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
+    """What one step adds to every loss; `builder` has the nodes of the program's step."""
+    return tuple(_loss_term(builder, loss) for loss in program.losses)
+
+
+def newest_samples(program: Program) -> dict[str, NodeId]:
+    """The newest sample of every buffer state, a node of the step."""
+    return {state.name: _newest(program, state) for state in program.states if _is_buffer(state)}
 
 
 def _is_buffer(state: State) -> bool:

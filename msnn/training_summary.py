@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from compiler.program import Parameter, Program
 from msnn.data.dataset import FloatArray
 from msnn.tables import table_text
+from msnn.training.parameters_record import parameters_record
 from msnn.training.progress import EpochEnd, Progress, StageEnd, StageStart
+from msnn.training.standard_errors import StandardErrors
+from msnn.training.standard_errors import at_bound as is_at_bound
 from spec_schema.diagnostics import Diagnostic
+from spec_schema.errors.second_order import not_identifiable
 from spec_schema.errors.training import at_bound
 
-_AT_BOUND = 1e-3
-"""Part of the range within which a value counts as at its bound."""
 _MOST_SHOWN = 8
 
 
@@ -59,32 +63,57 @@ def stages_table(recorded: Recorded) -> str:
     return table_text(header, rows, numbers=range(1, len(header) - 1))
 
 
-def parameters_table(program: Program, weights: Mapping[str, FloatArray]) -> str:
-    """One row a parameter: where it began, what it is now, both in its unit."""
+def parameters_table(
+    program: Program, weights: Mapping[str, FloatArray], found: StandardErrors | None = None
+) -> str:
+    """One row a parameter: where it began, what it is now, how sure that is, all in its unit."""
+    errors: Mapping[str, FloatArray] = {} if found is None else found.errors
     rows = [
         (
             parameter.name,
             "" if parameter.unit is None else parameter.unit.text,
             _values(parameter.initial),
             _values(weights[parameter.name].ravel().tolist()),
-            _remark(parameter, weights[parameter.name]),
+            _errors(errors.get(parameter.name)),
+            _remark(parameter, weights[parameter.name], errors.get(parameter.name)),
         )
         for parameter in program.parameters
     ]
-    return table_text(("parameter", "unit", "initial", "learned", "remark"), rows)
+    header = ("parameter", "unit", "initial", "learned", "std. error", "remark")
+    return table_text(header, rows)
 
 
-def bound_warnings(program: Program, weights: Mapping[str, FloatArray]) -> list[Diagnostic]:
-    """A warning for every learned parameter that ended at a bound."""
-    return [
+def errors_note(found: StandardErrors) -> str:
+    """What the standard errors rest on, or why there are none."""
+    if found.reason is not None:
+        return f"no standard errors: {found.reason}"
+    noise = ", ".join(f"{name} {sigma:.3g}" for name, sigma in found.noise.items())
+    return (
+        f"standard errors from {found.residuals} residuals taken as white (σ: {noise}); "
+        "correlated residuals make the true ones larger"
+    )
+
+
+def parameter_warnings(
+    program: Program, weights: Mapping[str, FloatArray], found: StandardErrors | None
+) -> list[Diagnostic]:
+    """A warning for every learned parameter at a bound, and for what the data do not determine."""
+    warnings = [
         at_bound(parameter.name, parameter.span)
         for parameter in program.parameters
-        if parameter.learn and _at_bound(parameter, weights[parameter.name])
+        if parameter.learn and is_at_bound(parameter, weights[parameter.name]).any()
     ]
+    for change in () if found is None else found.unidentified:
+        first = program.parameter(next(iter(change)).partition("[")[0])
+        warnings.append(not_identifiable(change, first.span))
+    return warnings
 
 
 def training_record(
-    program: Program, weights: Mapping[str, FloatArray], recorded: Recorded
+    program: Program,
+    weights: Mapping[str, FloatArray],
+    recorded: Recorded,
+    found: StandardErrors | None = None,
 ) -> dict[str, Any]:
     """The same as JSON values."""
     return {
@@ -102,15 +131,7 @@ def training_record(
             }
             for end, found in recorded.stages
         ],
-        "parameters": [
-            {
-                "name": parameter.name,
-                "unit": parameter.unit and parameter.unit.text,
-                "shape": [axis.size for axis in parameter.axes],
-                "values": weights[parameter.name].ravel().tolist(),
-            }
-            for parameter in program.parameters
-        ],
+        **parameters_record(program, weights, found),
     }
 
 
@@ -120,15 +141,16 @@ def _values(values: tuple[float, ...] | list[float]) -> str:
     return ", ".join(f"{value:.6g}" for value in values)
 
 
-def _remark(parameter: Parameter, value: FloatArray) -> str:
+def _errors(errors: FloatArray | None) -> str:
+    if errors is None or errors.size > _MOST_SHOWN or np.isnan(errors).all():
+        return ""
+    return ", ".join("–" if np.isnan(e) else f"{e:.2g}" for e in errors.ravel().tolist())
+
+
+def _remark(parameter: Parameter, value: FloatArray, errors: FloatArray | None) -> str:
     if not parameter.learn:
         return "fixed"
-    return "at its bound" if _at_bound(parameter, value) else ""
-
-
-def _at_bound(parameter: Parameter, value: FloatArray) -> bool:
-    low, high = parameter.minimum, parameter.maximum
-    span = high - low if low is not None and high is not None else abs(parameter.scale)
-    near_low = low is not None and bool((value - low < _AT_BOUND * span).any())
-    near_high = high is not None and bool((high - value < _AT_BOUND * span).any())
-    return near_low or near_high
+    held = is_at_bound(parameter, value)
+    if held.any():
+        return "at its bound"
+    return "" if errors is None or not np.isnan(errors).any() else "not identifiable"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.interpreter import Interpreter
-from compiler.program import Extent, Program
+from compiler.program import Extent, Program, learned_numbers
 from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.data.scored import rows_in_set, scored_rows
 from msnn.data.starts import Runs
@@ -106,7 +106,7 @@ def _measured(
         rows = f"{count} values"
     else:
         prediction, target, targets = _predictions(plan, judge, name, runs, data)
-        scores = score(plan.metric, prediction, target)
+        scores = score(plan.metric, prediction, target, learned_numbers(plan.rollout.program))
         rows = _rows_text(data, targets)
     horizon = plan.rollout.horizon
     return MetricRow(

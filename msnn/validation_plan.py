@@ -117,7 +117,7 @@ def _metric_unit(metric: Metric, unit: Unit | None) -> Unit | None:
             return unit
         case "fit":
             return PERCENT
-        case "r2" | "fvu":
+        case "r2" | "fvu" | "aic":
             return ONE
 
 

@@ -8,7 +8,7 @@ from spec_schema.plain_fields import Reference, choice
 from spec_schema.quantity_fields import QuantityField
 from spec_schema.training import Rollout
 
-Metric: TypeAlias = Literal["rmse", "mae", "max_abs", "r2", "fit", "fvu"]
+Metric: TypeAlias = Literal["rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic"]
 
 
 class Check(Entry):
@@ -18,7 +18,7 @@ class Check(Entry):
     later: ClassVar[frozenset[str]] = frozenset({"files"})
 
     of: Reference
-    metric: Annotated[Metric, choice("rmse", "mae", "max_abs", "r2", "fit", "fvu")] = "rmse"
+    metric: Annotated[Metric, choice("rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic")] = "rmse"
     target: ExpressionField | None = None
     rollout: Rollout | None = None
     data: Reference | None = None

@@ -72,4 +72,8 @@ TRAINING_DOCS: Mapping[str, Mapping[str, str]] = {
         "history": "Steps from which the curvature is estimated.",
         "iterations": "Steps an epoch.",
     },
+    "LevenbergMarquardt": {
+        "damping": "Of the first step, relative to the curvature in each parameter.",
+        "tolerance": "Relative change of the total at which the stage ends.",
+    },
 }

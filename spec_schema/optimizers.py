@@ -97,21 +97,39 @@ class TorchOptimizer(Entry):
     options: Keyed[_Option] = Field(default_factory=dict[str, Located[OptionValue]])
 
 
+class LevenbergMarquardt(Entry):
+    """Levenberg-Marquardt for sums of squares (Marquardt 1963), in float64.
+
+    Each epoch is one step from all starts. `damping` is that of the first step, relative to the
+    curvature in each parameter; the stage ends once a step changes the total by less than
+    `tolerance` of it.
+    """
+
+    noun: ClassVar[str] = "the levenberg_marquardt optimizer"
+
+    damping: PositiveNumber = 1e-3
+    tolerance: PositiveNumber = 1e-9
+
+
+OptimizerChoice: TypeAlias = Adam | AdamW | Sgd | Lbfgs | TorchOptimizer | LevenbergMarquardt
+
+
 class Optimizer(Variant):
     """The optimiser of a stage."""
 
     noun: ClassVar[str] = "optimizer"
-    later: ClassVar[frozenset[str]] = frozenset({"levenberg_marquardt"})
 
     adam: Adam | None = None
     adamw: AdamW | None = None
     sgd: Sgd | None = None
     lbfgs: Lbfgs | None = None
     torch: TorchOptimizer | None = None
+    levenberg_marquardt: LevenbergMarquardt | None = None
 
     @property
-    def choice(self) -> Adam | AdamW | Sgd | Lbfgs | TorchOptimizer:
+    def choice(self) -> OptimizerChoice:
         """The one that is given."""
-        given = self.adam or self.adamw or self.sgd or self.lbfgs or self.torch
+        first_order = self.adam or self.adamw or self.sgd or self.torch
+        given = first_order or self.lbfgs or self.levenberg_marquardt
         assert given is not None
         return given

@@ -87,7 +87,7 @@ class Kernel:
         scored: Mapping[str, NDArray[np.bool_]] | None = None,
     ) -> Data:
         """The logs as the kernel reads them."""
-        return Data(self, series, skip, scored)
+        return Data(self.source, self.dtype, series, skip, scored)
 
     def _work(self, groups: Groups, largest: int) -> _Work:
         """Memory for a call whose batches have at most so many groups."""
@@ -179,20 +179,19 @@ class Data:
 
     def __init__(
         self,
-        kernel: Kernel,
+        source: KernelSource,
+        dtype: np.dtype[Any],
         series: Mapping[str, FloatArray],
         skip: int,
         scored: Mapping[str, NDArray[np.bool_]] | None,
     ) -> None:
-        self._names = kernel.source.signals
-        self._series = [np.ascontiguousarray(series[name], kernel.dtype) for name in self._names]
+        self._names = source.signals
+        self._series = [np.ascontiguousarray(series[name], dtype) for name in self._names]
         self._scored: list[NDArray[np.uint8]] = []
         self.missing = scored is not None or any(bool(np.isnan(s).any()) for s in self._series)
         table = None
         if scored is not None:
-            self._scored = [
-                np.ascontiguousarray(scored[name], np.uint8) for name in kernel.source.losses
-            ]
+            self._scored = [np.ascontiguousarray(scored[name], np.uint8) for name in source.losses]
             table = pointers(self._scored)
         self._tables = (pointers(self._series), table)
         rows = len(self._series[0]) if self._series else 0

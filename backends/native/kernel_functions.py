@@ -34,12 +34,23 @@ class ModelFunction:
     values: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """Other nodes of the step that it stores, and the array of lanes that it is given for them."""
+
+    array: str = ""
+    places: tuple[tuple[NodeId, Place], ...] = ()
+
+
 class ModelFunctions:
     """Writes the functions of one program."""
 
-    def __init__(self, memory: Memory, functions: FunctionTable) -> None:
+    def __init__(
+        self, memory: Memory, functions: FunctionTable, stored: Stored | None = None
+    ) -> None:
         self._memory = memory
         self._functions = functions
+        self._stored = stored or Stored()
         phases = memory.phases
         self._forward = read_from_rows(memory.program.step, phases.ahead)
         kept = (*phases.ahead, *phases.kept)
@@ -96,6 +107,7 @@ class ModelFunctions:
             (node, array(f"row_{node}", self._forward[node].type.shape))
             for node in memory.phases.kept
         ]
+        results += self._stored.places
         terms = [(term.total, index, "total") for index, term in enumerate(step.losses)]
         terms += [
             (term.count, index, "count")
@@ -115,7 +127,10 @@ class ModelFunctions:
         for name, state in memory.plain.values():
             next_row = f"{name} + (t + 1) * {size_of(state.axes)}"
             passed.append(Passed(Argument("lanes *", f"next_{name}"), next_row))
-        passed += [Passed(Argument("lanes *restrict", name), name) for name in ("total", "count")]
+        arrays = (
+            ("total", "count", self._stored.array) if self._stored.array else ("total", "count")
+        )
+        passed += [Passed(Argument("lanes *restrict", name), name) for name in arrays]
         return self._made(writer, "kernel_step", passed, "One step forward.")
 
     def reverse_step(self) -> ModelFunction:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from compiler.scalar_functions import SCALAR_FUNCTIONS
 from compiler.training_step import TrainingStep
 
 _TEMPLATES = Path(__file__).resolve().parents[2] / "templates" / "native"
-_PREFIX = "msnn"
+PREFIX = "msnn"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class KernelSource:
     losses: tuple[str, ...]
 
 
-class _LaneFunctions(FunctionTable):
+class LaneFunctions(FunctionTable):
     """Calls of lane versions; the prelude defines those that are no kernels."""
 
     def apply(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
@@ -42,14 +42,13 @@ class _LaneFunctions(FunctionTable):
         if kernel is None:
             return Call(f"lane_{function}", arguments)
         self.kernels.add(kernel)
-        return Call(f"{_PREFIX}_{kernel}", arguments)
+        return Call(f"{PREFIX}_{kernel}", arguments)
 
 
 def kernel_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
     """The kernel of one program whose loops are closed."""
     memory = Memory(step)
-    functions = _LaneFunctions(FunctionNames(_PREFIX, dtype, "own"))
-    printer = LanePrinter(_PREFIX, dtype)
+    functions = LaneFunctions(FunctionNames(PREFIX, dtype, "own"))
     writer = ModelFunctions(memory, functions)
     made = {
         "start": writer.start(),
@@ -59,31 +58,41 @@ def kernel_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
         "after": writer.after(),
         "reverse_start": writer.reverse_start(),
     }
-    format = DOUBLE if dtype == "float64" else FLOAT
     losses = step.losses
-    constants = [
-        f"#define MSNN_DOUBLE {int(dtype == 'float64')}",
-        f"#define PARAMETERS {memory.parameter_count}",
-        f"#define LOSSES {len(losses)}",
-        f"#define HAS_ROOT {int(any(term.is_root for term in losses))}",
-    ]
     numbers = ", ".join(str(term.elements) for term in losses) or "0"
     roots = ", ".join(str(int(term.is_root)) for term in losses) or "0"
     tables = [
+        f"#define HAS_ROOT {int(any(term.is_root for term in losses))}",
         f"static const double ELEMENTS[] = {{{numbers}}};",
         f"static const int IS_ROOT[] = {{{roots}}};",
     ]
+    echoes = [Rows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
+    group = rendered("group.c.j2", made, **forward_arrays(memory), echoes=echoes)
+    loops = (group, *map(_text, ("threads.c", "optimizers.c", "batches.c")))
+    return whole_source(memory, dtype, functions, made, tables, loops)
+
+
+def whole_source(
+    memory: Memory,
+    dtype: Dtype,
+    functions: LaneFunctions,
+    made: Mapping[str, ModelFunction],
+    tables: Sequence[str],
+    loops: Sequence[str],
+) -> KernelSource:
+    """Prelude, math, tables, the model's functions and the loops around them as one text."""
+    printer = LanePrinter(PREFIX, dtype)
+    losses = memory.step.losses
     parts = [
-        *constants,
+        f"#define MSNN_DOUBLE {int(dtype == 'float64')}",
+        f"#define PARAMETERS {memory.parameter_count}",
+        f"#define LOSSES {len(losses)}",
         _text("prelude.c"),
-        lane_kernels(functions.kernels, format, _PREFIX),
+        lane_kernels(functions.kernels, DOUBLE if dtype == "float64" else FLOAT, PREFIX),
         *tables,
         *(printer.function(one.function) for one in made.values()),
         _text("driver.c"),
-        _group(memory, made),
-        _text("threads.c"),
-        _text("optimizers.c"),
-        _text("batches.c"),
+        *loops,
     ]
     return KernelSource(
         "\n".join(parts),
@@ -101,7 +110,7 @@ def _text(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Rows:
+class Rows:
     """One array over the time of a group."""
 
     name: str
@@ -112,19 +121,23 @@ class _Rows:
     """The sample of its first row, counted from the first step."""
 
 
-def _group(memory: Memory, made: Mapping[str, ModelFunction]) -> str:
-    arrays = {
+def forward_arrays(memory: Memory) -> dict[str, list[Rows]]:
+    """The arrays over time that the functions of the step forward work on."""
+    return {
         "logs": [
-            _Rows(tape.name, tape.elements, tape.last - tape.first, tape.first)
+            Rows(tape.name, tape.elements, tape.last - tape.first, tape.first)
             for tape in memory.signals.values()
         ],
         "states": [
-            *(_Rows(tape.name, tape.elements, tape.last) for tape in memory.buffers.values()),
-            *(_Rows(name, size_of(state.axes), 1) for name, state in memory.plain.values()),
+            *(Rows(tape.name, tape.elements, tape.last) for tape in memory.buffers.values()),
+            *(Rows(name, size_of(state.axes), 1) for name, state in memory.plain.values()),
         ],
-        "rows": [_Rows(tape.name, tape.elements, 0) for tape in memory.rows.values()],
-        "echoes": [_Rows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()],
+        "rows": [Rows(tape.name, tape.elements, 0) for tape in memory.rows.values()],
     }
+
+
+def rendered(template: str, made: Mapping[str, ModelFunction], **values: object) -> str:
+    """The loops of a template around the model's functions, called with their arguments."""
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         undefined=StrictUndefined,
@@ -133,4 +146,4 @@ def _group(memory: Memory, made: Mapping[str, ModelFunction]) -> str:
         autoescape=False,  # noqa: S701  (C, not HTML; every name is an identifier made here)
     )
     arguments = {f"{name}_arguments": ", ".join(one.values) for name, one in made.items()}
-    return environment.get_template("group.c.j2").render(**arrays, **arguments)
+    return environment.get_template(template).render(**values, **arguments)

@@ -51,7 +51,7 @@ class LaneWriter:
                 self.scope.reserve(f"{prefix}{name}")
         for tape in (*memory.rows.values(), *memory.echoes.values()):
             self.scope.reserve(tape.name)
-        for name in (PARAMETERS, GRADIENT, "scale", "total", "count", TIME, HORIZON):
+        for name in (PARAMETERS, GRADIENT, "scale", "total", "count", "rows", TIME, HORIZON):
             self.scope.reserve(name)
         self.locals = LocalValues(functions, SpecNotes(graph), UNROLL, PARALLEL_SUMS)
 

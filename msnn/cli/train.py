@@ -58,7 +58,8 @@ def train(
     from msnn.training.train import TrainingDivergedError, TrainingInterruptedError
     from msnn.training_summary import (
         Recorded,
-        bound_warnings,
+        errors_note,
+        parameter_warnings,
         parameters_table,
         stages_table,
         training_record,
@@ -86,14 +87,17 @@ def train(
             f"this goes on: {_resume_command(spec, data_root, settings, engine, tensorboard, out)}"
         )
         raise typer.Exit(ExitCode.INTERRUPTED) from None
-    report(bound_warnings(model.program, found.weights), model.sources)
+    errors = found.standard_errors
+    report(parameter_warnings(model.program, found.weights, errors), model.sources)
     if format is ResultFormat.JSON:
-        record = training_record(model.program, found.weights, progress)
+        record = training_record(model.program, found.weights, progress, errors)
         json_result("train", {**record, "folder": str(found.folder)})
         return
     result(stages_table(progress))
     result("")
-    result(parameters_table(model.program, found.weights))
+    result(parameters_table(model.program, found.weights, errors))
+    if errors is not None:
+        result(errors_note(errors))
     result("")
     result(f"kept in {found.folder}")
 

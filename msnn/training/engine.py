@@ -61,6 +61,9 @@ class Engine(Protocol):
         """
         ...
 
+    finished: str | None
+    """Why further batches would change nothing; None as long as they may."""
+
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of these rollouts at the current weights, on the rows that count."""
         ...

@@ -8,16 +8,19 @@ from typing import TYPE_CHECKING
 
 from backends.c_compiler import CompilerMissingError
 from msnn.data.dataset import BoolArray, FloatArray
+from msnn.training.levenberg_marquardt import LevenbergMarquardtEngine
 from msnn.training.native_engine import NativeEngine
+from msnn.training.native_squares import NativeSquares
 from msnn.training.stage_data import StageData
 from msnn.training.stage_plan import StagePlan
 from spec_schema.diagnostics import Diagnostic, SpecError
 from spec_schema.errors import training as errors
-from spec_schema.optimizers import Lbfgs, TorchOptimizer
+from spec_schema.optimizers import Lbfgs, LevenbergMarquardt, TorchOptimizer
 
 if TYPE_CHECKING:
     from msnn.training.torch_engine import TorchEngine
 
+    AnyEngine = NativeEngine | TorchEngine | LevenbergMarquardtEngine
 
 RowsByLoss = Mapping[str, BoolArray]
 EngineArguments = tuple[
@@ -33,7 +36,7 @@ EngineArguments = tuple[
 class OpenedEngine:
     """An engine ready for a stage, and what the user should know of the choice."""
 
-    engine: NativeEngine | TorchEngine
+    engine: AnyEngine
     notes: tuple[Diagnostic, ...]
 
 
@@ -58,13 +61,19 @@ def open_engine(
                 raise SpecError((found,)) from None
             notes = (errors.torch_instead(plan.name, str(error), plan.span),)
     # torch takes seconds to import: only where it trains
+    if isinstance(plan.optimizer, LevenbergMarquardt):
+        from msnn.training.torch_squares import TorchSquares
+
+        return OpenedEngine(LevenbergMarquardtEngine(*arguments, TorchSquares), notes)
     from msnn.training.torch_engine import TorchEngine
 
     return OpenedEngine(TorchEngine(*arguments), notes)
 
 
-def _native(plan: StagePlan, arguments: EngineArguments) -> NativeEngine | TorchEngine:
-    """Whole epochs in the kernel, or an optimiser of torch along the kernel's gradient."""
+def _native(plan: StagePlan, arguments: EngineArguments) -> AnyEngine:
+    """Whole epochs in the kernel, or an optimiser outside along the kernel's slopes."""
+    if isinstance(plan.optimizer, LevenbergMarquardt):
+        return LevenbergMarquardtEngine(*arguments, NativeSquares)
     if not isinstance(plan.optimizer, Lbfgs | TorchOptimizer):
         return NativeEngine(*arguments)
     from msnn.training.objectives import KernelObjective

@@ -14,7 +14,7 @@ from msnn.training.dropout_masks import factors_of, with_all_kept
 from msnn.training.engine import EngineState, LossSums, NonFiniteLossError
 from msnn.training.kernel_check import check_kernel
 from msnn.training.stage_plan import StagePlan
-from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd, TorchOptimizer
+from spec_schema.optimizers import Adam, AdamW, Lbfgs, LevenbergMarquardt, Sgd, TorchOptimizer
 
 BATCHES_A_CALL = 200
 """Batches between two looks at the keyboard."""
@@ -27,6 +27,7 @@ class NativeEngine:
     """
 
     batches_a_call = BATCHES_A_CALL
+    finished: str | None = None
 
     def __init__(
         self,
@@ -122,5 +123,5 @@ def _rule(plan: StagePlan) -> tuple[Rule, float]:
             return Rule(Method.ADAMW, b1, b2, eps, decay, clip), lr
         case Sgd(lr=lr, momentum=momentum):
             return Rule(Method.SGD, momentum, decay=decay, clip=clip), lr
-        case Lbfgs() | TorchOptimizer():
-            raise AssertionError("optimisers of torch run along the kernel's gradient instead")
+        case Lbfgs() | TorchOptimizer() | LevenbergMarquardt():
+            raise AssertionError("these take the slopes of a kernel and step outside of it")

@@ -38,8 +38,8 @@ class EpochEnd:
     monitor: float
     best: float
     best_epoch: int
-    lr: float
-    """Learning rate of the epoch, before factors of single parameters."""
+    lr: float | None
+    """Learning rate of the epoch, before factors of single parameters; None where there is none."""
     horizon: int
     """Evaluations of the longest rollout of the epoch."""
     seconds: float

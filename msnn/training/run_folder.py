@@ -56,7 +56,12 @@ class RunFolder:
     def append_metrics(self, record: Mapping[str, Any]) -> None:
         """Adds one line of JSON to `metrics.jsonl`."""
         with (self.path / METRICS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(_finite(record), ensure_ascii=False) + "\n")
+            file.write(json.dumps(finite(record), ensure_ascii=False) + "\n")
+
+    def write_parameters(self, record: Mapping[str, Any]) -> None:
+        """Writes `parameters.json`: the learned values with their standard errors."""
+        text = json.dumps(finite(record), ensure_ascii=False, indent=2)
+        write_text(self.path / "parameters.json", text + "\n")
 
     def write_description(
         self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[Part] = ()
@@ -100,13 +105,15 @@ def interrupted_run(program: Program, runs: Path) -> RunFolder | None:
     return RunFolder(folders[-1], program) if folders else None
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """The value with null for numbers that JSON has no word for."""
     match value:
         case float():
             return value if math.isfinite(value) else None
         case dict():
-            return {key: _finite(part) for key, part in value.items()}
+            return {key: finite(part) for key, part in value.items()}
+        case list():
+            return [finite(part) for part in value]
         case _:
             return value
 

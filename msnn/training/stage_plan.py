@@ -9,14 +9,16 @@ from typing import Literal
 
 from compiler.passes.draw_dropout import Mask, draw_dropout
 from compiler.program import Program
+from compiler.sums_of_squares import is_sum_of_squares
 from msnn.rollout_plan import RolloutPlan, plan_rollout
 from msnn.training.curriculum import Phase, plan_curriculum
 from msnn.training.learning_rate import Rule
 from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry
+from spec_schema.errors import second_order
 from spec_schema.errors import training as errors
 from spec_schema.located import Located
-from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd, TorchOptimizer
+from spec_schema.optimizers import Lbfgs, LevenbergMarquardt, OptimizerChoice, TorchOptimizer
 from spec_schema.source import Span
 from spec_schema.training import Stage
 
@@ -33,8 +35,9 @@ class StagePlan:
     epochs: int
     batch: int | None
     """None: all starts at once."""
-    optimizer: Adam | AdamW | Sgd | Lbfgs | TorchOptimizer
-    lr: float
+    optimizer: OptimizerChoice
+    lr: float | None
+    """None where the optimiser has none."""
     rollout: RolloutPlan
     program: Program
     """What engines train: that of the rollout with its dropout drawn."""
@@ -127,6 +130,9 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     if isinstance(optimizer, Lbfgs) and stage.lr:
         place = next(iter(stage.lr.values())).span
         findings.report(errors.no_factors_with_lbfgs(place))
+    of_squares = isinstance(optimizer, LevenbergMarquardt)
+    if of_squares:
+        _check_keys(stage, findings)
     known = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
     weights = {loss.name: loss.weight * loss.share for loss in program.losses}
     for entry, weight in stage.losses.items():
@@ -134,6 +140,8 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         weights |= {term.name: weight.value * term.share for term in terms}
         if not terms:
             findings.report(errors.unknown_loss(entry, weight.key or weight.span, known))
+    if of_squares and rollout is not None:
+        _check_losses(name, rollout.program, weights, findings)
     if not any(weights.values()):
         findings.report(errors.no_objective(name, span))
     monitor, patience = TOTAL, None
@@ -149,7 +157,9 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     phases: tuple[Phase, ...] = ()
     if stage.rollout is not None:
         phases = plan_curriculum(program, stage.rollout, rollout, stage.epochs, findings)
-    all_at_once = isinstance(optimizer, Lbfgs) and "batch" not in stage.model_fields_set
+    all_at_once = of_squares or (
+        isinstance(optimizer, Lbfgs) and "batch" not in stage.model_fields_set
+    )
     layers = {parameter.rpartition(".")[0] for parameter in learned}
     moved = {parameter.rpartition(".")[0] for parameter in trained}
     drawn = draw_dropout(rollout.program, layers - moved - {""})
@@ -173,7 +183,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         monitor=monitor,
         patience=patience,
         seed=stage.seed,
-        dtype=stage.dtype,
+        dtype="float64" if of_squares else stage.dtype,
         engine=stage.engine,
         threads=stage.threads,
         attempts=stage.starts,
@@ -181,9 +191,13 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     )
 
 
-def _rate(program: Program, stage: Stage, trained: Sequence[str], findings: Findings) -> float:
-    """The learning rate of the optimiser."""
+def _rate(
+    program: Program, stage: Stage, trained: Sequence[str], findings: Findings
+) -> float | None:
+    """The learning rate of the optimiser; None where each step has its own length."""
     optimizer = stage.optimizer.choice
+    if isinstance(optimizer, LevenbergMarquardt):
+        return None
     if not isinstance(optimizer, TorchOptimizer):
         return optimizer.lr
     # only torch knows what it takes, and to import it takes seconds
@@ -197,7 +211,42 @@ def _variant(options: Entry) -> dict[str, object]:
     if isinstance(options, TorchOptimizer):
         given = {name: found.value for name, found in options.options.items()}
         return {"torch": {"name": options.name.value, "options": given}}
-    return {type(options).__name__.lower(): options.model_dump(exclude={"place"})}
+    name = options.noun.split()[-2]  # the adam optimizer, the cosine schedule
+    return {name: options.model_dump(exclude={"place"})}
+
+
+_NOT_OF_SECOND_ORDER: Mapping[str, str] = {
+    "batch": "each step takes all starts",
+    "lr": "each step has its own length",
+    "schedule": "each step has its own length",
+    "clip": "the damping limits each step",
+    "weight_decay": "a loss `l2(…)` does the same",
+}
+
+
+def _check_keys(stage: Stage, findings: Findings) -> None:
+    """Keys of other optimisers that say nothing to levenberg_marquardt."""
+    place = stage.optimizer.choice.place.key
+    for key, reason in _NOT_OF_SECOND_ORDER.items():
+        if key in stage.model_fields_set:
+            findings.report(second_order.not_of_second_order(key, reason, place))
+    if "dtype" in stage.model_fields_set and stage.dtype != "float64":
+        reason = "its products lose half of the digits, so that it always runs in float64"
+        findings.report(second_order.not_of_second_order("dtype", reason, place))
+
+
+def _check_losses(
+    stage: str,
+    program: Program,
+    weights: Mapping[str, float],
+    findings: Findings,
+) -> None:
+    for loss in program.losses:
+        weight = weights[loss.name]
+        if weight < 0 or (weight and not is_sum_of_squares(program.step, loss)):
+            measure = loss.measure.value
+            found = second_order.no_sum_of_squares(loss.name, measure, weight, loss.span, stage)
+            findings.report(found)
 
 
 def _matching(

@@ -56,7 +56,10 @@ class StageRun:
         self.reductions = checkpoint.reductions
 
     def run(self) -> StageResult:
-        """Trains to the last epoch or the early stop. Raises NonFiniteLossError, Interrupted."""
+        """Trains to the last epoch, the early stop or the optimiser's own end.
+
+        Raises NonFiniteLossError, Interrupted.
+        """
         began = time.monotonic()
         if self.best is None:
             self._keep_if_best(monitor(self.plan, self.engine.evaluate, self.data.watched))
@@ -70,6 +73,9 @@ class StageRun:
             self._report(sums, value, runs, rate, time.monotonic() - began)
             better = max(self.best_epoch, self.plan.whole_from)
             self.reductions = after_epoch(self.plan.schedule, self.epoch, better, self.reductions)
+            if self.engine.finished is not None and self.epoch > self.plan.whole_from:
+                reason = self.engine.finished
+                break
             waited = self.epoch - better
             if self.plan.patience is not None and waited >= self.plan.patience:
                 reason = f"no better for {waited} epochs"
@@ -146,7 +152,7 @@ class StageRun:
                 monitor=watched,
                 best=self.best_value,
                 best_epoch=self.best_epoch,
-                lr=self.plan.lr * rate,
+                lr=None if self.plan.lr is None else self.plan.lr * rate,
                 horizon=int(runs.steps.max()),
                 seconds=seconds,
             )

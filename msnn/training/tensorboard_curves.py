@@ -62,7 +62,8 @@ def _tensorboard() -> tuple[Any, Any, Any]:
 def _scalars(event: EpochEnd) -> dict[str, float]:
     losses = {f"losses/{name}": value for name, value in event.losses.items()}
     kept = {"total": event.total, "monitor": event.monitor, "best": event.best}
-    return {**kept, **losses, "lr": event.lr, "horizon": float(event.horizon)}
+    rate = {} if event.lr is None else {"lr": event.lr}
+    return {**kept, **losses, **rate, "horizon": float(event.horizon)}
 
 
 def _numbers(weights: Mapping[str, FloatArray]) -> Iterator[tuple[str, float]]:

@@ -18,7 +18,7 @@ from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.optimizer_state import flattened, rebuilt
 from msnn.training.stage_plan import StagePlan
 from msnn.training.torch_optimizers import torch_optimizer
-from spec_schema.optimizers import Adam, AdamW, Lbfgs, Sgd, TorchOptimizer
+from spec_schema.optimizers import Adam, AdamW, Lbfgs, LevenbergMarquardt, Sgd, TorchOptimizer
 
 _DTYPES = {"float32": torch.float32, "float64": torch.float64}
 _WALL = 1e6
@@ -28,6 +28,7 @@ class TorchEngine:
     """Trains the parameters `plan.trained` of one stage; the others keep their values."""
 
     batches_a_call = 1
+    finished: str | None = None
 
     def __init__(
         self,
@@ -147,6 +148,7 @@ def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.
             groups = _groups(plan, variables, lr)
             return torch.optim.SGD(groups, lr=lr, momentum=momentum, weight_decay=decay)
         case TorchOptimizer():
+            assert plan.lr is not None, "an optimiser of torch has a rate"
             return torch_optimizer(plan.optimizer, _groups(plan, variables, plan.lr), decay)
         case Lbfgs(lr=lr, history=history, iterations=iterations):
             return torch.optim.LBFGS(
@@ -159,6 +161,8 @@ def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.
                 tolerance_grad=1e-12,
                 tolerance_change=1e-14,
             )
+        case LevenbergMarquardt():
+            raise AssertionError("it takes the slopes of residuals, not of their sum")
 
 
 def _groups(plan: StagePlan, variables: Mapping[str, Tensor], lr: float) -> list[dict[str, object]]:

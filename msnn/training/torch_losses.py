@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from backends.torch_module import TorchModel, Windows
+from backends.torch_module import Frame, TorchModel, Windows
 from compiler.program import Extent, Measure, Program, extents
 from msnn.data.dataset import BoolArray
 from msnn.data.starts import Runs
@@ -59,14 +59,37 @@ def scoring(
     )
 
 
-def batch_losses(model: TorchModel, data: TorchScoring, runs: Runs) -> dict[str, TorchLossSum]:
-    """Every loss over rollouts that run side by side; one that has ended is left out."""
+def batch_losses(
+    model: TorchModel, data: TorchScoring, runs: Runs, frame: Frame | None = None
+) -> dict[str, TorchLossSum]:
+    """Every loss over rollouts that run side by side; one that has ended is left out.
+
+    `frame` has the parameters where they are not those of the model.
+    """
+    scored = scored_values(model, frame or model.frame(), data, runs)
+    return {
+        loss.name: _summed(loss.measure, scored[loss.name], model.dtype)
+        for loss in model.program.losses
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredValues:
+    """Predictions and targets of a loss where there is a target and the row counts."""
+
+    prediction: Tensor
+    target: Tensor | None
+
+
+def scored_values(
+    model: TorchModel, frame: Frame, data: TorchScoring, runs: Runs
+) -> dict[str, ScoredValues | None]:
+    """What every loss compares over the rollouts; None where nothing is scored."""
     program = model.program
     order = longest_first(runs)
     t0 = torch.from_numpy(runs.t0[order])
     steps = runs.steps[order]
     block = _Block(program, data.series, t0, int(steps[0]))
-    frame = model.frame()
     states = model.start_on(block.windows(0, len(t0)), frame, len(t0))
     parts: dict[str, list[_Part]] = {loss.name: [] for loss in program.losses}
     for number in range(int(steps[0])):
@@ -79,10 +102,7 @@ def batch_losses(model: TorchModel, data: TorchScoring, runs: Runs) -> dict[str,
             for name, (prediction, target) in values.losses.items():
                 rows = None if data.scored is None else data.scored[name][t0[:running] + number]
                 parts[name].append(_Part(prediction, target, rows))
-    return {
-        loss.name: _summed(loss.measure, parts[loss.name], data.missing, model.dtype)
-        for loss in program.losses
-    }
+    return {loss.name: _scored(parts[loss.name], data.missing) for loss in program.losses}
 
 
 class _Block:
@@ -126,26 +146,32 @@ class _Part:
     rows: Tensor | None
 
 
-def _summed(
-    measure: Measure, parts: list[_Part], missing: bool, dtype: torch.dtype
-) -> TorchLossSum:
+def _scored(parts: list[_Part], missing: bool) -> ScoredValues | None:
     predictions = [p.prediction if p.rows is None else p.prediction[p.rows] for p in parts]
     targets = [
         p.target if p.rows is None else p.target[p.rows] for p in parts if p.target is not None
     ]
     if not predictions:
-        return TorchLossSum(torch.zeros((), dtype=dtype), 0)
+        return None
     prediction = predictions[0] if len(predictions) == 1 else torch.cat(predictions)
     if not targets:
-        return TorchLossSum(_cost(measure, prediction, None).sum(), prediction.numel())
+        return ScoredValues(prediction, None)
     target = targets[0] if len(targets) == 1 else torch.cat(targets)
     if missing:
         there = ~torch.isnan(target)
         prediction, target = prediction[there], target[there]
-    return TorchLossSum(_cost(measure, prediction, target).sum(), prediction.numel())
+    return ScoredValues(prediction, target)
 
 
-def _cost(measure: Measure, prediction: Tensor, target: Tensor | None) -> Tensor:
+def _summed(measure: Measure, scored: ScoredValues | None, dtype: torch.dtype) -> TorchLossSum:
+    if scored is None:
+        return TorchLossSum(torch.zeros((), dtype=dtype), 0)
+    prediction = scored.prediction
+    return TorchLossSum(cost(measure, prediction, scored.target).sum(), prediction.numel())
+
+
+def cost(measure: Measure, prediction: Tensor, target: Tensor | None) -> Tensor:
+    """What each element adds to the mean of a loss."""
     error = prediction if target is None else prediction - target
     match measure:
         case Measure.MSE | Measure.RMSE:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from msnn.training.divergence import explain_divergence
 from msnn.training.engine import Engine, NonFiniteLossError
 from msnn.training.engines import open_engine
 from msnn.training.interrupts import end_on_interrupt
+from msnn.training.parameters_record import parameters_record
 from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.run_folder import RunFolder, interrupted_run, new_run_folder
 from msnn.training.run_record import differences, run_record
@@ -26,6 +27,7 @@ from msnn.training.stage_data import StageData, stage_data
 from msnn.training.stage_plan import StagePlan, plan_stages
 from msnn.training.stage_result import StageResult
 from msnn.training.stage_run import Interrupted, StageRun
+from msnn.training.standard_errors import StandardErrors, standard_errors
 from msnn.training.statistics import with_statistics
 from msnn.training.tensorboard_curves import Curves, require_tensorboard
 from msnn.weights_file import initial_weights
@@ -59,6 +61,8 @@ class TrainingResult:
     stages: tuple[StageResult, ...]
     folder: Path | None
     warnings: tuple[Diagnostic, ...]
+    standard_errors: StandardErrors | None = None
+    """Of a run that is kept in a folder and came to its end."""
 
 
 class TrainingDivergedError(Exception):
@@ -162,10 +166,13 @@ class _Run:
             weights = dict(result.best)
             self._keep(weights)
             self.progress.stage_ended(_stage_end(plan, result))
-        if self.folder is not None:
-            self.folder.checkpoint.unlink(missing_ok=True)
-            self.folder.become_latest()
-        return self._result(weights, done)
+        if self.folder is None:
+            return self._result(weights, done)
+        self.folder.checkpoint.unlink(missing_ok=True)
+        self.folder.become_latest()
+        errors = standard_errors(self.stages[-1][0], self.data, weights)
+        self.folder.write_parameters(parameters_record(self.program, weights, errors))
+        return replace(self._result(weights, done), standard_errors=errors)
 
     def _attempts(
         self,

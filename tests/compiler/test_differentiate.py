@@ -34,7 +34,7 @@ def by_program(p: Problem) -> Variables:
         Output(f"{kind} {name}", node) for kind, nodes in named for name, node in nodes.items()
     )
     program = replace(p.program, step=builder.graph(), outputs=outputs)
-    log, t = _log_of(p)
+    log, t = log_of(p)
     states = {name: value for (kind, name), value in p.variables.items() if kind == "state"}
     step = Interpreter(program).step(log, t, states)
     slopes: Variables = {}
@@ -49,7 +49,7 @@ def by_program(p: Problem) -> Variables:
     return slopes
 
 
-def _log_of(p: Problem) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def log_of(p: Problem) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """A log in which row stride·i + offset is member i's t, so that each finds its own windows."""
     ports = {port.signal.name: port for port in p.interface.inputs}
     before = max((-port.first for port in ports.values()), default=0)

@@ -121,6 +121,7 @@ def test_values_of_the_complete_spec() -> None:
         "TorchOptimizer",
         "Adam",
         "Adam",
+        "LevenbergMarquardt",
     ]
     horizons = [s.rollout.horizon for s in spec.train if s.rollout is not None]
     assert horizons[1:] == ["episode", "record"]

@@ -27,6 +27,7 @@ STAGES = {
     " optimizer: {sgd: {lr: 0.3}}, schedule: {plateau: {patience: 1, factor: 0.5}}}\n",
     "torch": "  - {epochs: 5, batch: 16, engine: torch, schedule: {cosine: {}}}\n",
     "lbfgs": "  - {epochs: 6, batch: 30, optimizer: {lbfgs: {iterations: 2}}}\n",
+    "second_order": "  - {epochs: 6, rollout: 5, optimizer: {levenberg_marquardt: {damping: 9}}}\n",
 }
 
 
@@ -56,6 +57,7 @@ def run(stages: str, options: TrainingOptions, progress: Silent | None = None) -
         ("lessons", "stage_1", 3),
         ("lessons", "stage_1", 5),
         ("torch", "stage_1", 2),
+        ("second_order", "stage_1", 3),
     ],
 )
 def test_resuming_continues_bit_for_bit(kind: str, stage: str, epoch: int, tmp_path: Path) -> None:
@@ -74,7 +76,7 @@ def test_resuming_continues_bit_for_bit(kind: str, stage: str, epoch: int, tmp_p
     assert not (folder / "checkpoint.safetensors").exists()
     # one line an epoch, none twice
     epochs = (folder / "metrics.jsonl").read_text().count("\n")
-    assert epochs == {"adam": 11, "lbfgs": 6, "lessons": 6, "torch": 5}[kind]
+    assert epochs == {"adam": 11, "lbfgs": 6, "lessons": 6, "torch": 5, "second_order": 6}[kind]
 
 
 def test_the_second_interrupt_is_not_waited_for() -> None:

@@ -158,6 +158,7 @@ class Counting:
     """An engine that counts what it is given."""
 
     batches_a_call = 2
+    finished: str | None = None
 
     def __init__(self) -> None:
         self.batches: list[list[int]] = []

@@ -42,6 +42,17 @@ def test_metrics_by_hand() -> None:
         assert found.count == 3
 
 
+def test_reference_case_11_of_nnodely() -> None:
+    """Its values, with n the number of scored elements; its FVU takes the variance of e instead."""
+    prediction = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
+    target = np.array([0.5, 2.0, 3.5, 6.5, 8.0])
+    assert score("rmse", prediction, target).value == pytest.approx(0.387298, abs=1e-6)
+    assert score("mae", prediction, target).value == pytest.approx(0.3)
+    assert score("aic", prediction, target, 1).value == pytest.approx(6.715964, abs=1e-6)
+    missing = np.append(target, np.nan)
+    assert score("aic", np.append(prediction, 9.0), missing, 1).value == pytest.approx(6.715964)
+
+
 def test_vectors_have_a_metric_for_each_element() -> None:
     prediction = np.array([[1.0, 0.0], [1.0, 0.0]])
     found = score("rmse", prediction, np.zeros((2, 2)))

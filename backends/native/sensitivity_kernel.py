@@ -1,0 +1,80 @@
+"""A kernel that simulates sensitivities: the products of residuals and slopes of many rollouts."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.native.compile_kernel import compiled_kernel
+from backends.native.kernel import LANES, Data
+from backends.native.kernel_structs import aligned, pointer
+from backends.native.lane_groups import Rows, group_type, lane_groups
+from backends.native.sensitivity_source import sensitivity_source
+from backends.products import Products
+from compiler.sensitivities import Sensitivities
+
+FloatArray = NDArray[np.float64]
+
+_DTYPE = np.dtype(np.float64)
+
+
+class SensitivityKernel:
+    """One program with its sensitivities, compiled here. Raises CompilerMissingError."""
+
+    def __init__(self, found: Sensitivities) -> None:
+        made = sensitivity_source(found)
+        self.source, self._width = made.source, made.width
+        self.numbers = found.numbers
+        self.dtype = _DTYPE
+        self._groups = group_type(LANES["float64"], _DTYPE)
+        self.built = compiled_kernel(self.source.text)
+        self._library = self.built.library
+        self._library.msnn_work_lanes.restype = ctypes.c_int64
+        self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
+        self._library.msnn_products.restype = None
+
+    def data(
+        self,
+        series: Mapping[str, FloatArray],
+        skip: int = 0,
+        scored: Mapping[str, NDArray[np.bool_]] | None = None,
+    ) -> Data:
+        """The logs as the kernel reads them."""
+        return Data(self.source, _DTYPE, series, skip, scored)
+
+    def products(
+        self, data: Data, starts: Rows, steps: Rows, physical: FloatArray
+    ) -> dict[str, Products]:
+        """The products of each loss, summed over rollouts from rows `starts`."""
+        groups, _ = lane_groups(self._groups, starts, steps, [len(starts)])
+        losses, width, numbers = len(self.source.losses), self._width, self.numbers
+        sums, counts = np.zeros(losses), np.zeros(losses)
+        found = np.zeros((losses, width, width))
+        lanes = self._library.msnn_work_lanes(int(steps.max()))
+        work = aligned(lanes * LANES["float64"] * _DTYPE.itemsize)
+        theta = np.ascontiguousarray(physical, _DTYPE)
+        self._library.msnn_products(
+            ctypes.byref(data.problem),
+            pointer(groups),
+            ctypes.c_int64(len(groups)),
+            pointer(theta),
+            pointer(work),
+            pointer(sums),
+            pointer(counts),
+            pointer(found),
+        )
+        lower = np.tril(found[:, : numbers + 1, : numbers + 1])
+        whole = lower + np.tril(lower, -1).transpose(0, 2, 1)
+        return {
+            name: Products(
+                whole[i, :numbers, :numbers],
+                whole[i, numbers, :numbers],
+                float(whole[i, numbers, numbers]),
+                float(sums[i]),
+                int(counts[i]),
+            )
+            for i, name in enumerate(self.source.losses)
+        }

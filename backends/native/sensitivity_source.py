@@ -1,0 +1,90 @@
+"""The C source of a kernel that simulates sensitivities and sums products of slopes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from backends.c.functions import FunctionNames
+from backends.c.places import Index, Place
+from backends.native.kernel_functions import ModelFunctions, Stored
+from backends.native.kernel_source import (
+    PREFIX,
+    KernelSource,
+    LaneFunctions,
+    forward_arrays,
+    rendered,
+    whole_source,
+)
+from backends.native.lane_functions import array
+from backends.native.lane_memory import Memory
+from compiler.differentiate import StepGradients
+from compiler.program import NodeId
+from compiler.sensitivities import Sensitivities
+from compiler.training_step import Reverse, TrainingStep, newest_samples
+
+_BLOCK = 4
+"""Rows are as long as a multiple of it; BLOCK of templates/native/sensitivities.c.j2."""
+
+ROWS = "rows"
+
+
+@dataclass(frozen=True, slots=True)
+class SensitivitySource:
+    """The kernel's text, and how long a row of slopes and residual is in its products."""
+
+    source: KernelSource
+    width: int
+
+
+def sensitivity_source(found: Sensitivities) -> SensitivitySource:
+    """The kernel of one program whose loops are closed, in float64."""
+    memory = Memory(_forward_only(found))
+    functions = LaneFunctions(FunctionNames(PREFIX, "float64", "own"))
+    width = -(-(found.numbers + 1) // _BLOCK) * _BLOCK
+    firsts, places = _rows(found, width)
+    writer = ModelFunctions(memory, functions, Stored(ROWS, places))
+    made = {"start": writer.start(), "ahead": writer.ahead(), "step": writer.step()}
+    loops = rendered(
+        "sensitivities.c.j2",
+        made,
+        **forward_arrays(memory),
+        learned=found.numbers,
+        width=width,
+        residuals=firsts[-1],
+        first_rows=firsts,
+    )
+    return SensitivitySource(whole_source(memory, "float64", functions, made, (), (loops,)), width)
+
+
+def _forward_only(found: Sensitivities) -> TrainingStep:
+    """A training step in which nothing runs backwards."""
+    program = found.program
+    nothing = StepGradients({}, {}, {})
+    return TrainingStep(
+        program,
+        found.losses,
+        newest_samples(program),
+        Reverse(program.step, nothing),
+        Reverse(program.start, nothing),
+    )
+
+
+def _rows(found: Sensitivities, width: int) -> tuple[list[int], tuple[tuple[NodeId, Place], ...]]:
+    """The first row of every loss and the last one's end, and where residuals and slopes go."""
+    firsts = [0]
+    places: list[tuple[NodeId, Place]] = []
+    residuals = {residual.loss.name: residual for residual in found.residuals}
+    for loss in found.program.losses:
+        residual = residuals.get(loss.name)
+        if residual is None:
+            firsts.append(firsts[-1])
+            continue
+        type = found.program.step[residual.values].type
+        each = array(ROWS, type.shape)
+        strides = tuple(stride * width for stride in each.strides)
+        first = firsts[-1] * width
+        values = Place(each.storage, type.shape, strides, Index(first + found.numbers))
+        slopes = Place(each.storage, (found.numbers, *type.shape), (1, *strides), Index(first))
+        places += [(residual.values, values), (residual.slopes, slopes)]
+        firsts.append(firsts[-1] + type.size)
+    return firsts, tuple(places)

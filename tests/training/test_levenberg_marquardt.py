@@ -1,0 +1,252 @@
+"""Levenberg-Marquardt: problems with known answers, both engines, what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compiler.interpreter import Interpreter
+from msnn.data.dataset import FloatArray
+from msnn.training.levenberg_marquardt import LevenbergMarquardtEngine
+from msnn.training.native_squares import NativeSquares
+from msnn.training.progress import EpochEnd, Silent, StageEnd
+from msnn.training.torch_squares import TorchSquares
+from msnn.training.train import TrainingOptions, TrainingResult, train
+from spec_schema.diagnostics import SpecError
+from tests.conditions import require_tool
+from tests.native.test_kernel import MODELS, initial, log_of
+from tests.training.cases import GAIN, compiled, dataset, gain, gain_series
+from tests.training.test_engines import planned, runs_of
+
+IN_MEMORY = TrainingOptions(runs=None)
+ENGINES = {"native": NativeSquares, "torch": TorchSquares}
+
+
+class Ends(Silent):
+    """Keeps how stages end, and the totals of their epochs."""
+
+    def __init__(self) -> None:
+        self.stages: list[StageEnd] = []
+        self.totals: list[float] = []
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        self.totals.append(event.total)
+
+    def stage_ended(self, event: StageEnd) -> None:
+        self.stages.append(event)
+
+
+def run(text: str, series: dict[str, FloatArray], progress: Silent | None = None) -> TrainingResult:
+    program, spec = compiled(text)
+    data = dataset(series, train=[len(next(iter(series.values())))])
+    return train(program, data, spec.train, IN_MEMORY, progress)
+
+
+@pytest.fixture(params=ENGINES)
+def engine(request: pytest.FixtureRequest) -> str:
+    if request.param == "native":
+        require_tool("gcc", install="apt install gcc")
+    return request.param
+
+
+def test_one_step_solves_linear_least_squares(engine: str) -> None:
+    stage = (
+        f"  - {{epochs: 1, engine: {engine}, "
+        "optimizer: {levenberg_marquardt: {damping: 1e-12}}}\n"
+    )
+    program, spec = gain(stage)
+    series = gain_series(80)
+    series["x"] += np.random.default_rng(3).normal(0, 0.1, 80)
+    result = train(program, dataset(series, train=[80]), spec.train, IN_MEMORY)
+    regressors = np.stack([series["x"][:-1], series["u"][:-1]], axis=1)
+    (a, b), *_ = np.linalg.lstsq(regressors, series["x"][1:])
+    assert result.weights["a"] == pytest.approx(a, rel=1e-9)
+    assert result.weights["b"] == pytest.approx(b, rel=1e-9)
+
+
+ROSENBROCK = """
+msnn: 1
+name: valley
+inputs: {u: 1}
+parameters: {a: -1.2, b: 1}
+outputs: {y: {expr: u}}
+losses: {valley: "l2(10 * (b - a * a))", top: l2(1 - a)}
+train: [{epochs: 40, engine: ENGINE, optimizer: levenberg_marquardt}]
+"""
+
+
+def test_the_valley_of_rosenbrock(engine: str) -> None:
+    """Rosenbrock (1960) as two residuals; its minimum is 0 at (1, 1)."""
+    ends = Ends()
+    result = run(ROSENBROCK.replace("ENGINE", engine), {"u": np.zeros(3)}, ends)
+    assert result.weights["a"] == pytest.approx(1.0, abs=1e-8)
+    assert result.weights["b"] == pytest.approx(1.0, abs=1e-8)
+    (end,) = ends.stages
+    assert end.epochs < 40
+    assert end.reason == "converged"
+    assert ends.totals == sorted(ends.totals, reverse=True)
+
+
+OSCILLATOR = """
+msnn: 1
+name: oscillator
+sample_time: 0.1 s
+inputs: {F: N}
+parameters:
+  m: {init: 1, min: 0, unit: kg}
+  d: {init: 1, min: 0, max: 5, unit: N*s/m}
+  k: {init: 10, max: 100, unit: N/m}
+states:
+  x: {unit: m, der: v, init: x.meas}
+  v: {unit: m/s, der: (F - d*v - k*x) / m, init: 0}
+outputs: {x_next: {expr: next(x), predicts: "x[t+1]"}}
+train: [{epochs: 60, rollout: episode, engine: ENGINE, optimizer: levenberg_marquardt}]
+"""
+TRUE = {"m": 1.3, "d": 0.4, "k": 23.0}
+
+
+def oscillation(rows: int) -> dict[str, FloatArray]:
+    """Exact data of the oscillator with the true parameters."""
+    program, _ = compiled(OSCILLATOR.replace("ENGINE", "auto"))
+    force = np.sign(np.sin(0.23 * np.arange(rows))) * 3
+    log = {"F": force, "x": np.full(rows, 0.2)}
+    judge = Interpreter(program, TRUE)
+    found = judge.rollout(log, [0], rows - 1).outputs["x_next"][0]
+    return {"F": force, "x": np.concatenate([[0.2], found])}
+
+
+def test_physical_parameters_within_bounds(engine: str) -> None:
+    result = run(OSCILLATOR.replace("ENGINE", engine), oscillation(120))
+    for name, value in TRUE.items():
+        assert result.weights[name] == pytest.approx(value, rel=1e-6)
+
+
+def test_a_bound_that_is_in_the_way_is_kept(engine: str) -> None:
+    text = OSCILLATOR.replace("ENGINE", engine).replace("max: 100", "max: 20")
+    result = run(text, oscillation(120))
+    assert 19.9 < result.weights["k"] < 20.0
+
+
+def test_parameters_that_only_count_together(engine: str) -> None:
+    text = (
+        "msnn: 1\nname: twins\ninputs: {u: 1}\ntargets: {y: 1}\n"
+        "parameters: {a: 0.5, b: 0.1, c: 7}\n"
+        'outputs: {z: {expr: (a + b) * u + 0 * c, predicts: "y[t]"}}\n'
+        f"train: [{{engine: {engine}, optimizer: levenberg_marquardt}}]\n"
+    )
+    u = np.linspace(-1, 1, 20)
+    result = run(text, {"u": u, "y": 2 * u})
+    assert result.weights["a"] + result.weights["b"] == pytest.approx(2, abs=1e-6)
+    assert result.weights["c"] == 7
+
+
+def test_huber_reaches_the_minimum_of_huber(engine: str) -> None:
+    text = (
+        "msnn: 1\nname: line\ninputs: {u: 1}\ntargets: {y: 1}\nparameters: {a: 0, b: 0}\n"
+        'outputs: {z: {expr: a * u + b}}\nlosses: {fit: "huber(z, y)"}\n'
+        f"train: [{{engine: {engine}, optimizer: levenberg_marquardt}}]\n"
+    )
+    u = np.linspace(-2, 2, 41)
+    y = 3 * u + 0.5 + np.random.default_rng(5).normal(0, 0.3, 41)
+    y[::7] += 40
+    result = run(text, {"u": u, "y": y})
+    error = result.weights["a"] * u + result.weights["b"] - y
+    slope = np.clip(error, -1, 1)
+    # the slope of huber, clip(e), is orthogonal to both columns at the minimum
+    assert slope @ u == pytest.approx(0, abs=1e-4)
+    assert slope.sum() == pytest.approx(0, abs=1e-4)
+
+
+@pytest.mark.parametrize("model", [name for name in MODELS if name != "classes"])
+def test_both_engines_take_the_same_steps(model: str) -> None:
+    require_tool("gcc", install="apt install gcc")
+    text = MODELS[model][0].replace("mae(", "huber(")
+    stage = "rollout: {horizon: 8, skip: 2}, optimizer: levenberg_marquardt"
+    program, plan = planned(text, stage)
+    log = log_of(program)
+    runs = runs_of(8)
+    found: list[tuple[list[float], dict[str, FloatArray]]] = []
+    for squares in ENGINES.values():
+        one = LevenbergMarquardtEngine(plan, log, initial(program), None, None, squares)
+        totals = [
+            sum(value.total / value.count for value in one.train_batches(runs, len(runs)).values())
+            for _ in range(4)
+        ]
+        found.append((totals, one.weights()))
+    (native, native_weights), (torch, torch_weights) = found
+    # rounding grows where the curvature is nearly singular
+    assert native == pytest.approx(torch, rel=1e-8)
+    for name, weight in torch_weights.items():
+        np.testing.assert_allclose(native_weights[name], weight, rtol=1e-6, atol=1e-8)
+
+
+def test_missing_targets_frozen_parameters_and_unequal_rollouts(engine: str) -> None:
+    text = (
+        "msnn: 1\nname: gain\nsample_time: 1 s\ninputs: {x: m, u: m}\ntargets: {z: m}\n"
+        "parameters: {a: 0.5, b: 0.3, c: 0.1}\n"
+        'outputs: {x_next: {expr: "a*x + b*u", predicts: "x[t+1]"}}\n'
+        "losses: {fit: 'mse(x_next, x[t+1])', other: {expr: 'mse(c * u, z)', weight: 3}}\n"
+        "train: [{freeze: [b], rollout: {horizon: episode, skip: 2}, "
+        f"engine: {engine}, optimizer: levenberg_marquardt}}]\n"
+    )
+    program, spec = compiled(text)
+    series = gain_series(100)
+    series["z"] = np.where(np.arange(100) % 3, np.nan, -2 * series["u"])
+    data = dataset(series, train=[30, 45, 25])
+    result = train(program, data, spec.train, IN_MEMORY)
+    assert result.weights["a"] == pytest.approx(0.8, abs=1e-7)
+    assert result.weights["b"] == 0.3
+    assert result.weights["c"] == pytest.approx(-2.0, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("stage", "losses", "code"),
+    [
+        ("{}", "mae(x_next, x[t+1])", "E0930"),
+        ("{}", "rmse(x_next, x[t+1])", "E0930"),
+        ("{}", "l1(a)", "E0930"),
+        ("{}", "exp(a)", "E0930"),
+        ("{batch: 5}", "mse(x_next, x[t+1])", "E0931"),
+        ("{lr: {a: 0.1}}", "mse(x_next, x[t+1])", "E0931"),
+        ("{schedule: {cosine: {}}}", "mse(x_next, x[t+1])", "E0931"),
+        ("{clip: 1}", "mse(x_next, x[t+1])", "E0931"),
+        ("{weight_decay: 0.1}", "mse(x_next, x[t+1])", "E0931"),
+        ("{dtype: float32}", "mse(x_next, x[t+1])", "E0931"),
+    ],
+)
+def test_what_it_cannot_do_is_said(stage: str, losses: str, code: str) -> None:
+    keys = stage[1:-1]
+    program, spec = gain(
+        f"  - {{optimizer: levenberg_marquardt{', ' if keys else ''}{keys}}}\n",
+        f"losses: {{fit: '{losses}'}}\n",
+    )
+    with pytest.raises(SpecError) as caught:
+        train(program, dataset(gain_series(50), train=[50]), spec.train, IN_MEMORY)
+    (found,) = [d for d in caught.value.diagnostics if d.severity == "error"]
+    assert found.code == code
+    if code == "E0930":
+        assert found.span is not None
+        assert found.span.line == (GAIN + "train:\n  - {}\n").count("\n") + 1
+
+
+def test_a_loss_of_weight_0_may_be_anything() -> None:
+    program, spec = gain(
+        "  - {optimizer: levenberg_marquardt, losses: {shape: 0}}\n",
+        "losses: {fit: 'mse(x_next, x[t+1])', shape: 'mae(x_next, x[t+1])'}\n",
+    )
+    result = train(program, dataset(gain_series(50), train=[50]), spec.train, IN_MEMORY)
+    assert result.weights["a"] == pytest.approx(0.8, abs=1e-8)
+
+
+def test_a_curriculum_goes_on_after_a_short_horizon_converged() -> None:
+    ends = Ends()
+    program, spec = gain(
+        "  - {epochs: 20, rollout: {horizon: 6, curriculum: {10: 2}}, "
+        "optimizer: levenberg_marquardt}\n"
+    )
+    series = gain_series(80)
+    series["x"] += np.random.default_rng(3).normal(0, 0.1, 80)
+    train(program, dataset(series, train=[80]), spec.train, IN_MEMORY, ends)
+    (end,) = ends.stages
+    assert 10 < end.epochs < 20
+    assert end.reason == "converged"
