@@ -207,7 +207,10 @@ def export(
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     known = _known(model, weights)
-    return tuple(path for plan in plans for path in write_export(plan, known, Path(folder)))
+    try:
+        return tuple(path for plan in plans for path in write_export(plan, known, Path(folder)))
+    except SpecError as error:
+        raise _with_sources(error, model) from None
 
 
 def read_data(

@@ -18,12 +18,14 @@ from msnn.data.dataset import FloatArray
 from msnn.model_file import Model
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import commands, workflow
+from spec_schema.errors.fixed_point import fixed_point_option
 from spec_schema.errors.states import not_closable
 from spec_schema.exports import CasadiExport, CExport, Export, OnnxExport, TorchExport
 from spec_schema.source import Span
 
 TargetName: TypeAlias = Literal["torch", "onnx", "casadi", "c"]
 Dtype: TypeAlias = Literal["float32", "float64"]
+FixedPoint: TypeAlias = Literal["q15", "q31"]
 TARGETS: tuple[TargetName, ...] = ("torch", "onnx", "casadi", "c")
 
 
@@ -37,6 +39,8 @@ class ExportPlan:
     dtype: Dtype
     c: CExport | None = None
     """What the spec says of generated C besides."""
+    fixed_point: FixedPoint | None = None
+    """C in integers of this format instead of `dtype`."""
 
 
 def target_names(names: Sequence[str], export: Export | None) -> tuple[TargetName, ...]:
@@ -83,6 +87,10 @@ def write_export(
             from backends.casadi_files import write_casadi
 
             return write_casadi(plan.program, weights, folder, plan.prefix)
+        case "c" if plan.fixed_point is not None:
+            from backends.fixed_point import write_fixed_c
+
+            return write_fixed_c(plan.program, weights, folder, plan.prefix, plan.fixed_point).files
         case "c":
             from backends.c import COptions, write_c
 
@@ -123,10 +131,15 @@ def _entry(export: Export | None, target: TargetName) -> _TargetEntry | None:
 def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | None:
     entry = _entry(model.spec.export, target)
     dtype: Dtype = "float32" if target == "c" else "float64"
+    fixed_point: FixedPoint | None = None
     prefix = c_identifier(model.name, set())
     program: Program | None = model.program
     if entry is not None:
-        dtype = entry.dtype or dtype
+        match entry.dtype:
+            case "q15" | "q31":
+                fixed_point = entry.dtype
+            case _:
+                dtype = entry.dtype or dtype
         if isinstance(entry, CasadiExport | CExport) and entry.prefix is not None:
             prefix = c_identifier(entry.prefix.value, set())
         if isinstance(entry, CasadiExport) and dtype != "float64":
@@ -139,9 +152,23 @@ def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | 
     outputs = _outputs(model, entry, findings)
     step = to_step_form(prune_outputs(program, outputs))
     c = entry if isinstance(entry, CExport) else None
-    if target == "c":
+    if fixed_point is not None and c is not None:
+        findings.report(*(fixed_point_option(name, c.place.key) for name in _float_options(c)))
+    elif target == "c":
         step = settle_zeros(retime(step, fixed_parameters=c is None or c.params != "tunable"))
-    return ExportPlan(target, step, prefix, dtype, c)
+    return ExportPlan(target, step, prefix, dtype, c, fixed_point)
+
+
+def _float_options(entry: CExport) -> list[str]:
+    """The options of floating-point C that an entry sets."""
+    options = {
+        "params": "const",
+        "math": "own",
+        "ring": "auto",
+        "unroll": 4,
+        "constant_time": False,
+    }
+    return [name for name, usual in options.items() if getattr(entry, name) != usual]
 
 
 def _closed(program: Program, entry: _TargetEntry, findings: Findings) -> Program | None:

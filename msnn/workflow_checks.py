@@ -10,6 +10,7 @@ from msnn.data.formats import format_of
 from msnn.data.row_filter import row_filters
 from msnn.data.splits import SETS
 from msnn.exporting import plan_exports, target_names
+from msnn.fixed_point import fixed_point_faults
 from msnn.model_file import Model, load_model
 from msnn.training.stage_plan import plan_stages
 from msnn.validation_plan import plan_checks
@@ -56,7 +57,10 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
             if entries:
                 findings.report(errors.needless_data(name, entries[0].place.key))
     if spec.export is not None:
-        plan_exports(model, target_names((), spec.export), findings)
+        plans = plan_exports(model, target_names((), spec.export), findings)
+        for plan in plans:
+            if plan.fixed_point is not None:
+                findings.report(*fixed_point_faults(plan, plan.fixed_point))
     return findings.in_order
 
 

@@ -3,30 +3,43 @@
 from typing import Annotated, ClassVar, Literal
 
 from spec_schema.entry import Entry
-from spec_schema.plain_fields import Dtype, NewName, NonNegativeCount, References, Switch, choice
+from spec_schema.plain_fields import (
+    CDtype,
+    Dtype,
+    NewName,
+    NonNegativeCount,
+    References,
+    Switch,
+    choice,
+)
 
 
 class Target(Entry):
-    """What every target takes: `outputs` to keep (None: all), inputs to `close`, number type."""
+    """What every target takes: `outputs` to keep (None: all) and inputs to `close`."""
 
     outputs: References | None = None
     close: References = ()
+
+
+class FloatTarget(Target):
+    """A target that computes in floating point of one size, its number type."""
+
     dtype: Dtype | None = None
 
 
-class TorchExport(Target):
+class TorchExport(FloatTarget):
     """A torch module."""
 
     noun: ClassVar[str] = "the torch export"
 
 
-class OnnxExport(Target):
+class OnnxExport(FloatTarget):
     """An ONNX model."""
 
     noun: ClassVar[str] = "the onnx export"
 
 
-class CasadiExport(Target):
+class CasadiExport(FloatTarget):
     """A CasADi function; names start with `prefix`, by default the name of the spec."""
 
     noun: ClassVar[str] = "the casadi export"
@@ -40,11 +53,13 @@ class CExport(Target):
     `params: inline` writes parameters into the code, the others give the step a pointer to them.
     `ring` says how windows move, `unroll` up to how many elements loops are written out.
     `constant_time` makes every step take the same instructions, whatever its numbers are.
+    With the `dtype` q15 or q31 the C computes in integers.
     """
 
     noun: ClassVar[str] = "the c export"
 
     prefix: NewName | None = None
+    dtype: CDtype | None = None
     params: Annotated[
         Literal["const", "tunable", "inline"], choice("const", "tunable", "inline")
     ] = "const"

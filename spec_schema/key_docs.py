@@ -238,11 +238,12 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
     "Target": {
         "outputs": "Outputs that are kept, or equations; by default all outputs.",
         "close": "Inputs that are fed back inside; none by default.",
-        "dtype": "Type of the numbers.",
     },
+    "FloatTarget": {"dtype": "Type of the numbers."},
     "CasadiExport": {"prefix": _PREFIX},
     "CExport": {
         "prefix": _PREFIX,
+        "dtype": "Type of the numbers; `q15` and `q31` are integers.",
         "params": "Parameters as constants, through a pointer, or written into the code.",
         "math": "Own math functions, or those of the C library.",
         "ring": "How windows move.",

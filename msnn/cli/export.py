@@ -50,6 +50,7 @@ def export(
     """
     from msnn.cli.console import json_result, note, report, result
     from msnn.exporting import TARGETS, plan_exports, target_names, write_export
+    from msnn.fixed_point import error_table
     from msnn.model_file import load_model
     from msnn.model_weights import choose_weights
     from msnn.tables import count
@@ -73,10 +74,15 @@ def export(
     written: dict[str, tuple[Path, Sequence[Path]]] = {}
     for plan in plans:
         folder = out / plan.target
-        paths = write_export(plan, chosen.weights, folder)
+        try:
+            paths = write_export(plan, chosen.weights, folder)
+        except SpecError as error:
+            raise SpecError(error.diagnostics, model.sources) from None
         written[plan.target] = folder, paths
         if format is ResultFormat.TEXT:
             result(f"{plan.target}: {count(len(paths), 'file')} in {folder}")
+            if plan.fixed_point is not None:
+                result(error_table(folder, plan.prefix))
     record: dict[str, Any] = {"files": {t: [str(p) for p in ps] for t, (_, ps) in written.items()}}
     found = None
     if check:

@@ -61,6 +61,16 @@ class ExportedC:
         return tuple(path for path in self.sources if not path.stem.endswith("_selftest"))
 
     @property
+    def fixed_point(self) -> bool:
+        """Whether it computes in integers."""
+        return self.dtype in ("q15", "q31")
+
+    @property
+    def number(self) -> str:
+        """The type of the outputs."""
+        return f"{self.prefix}_{'word_t' if self.fixed_point else 'real'}"
+
+    @property
     def reals(self) -> int:
         """Numbers in the struct of the outputs."""
         return sum(m.size or 1 for m in self.outputs if not m.unsigned)

@@ -23,6 +23,7 @@ def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -
         "runs": model.runs,
         "steps": len(model.expected) // model.runs,
         "reals": model.reals,
+        "number": model.number,
     }
     text = _environment().get_template(f"{template}.j2").render(**common, **facts)
     path = folder / template

@@ -1,0 +1,46 @@
+"""Writes C in fixed point: a folder that builds by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from backends.atomic_write import write_text
+from backends.fixed_point.file_texts import file_texts
+from compiler.fixed_point.compile_integers import integer_program
+from compiler.fixed_point.deviation import OutputError, output_errors
+from compiler.fixed_point.integer_program import Q15, Q31
+from compiler.interpreter import physical_weights
+from compiler.program import Program
+
+WIDTHS = {"q15": Q15, "q31": Q31}
+
+
+@dataclass(frozen=True, slots=True)
+class FixedExport:
+    """What was written, and how far it is from float64."""
+
+    files: tuple[Path, ...]
+    errors: tuple[OutputError, ...]
+
+
+def write_fixed_c(
+    program: Program, weights: Mapping[str, ArrayLike], folder: Path, prefix: str, dtype: str
+) -> FixedExport:
+    """Writes header, sources, self-test, build file and README.
+
+    `program` is in step form; `dtype` is `q15` or `q31`. The same arguments give the same bytes.
+    Raises SpecError for what fixed point cannot hold, OSError.
+    """
+    numbers: dict[str, Any] = physical_weights(program, weights)
+    integers = integer_program(program, numbers, WIDTHS[dtype])
+    with np.errstate(all="ignore"):
+        errors = output_errors(program, numbers, integers)
+    texts = file_texts(integers, prefix, errors)
+    files = tuple(write_text(folder / name, text) for name, text in texts.items())
+    return FixedExport(files, errors)

@@ -1,0 +1,45 @@
+"""Numbers of a program that goes to fixed point: its weights, and formats out of ranges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.builder import GraphBuilder
+from compiler.graph_copy import copy_node, with_start, with_step
+from compiler.ops import Constant, ReadParameter
+from compiler.passes import run_passes
+from compiler.program import Graph, NodeId, Program
+
+
+def with_numbers(program: Program, weights: Mapping[str, NDArray[Any]]) -> Program:
+    """The program with its parameters as constants, folded."""
+    replaced: list[tuple[Graph, dict[NodeId, NodeId]]] = []
+    for graph in (program.step, program.start):
+        builder, copies = GraphBuilder(), dict[NodeId, NodeId]()
+        for index, node in graph:
+            if isinstance(node.op, ReadParameter):
+                numbers = np.asarray(weights[node.op.name], np.float64).ravel()
+                constant = Constant(tuple(float(number) for number in numbers))
+                node = replace(node, op=constant)
+            copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+        replaced.append((builder.graph(), copies))
+    program = with_start(with_step(replace(program, losses=()), *replaced[0]), *replaced[1])
+    return run_passes(program)
+
+
+def finite(limits: tuple[float, float] | None) -> tuple[float, float] | None:
+    """The limits where both are numbers."""
+    return limits if limits is not None and all(map(math.isfinite, limits)) else None
+
+
+def word_format(low: float, high: float, bits: int) -> tuple[int, int, int]:
+    """Fraction and integer limits of values low … high in that many bits."""
+    reach = max(abs(low), abs(high), 2.0**-bits)
+    fraction = bits - 1 - math.frexp(reach)[1]
+    return fraction, round(math.ldexp(low, fraction)), round(math.ldexp(high, fraction))

@@ -1,0 +1,163 @@
+"""How far an integer program is from the same program in float64."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.fixed_point.golden import drawn
+from compiler.fixed_point.integer_program import IntegerProgram, WordPort
+from compiler.fixed_point.run_integers import reset, step
+from compiler.interpreter import Interpreter
+from compiler.ops import ReadSignal
+from compiler.program import Declared, Program
+
+_RUNS, _STEPS, _SEED = 8, 60, 11
+_HELD = 20
+"""Steps for which every second run keeps its inputs, so that errors can add up."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputError:
+    """The error of one output, and the span of its values in float64."""
+
+    name: str
+    largest: float
+    rms: float
+    span: float
+    steps: int
+    """Over so many steps."""
+
+    @property
+    def relative(self) -> float:
+        """The largest error as a part of the range."""
+        return self.largest / self.span if self.span else 0.0
+
+
+def output_errors(
+    program: Program, weights: Mapping[str, NDArray[Any]], integers: IntegerProgram
+) -> tuple[OutputError, ...]:
+    """Errors over closed runs from drawn pasts, inputs drawn from all of their range.
+
+    Both run on the same words. The span of an output is the range that the spec declares for what
+    it predicts, else what its values cover. States are saturated in float64 as well.
+    """
+    random = np.random.Generator(np.random.Philox(_SEED))
+    exact: dict[str, list[NDArray[Any]]] = {output.name: [] for output in program.outputs}
+    found: dict[str, list[NDArray[Any]]] = {output.name: [] for output in program.outputs}
+    interpreter = Interpreter(program, weights)
+    extents = _extents(program)
+    ports = {port.name: port for port, _ in integers.outputs}
+    for run in range(_RUNS):
+        windows = {port.name: drawn(port, random) for port in integers.windows}
+        state = reset(integers, windows)
+        log, t0 = _record(integers, windows)
+        states = _saturated(program, interpreter.start(log, t0))
+        words: dict[str, list[int]] = {}
+        for k in range(_STEPS):
+            if run % 2 == 0 or k % _HELD == 0:
+                words = {entry.port.name: drawn(entry.port, random) for entry in integers.inputs}
+            answer = step(integers, state, words)
+            row_log, row = _row(integers, words, extents)
+            result = interpreter.step(row_log, row, states, losses=False)
+            states = _saturated(program, result.next_states)
+            for name, words_out in answer.outputs.items():
+                exact[name].append(result.outputs[name][0].ravel())
+                found[name].append(np.ldexp(np.array(words_out, float), -ports[name].fraction))
+    ranges = _ranges(program)
+    return tuple(
+        _error(output.name, exact[output.name], found[output.name], ranges.get(output.name))
+        for output in program.outputs
+    )
+
+
+def _error(
+    name: str,
+    exact: list[NDArray[Any]],
+    found: list[NDArray[Any]],
+    limits: tuple[float, float] | None,
+) -> OutputError:
+    values, errors = np.array(exact), np.array(found) - np.array(exact)
+    span = float(np.ptp(values)) if limits is None else limits[1] - limits[0]
+    rms = math.sqrt(float(np.mean(errors**2)))
+    return OutputError(name, float(np.abs(errors).max()), rms, span, len(exact))
+
+
+def _ranges(program: Program) -> dict[str, tuple[float, float]]:
+    """Finite ranges of what outputs predict."""
+    declared = {state.name: state.range for state in program.states}
+    declared |= {signal.name: signal.range for signal in program.signals if signal.range}
+    found: dict[str, tuple[float, float]] = {}
+    for output in program.outputs:
+        limits = declared.get(output.predicts.signal) if output.predicts else None
+        if limits is not None and all(map(math.isfinite, limits)):
+            found[output.name] = limits
+    return found
+
+
+def _saturated(program: Program, states: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    limits = {s.name: s.range for s in program.states if isinstance(s.origin, Declared)}
+    return {
+        name: value if (bounds := limits.get(name)) is None else np.clip(value, *bounds)
+        for name, value in states.items()
+    }
+
+
+def _real(port: WordPort, words: list[int]) -> NDArray[np.float64]:
+    shape = tuple(axis.size for axis in port.axes)
+    return np.ldexp(np.array(words, np.float64), -port.fraction).reshape(shape)
+
+
+def _record(
+    integers: IntegerProgram, windows: Mapping[str, list[int]]
+) -> tuple[dict[str, NDArray[Any]], int]:
+    """The record that the windows are cut from, and the row of the first step in it."""
+    t0 = max([0, *(-first for first in integers.window_firsts)])
+    log: dict[str, NDArray[Any]] = {}
+    for port, first in zip(integers.windows, integers.window_firsts, strict=True):
+        samples = np.moveaxis(_real(port, windows[port.name]), -1, 0)
+        series = np.zeros((t0 + first + len(samples), *samples.shape[1:]))
+        series[t0 + first :] = samples
+        log[port.name] = series
+    return _padded(log, t0 + 1), t0
+
+
+def _extents(program: Program) -> dict[str, tuple[int, bool]]:
+    """The first sample that the step reads of each input, and whether it is a window."""
+    return {
+        node.op.signal: (node.op.first, node.type.window is not None)
+        for _, node in program.step
+        if isinstance(node.op, ReadSignal)
+    }
+
+
+def _row(
+    integers: IntegerProgram,
+    words: Mapping[str, list[int]],
+    extents: Mapping[str, tuple[int, bool]],
+) -> tuple[dict[str, NDArray[Any]], int]:
+    """A log that holds the samples of one step, and its row."""
+    row = max([0, *(-first for first, _ in extents.values())])
+    log: dict[str, NDArray[Any]] = {}
+    for entry in integers.inputs:
+        first, is_window = extents[entry.port.name]
+        value = _real(entry.port, words[entry.port.name])
+        samples = np.moveaxis(value, -1, 0) if is_window else value[np.newaxis]
+        series = np.zeros((row + first + len(samples), *samples.shape[1:]))
+        series[row + first :] = samples
+        log[entry.port.name] = series
+    return _padded(log, row + 1), row
+
+
+def _padded(log: dict[str, NDArray[Any]], least: int) -> dict[str, NDArray[Any]]:
+    """All series with as many rows as the longest."""
+    rows = max([least, *(len(series) for series in log.values())])
+    return {
+        name: np.concatenate([series, np.zeros((rows - len(series), *series.shape[1:]))])
+        for name, series in log.items()
+    }

@@ -1,0 +1,60 @@
+"""Golden steps of an integer program: drawn words and what the integer interpreter answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.fixed_point.integer_program import IntegerProgram, WordPort
+from compiler.fixed_point.run_integers import Words, initial, reset, step
+
+_INVALID_EVERY = 7
+"""Steps from one word outside its range to the next."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenRun:
+    """Words by name; the inputs and outputs of each step."""
+
+    windows: dict[str, list[int]]
+    inputs: list[dict[str, list[int]]]
+    outputs: list[dict[str, list[int]]]
+    status: list[int]
+
+
+def golden_run(
+    program: IntegerProgram, steps: int, seed: int, *, from_init: bool = False
+) -> GoldenRun:
+    """`steps` steps from a drawn past, or from none; some inputs are outside their range.
+
+    The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
+    """
+    random = np.random.Generator(np.random.Philox(seed))
+    windows = {port.name: drawn(port, random) for port in program.windows}
+    state = initial(program) if from_init else reset(program, windows)
+    inputs: list[dict[str, list[int]]] = []
+    outputs: list[dict[str, list[int]]] = []
+    status: list[int] = []
+    limit = program.width.largest_word
+    for k in range(steps):
+        words = {entry.port.name: drawn(entry.port, random) for entry in program.inputs}
+        if k % _INVALID_EVERY == _INVALID_EVERY // 2:
+            for values in words.values():
+                values[0] = limit if k % 2 else -limit
+        inputs.append(words)
+        answer = step(program, state, words)
+        outputs.append(answer.outputs)
+        status.append(int(answer.status))
+    return GoldenRun(windows, inputs, outputs, status)
+
+
+def drawn(port: WordPort, random: np.random.Generator) -> list[int]:
+    """Words of the whole range of a port."""
+    words = random.integers(port.low, port.high, port.size, endpoint=True)
+    return [int(word) for word in words]
+
+
+def flat(run_part: Words) -> list[int]:
+    """All words one after the other, in the order of the names."""
+    return [word for values in run_part.values() for word in values]

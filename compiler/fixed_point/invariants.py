@@ -1,0 +1,130 @@
+"""Bounds of states that the spec gives no range: of filters, whose memory decays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.fixed_point.forms import Form
+from compiler.fixed_point.integer_program import Width
+from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
+from compiler.ops import Window
+from compiler.program import Graph, Node, State
+
+_MARGIN = 1.0 + 2.0**-6
+"""What roundings may add; a state is saturated at its bound all the same."""
+
+_LONGEST_MEMORY = 2**16
+"""Steps after which what a state forgets must be forgotten."""
+
+
+def proved_bounds(
+    states: Sequence[State],
+    graph: Graph,
+    width: Width,
+    reads: Callable[[Lowering, Node], Elements],
+    known: Callable[[Lowering, str], Elements],
+    starts: Mapping[str, float],
+) -> dict[str, float]:
+    """The largest magnitude of each state s that moves by s⁺ = A s + d with bounded d.
+
+    |s| ≤ Σₖ |Aᵏ| |d| + maxₖ |Aᵏ| |s₀|. Raises UnsupportedError where the next value is not linear
+    in these states or Aᵏ does not vanish.
+    """
+    symbols: dict[int, int] = {}
+    own: dict[str, Elements] = {}
+
+    def state_values(lowering: Lowering, name: str) -> Elements:
+        if name not in sizes:
+            return known(lowering, name)
+        if name not in own:
+            nodes = [lowering.builder.word(f"{name} (any)", i, 0, 0, 0) for i in range(sizes[name])]
+            for node in nodes:
+                symbols[node] = len(symbols)
+            own[name] = elements(lowering, nodes, shapes[name])
+        return own[name]
+
+    shapes = {state.name: tuple(axis.size for axis in state.axes) for state in states}
+    sizes = {name: int(np.prod(shape, dtype=int)) for name, shape in shapes.items()}
+    lowering = _Symbolic(graph, width, reads, state_values, symbols)
+    for name in sizes:
+        state_values(lowering, name)
+    count = len(symbols)
+    matrix, drive = np.zeros((count, count)), np.zeros(count)
+    first = np.concatenate([np.full(sizes[name], starts[name]) for name in sizes])
+    row = 0
+    for state in states:
+        for form in lowering.value(state.next).ravel():
+            lowering.place = state
+            for monomial, coefficient in form.terms:
+                if len(monomial) == 1 and monomial[0] in symbols:
+                    matrix[row, symbols[monomial[0]]] = coefficient
+            rest = tuple((m, c) for m, c in form.terms if not any(n in symbols for n in m))
+            node = lowering.node(Form(lowering, form.constant, rest))
+            drive[row] = max(abs(bound) for bound in lowering.builder.bounds(node))
+            row += 1
+    reach = _reach(matrix, drive, first)
+    if reach is None:
+        culprit = states[0]
+        why = "has no `range:`, and none can be proved: it does not forget"
+        raise UnsupportedError(f"state `{culprit.name}`", culprit.span, why)
+    split = np.split(reach, np.cumsum(list(sizes.values()))[:-1])
+    return {name: float(part.max()) for name, part in zip(sizes, split, strict=True)}
+
+
+class _Symbolic(Lowering):
+    """Keeps what is linear in the symbols as it is, and refuses what is not."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        width: Width,
+        reads: Callable[[Lowering, Node], Elements],
+        states: Callable[[Lowering, str], Elements],
+        symbols: Mapping[int, int],
+    ) -> None:
+        super().__init__(graph, width, reads, states)
+        self._symbols = symbols
+        self.place: State | None = None
+
+    def node(self, form: Form) -> int:
+        self._refuse(form)
+        return super().node(form)
+
+    def product(self, left: Form, right: Form) -> Form:
+        self._refuse(left)
+        self._refuse(right)
+        return super().product(left, right)
+
+    def shortened(self, form: Form) -> Form:
+        return form if self._has_symbols(form) else super().shortened(form)
+
+    def _has_symbols(self, form: Form) -> bool:
+        return any(node in self._symbols for monomial, _ in form.terms for node in monomial)
+
+    def _refuse(self, form: Form) -> None:
+        if self._has_symbols(form):
+            why = "has no `range:`, and none can be proved: its next value is not linear in it"
+            raise UnsupportedError("a state", self.builder.span, why)
+
+
+def is_buffer(state: State, graph: Graph) -> bool:
+    """Whether the state is the window of a signal or an equation."""
+    return any(isinstance(node.op, Window) and node.op.state == state.name for _, node in graph)
+
+
+def _reach(
+    matrix: NDArray[np.float64], drive: NDArray[np.float64], first: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    power, driven, started = np.eye(len(drive)), np.zeros(len(drive)), np.zeros(len(drive))
+    for _ in range(_LONGEST_MEMORY):
+        size = np.abs(power)
+        driven, started = driven + size @ drive, np.maximum(started, size @ first)
+        power = power @ matrix
+        if not np.isfinite(power).all():
+            return None
+        if np.abs(power).max() < 1e-12:
+            return (driven + started) * _MARGIN
+    return None

@@ -1,0 +1,180 @@
+"""Makes one integer node out of a form: chooses the scale, the coefficients and the bounds."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+
+from compiler.fixed_point.forms import Form, Monomial
+from compiler.fixed_point.integer_builder import CannotFitError, IntegerBuilder
+from compiler.fixed_point.integer_program import Width
+
+_ROOM = 0.9
+"""Part of the range of a sum that values may fill; the rest is for roundings."""
+
+_WORTH_A_SHIFT = 3
+"""Bits that the coefficients of a part of a sum gain by a rounding of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """A node that grows from 0 while x passes one interval, the intervals side by side.
+
+    A ramp begins when the one before is full, so sums over ramps of one chain are bounded by their
+    values where intervals meet.
+    """
+
+    chain: int
+    place: int
+
+
+class Settler:
+    """The forms of one graph and the nodes that they became."""
+
+    def __init__(self, width: Width) -> None:
+        self.builder = IntegerBuilder(width)
+        self.ramps: dict[int, Ramp] = {}
+        self.indicators: set[int] = set()
+        self._settled: dict[tuple[float, tuple[tuple[Monomial, float], ...]], int] = {}
+
+    def form(self, node: int) -> Form:
+        return Form(self, 0.0, (((node,), 1.0),))
+
+    def number(self, value: float) -> Form:
+        return Form(self, value)
+
+    def is_thin(self, form: Form) -> bool:
+        return all(n in self.ramps or n in self.indicators for m, _ in form.terms for n in m)
+
+    def product(self, left: Form, right: Form) -> Form:
+        scale, nodes = 1.0, list[int]()
+        for form in (left, right):
+            if form.degree == 1 and len(form.terms) == 1 and form.constant == 0.0:
+                (((node,), coefficient),) = form.terms
+                scale *= coefficient
+            else:
+                node = self.node(form)
+            nodes.append(self.builder.as_word(node))
+        first, second = sorted(nodes)
+        return self.form(self.builder.product(first, second)).times(scale)
+
+    def node(self, form: Form) -> int:
+        """The node that holds the form's value."""
+        key = form.constant, form.terms
+        if key not in self._settled:
+            self._settled[key] = self._linear(form.constant, self._degree_one(form))
+        return self._settled[key]
+
+    def _degree_one(self, form: Form) -> list[tuple[int, float]]:
+        """The terms with products computed; a factor that many share is taken out first."""
+        linear = [(m[0], c) for m, c in form.terms if len(m) == 1]
+        rest = {m: c for m, c in form.terms if len(m) > 1}
+        while rest:
+            counts = Counter(node for monomial in rest for node in set(monomial))
+            shared = max(counts, key=lambda node: (counts[node], node not in self.ramps, node))
+            inner: dict[Monomial, float] = {}
+            for monomial in [m for m in rest if shared in m]:
+                other = monomial[1] if monomial[0] == shared else monomial[0]
+                inner[other,] = rest.pop(monomial)
+            found = self.product(self.form(shared), Form(self, 0.0, tuple(sorted(inner.items()))))
+            linear += [(m[0], c) for m, c in found.terms]
+        return linear
+
+    def _linear(self, constant: float, terms: list[tuple[int, float]]) -> int:
+        if not terms:
+            return self._constant(constant)
+        terms = self._apart(sorted(terms, key=self._order))
+        fraction = self._largest_fraction(constant, terms)
+        exact = [self._exact_fraction(node, c) for node, c in terms]
+        if all(bits is not None for bits in exact):
+            fraction = min(fraction, max(bits for bits in exact if bits is not None))
+        while True:
+            scaled = [self._scaled(node, c, fraction) for node, c in terms]
+            excess = max(abs(c) for c, _ in scaled)
+            if excess <= self.builder.width.largest_word or all(e is not None for e in exact):
+                break
+            fraction -= 1
+        kept = [(c, node) for c, node in scaled if c != 0]
+        rounded = round(math.ldexp(constant, fraction))
+        if not kept:
+            return self.builder.literal(rounded, fraction)
+        low, high = self._bounds([(node, c) for c, node in kept], integer=True)
+        bounds = (rounded + int(low), rounded + int(high))
+        return self.builder.weighted_sum(rounded, kept, fraction, bounds)
+
+    def _apart(self, terms: list[tuple[int, float]]) -> list[tuple[int, float]]:
+        """Products that are small beside what is only shifted are summed first, at their own scale.
+
+        x + dt · (…) would otherwise leave the coefficients of the second part few bits.
+        """
+        products = [term for term in terms if self._exact_fraction(*term) is None]
+        shifted = [term for term in terms if self._exact_fraction(*term) is not None]
+        if not products or not shifted:
+            return terms
+        gained = self._largest_fraction(0.0, products) - self._largest_fraction(0.0, terms)
+        if gained < _WORTH_A_SHIFT:
+            return terms
+        return [*shifted, (self._linear(0.0, products), 1.0)]
+
+    def _constant(self, value: float) -> int:
+        if value == 0.0:
+            return self.builder.literal(0, 0)
+        if not math.isfinite(value):
+            raise CannotFitError("is not finite")
+        fraction = self.builder.width.word - 1 - math.frexp(abs(value))[1]
+        whole = round(math.ldexp(value, fraction))
+        if abs(whole) > self.builder.width.largest_word:
+            fraction -= 1
+            whole = round(math.ldexp(value, fraction))
+        return self.builder.literal(whole, fraction)
+
+    def _order(self, term: tuple[int, float]) -> tuple[int, int, int]:
+        """Ramps of a chain side by side and in their order; that is what bounds their sum."""
+        ramp = self.ramps.get(term[0])
+        return (0, 0, term[0]) if ramp is None else (1, ramp.chain, ramp.place)
+
+    def _largest_fraction(self, constant: float, terms: list[tuple[int, float]]) -> int:
+        low, high = self._bounds(terms, integer=False)
+        products = [max(abs(v * c) for v in self.builder.bounds(node)) for node, c in terms]
+        reach = max(abs(low), abs(high), *products) + abs(constant)
+        if not math.isfinite(reach):
+            raise CannotFitError("is not bounded")
+        if reach == 0.0:
+            return 0
+        return math.floor(math.log2(_ROOM * self.builder.width.largest_sum / reach))
+
+    def _bounds(self, terms: list[tuple[int, float]], *, integer: bool) -> tuple[float, float]:
+        """What partial sums of the terms stay within, 0 included."""
+        low = high = 0
+        chains: dict[int, list[float]] = {}
+        for node, coefficient in terms:
+            found = self.builder[node]
+            ends = (found.low, found.high) if integer else self.builder.bounds(node)
+            ramp = self.ramps.get(node)
+            if ramp is None:
+                values = [coefficient * end for end in ends]
+                low, high = low + min(0, *values), high + max(0, *values)
+            else:
+                chains.setdefault(ramp.chain, [0]).append(coefficient * ends[1])
+        for steps in chains.values():
+            sums = [sum(steps[: count + 1]) for count in range(len(steps))]
+            low, high = low + min(sums), high + max(sums)
+        return low, high
+
+    def _exact_fraction(self, node: int, coefficient: float) -> int | None:
+        """The scale at which coefficient · node is the node itself, for powers of two."""
+        mantissa, exponent = math.frexp(abs(coefficient))
+        return self.builder[node].fraction - (exponent - 1) if mantissa == 0.5 else None
+
+    def _scaled(self, node: int, coefficient: float, fraction: int) -> tuple[int, int]:
+        """Integer coefficient and operand of a term at the scale of the sum."""
+        exact = self._exact_fraction(node, coefficient)
+        sign = 1 if coefficient > 0 else -1
+        if exact is not None and fraction >= exact:
+            return sign * 2 ** (fraction - exact), node
+        if exact is not None:
+            shifted = self.builder.to_fraction(node, self.builder[node].fraction - exact + fraction)
+            return sign, shifted
+        word = self.builder.as_word(node)
+        return round(math.ldexp(coefficient, fraction - self.builder[word].fraction)), word

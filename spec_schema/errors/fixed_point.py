@@ -1,0 +1,40 @@
+"""E0960-E0969: models that cannot be exported in fixed point."""
+
+from spec_schema.diagnostics import Diagnostic
+from spec_schema.source import Span
+
+
+def range_needed(what: str, name: str, span: Span | None) -> Diagnostic:
+    """E0960: fixed point of a signal of which nobody knows how large it becomes."""
+    return Diagnostic(
+        "E0960",
+        "error",
+        f"fixed point needs the range of {what} `{name}`",
+        span,
+        "no finite `range:`",
+        help="declare the range that it has in operation: `range: [low, high]`",
+    )
+
+
+def not_in_fixed_point(what: str, span: Span | None, why: str) -> Diagnostic:
+    """E0961: fixed point of a value that has no bounds, no table or no room."""
+    return Diagnostic(
+        "E0961",
+        "error",
+        f"{what} cannot be computed in fixed point: it {why}",
+        span,
+        "not in integers",
+        help="bound what it depends on with `range:` or `clip`, or export `dtype: float32`",
+    )
+
+
+def fixed_point_option(option: str, span: Span) -> Diagnostic:
+    """E0962: an option of generated C that fixed point does not have."""
+    return Diagnostic(
+        "E0962",
+        "error",
+        f"`{option}` has no meaning for C in fixed point",
+        span,
+        "beside `dtype: q15` or `q31`",
+        help=f"leave `{option}:` out: numbers are written into the code",
+    )

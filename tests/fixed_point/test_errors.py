@@ -1,0 +1,49 @@
+"""How far fixed point is from float64, and that the export says so."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from msnn.exporting import write_export
+from msnn.fixed_point import error_table
+from tests.fixed_point.exported import fixed_model, gallery_text, planned
+
+# the share of the range that 16 bits, tables of 2^-10 and rounded coefficients add up to
+LARGEST = {
+    "reference": {"v_next": 1e-4},
+    "battery": {"voltage_now": 2e-4, "charge_next": 1e-4},
+    "heater": {"oven_next": 5e-4, "asked": 2e-3, "ageing_now": 2e-3},
+    "engine_map": {"torque_now": 3e-4, "shown_speed": 1e-4},
+    "quarter_car": {"z_next": 2e-4, "comfort": 3e-3},
+}
+
+
+def _errors(name: str, dtype: str, folder: Path) -> dict[str, float]:
+    plan = planned(fixed_model(folder, gallery_text(name), dtype))
+    write_export(plan, {}, folder / "c")
+    about = json.loads((folder / "c" / f"{plan.prefix}.json").read_text(encoding="utf-8"))
+    return {row["output"]: row["largest"] / row["range"] for row in about["errors"]}
+
+
+@pytest.mark.parametrize("name", LARGEST)
+def test_q15_is_within_its_error(name: str, tmp_path: Path) -> None:
+    found = _errors(name, "q15", tmp_path)
+    assert found.keys() == LARGEST[name].keys()
+    for output, error in found.items():
+        assert error < LARGEST[name][output], output
+
+
+@pytest.mark.parametrize("name", LARGEST)
+def test_q31_is_a_hundred_times_closer(name: str, tmp_path: Path) -> None:
+    for output, error in _errors(name, "q31", tmp_path).items():
+        assert error < max(LARGEST[name][output] / 100, 1e-6), output
+
+
+def test_the_export_shows_its_error(tmp_path: Path) -> None:
+    plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
+    write_export(plan, {}, tmp_path / "c")
+    assert "v_next" in error_table(tmp_path / "c", plan.prefix)
+    readme = (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
+    assert "largest / range" in readme
+    assert "| input | `u` | 10 | -20480 | 20480 |" in readme
