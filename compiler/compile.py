@@ -96,8 +96,9 @@ def compile_linked(
     if any(d.severity == "error" for d in diagnostics):
         raise SpecError(diagnostics)
     # What failed without a diagnostic would silently be missing.
-    assert len(lowered.outputs) == len(linked.spec.outputs), "an output was lost"
-    assert {state.name for state in lowered.states} >= linked.spec.states.keys(), "a state was lost"
+    wanted = {*spec.outputs, *_exported_equations(spec)}
+    assert {output.name for output in lowered.outputs} == wanted, "an output was lost"
+    assert {state.name for state in lowered.states} >= spec.states.keys(), "a state was lost"
     program = Program(
         name=spec.name.value,
         sample_time=model.sampling.sample_time,
