@@ -17,7 +17,7 @@ from msnn.package_names import check_package_names
 check_package_names()
 
 if TYPE_CHECKING:
-    from msnn.api import compile, export, load, simulate, stage_loss, train, validate
+    from msnn.api import compile, export, load, simulate, stage_loss, train, train_folds, validate
     from msnn.model_file import Model
     from spec_schema.diagnostics import SpecError
 
@@ -30,6 +30,7 @@ __all__ = [
     "simulate",
     "stage_loss",
     "train",
+    "train_folds",
     "validate",
 ]
 

@@ -21,10 +21,11 @@ from spec_schema.spec import Spec
 if TYPE_CHECKING:
     from msnn.data.frames import Frames
     from msnn.exporting import TargetName
+    from msnn.folds import FoldsResult
     from msnn.simulation import Simulation
     from msnn.training.own_loop import StageLoss
     from msnn.training.progress import Progress
-    from msnn.training.train import TrainingResult
+    from msnn.training.train import TrainingOptions, TrainingResult
     from msnn.validation import ValidationReport
 
 Weights = Mapping[str, FloatArray]
@@ -75,20 +76,45 @@ def train(
     `weights` are where the first stage begins, by default the initial values. Raises SpecError,
     TrainingDivergedError, TrainingInterruptedError and MissingExtraError.
     """
-    from msnn.model_weights import redrawn_weights
     from msnn.training import train as engine
 
-    options = engine.TrainingOptions(
-        runs=None if runs is None else Path(runs),
-        resume=resume,
-        tensorboard=tensorboard,
-        spec_text=model.text,
-        parts=model.parts,
-        redrawn=lambda draw: redrawn_weights(model, draw),
-    )
+    options = replace(_options(model, runs, tensorboard), resume=resume)
     dataset = _measured(model, data, data_root, "training")
     try:
         return engine.train(model.program, dataset, model.spec.train, options, progress, weights)
+    except SpecError as error:
+        raise _with_sources(error, model) from None
+
+
+def train_folds(
+    model: Model,
+    data: Frames | None = None,
+    *,
+    data_root: str | Path | None = None,
+    runs: str | Path | None = "runs",
+    tensorboard: bool = False,
+    weights: Weights | None = None,
+    progress: Progress | None = None,
+) -> FoldsResult:
+    """Trains once for every fold of `split: {by: kfold, k}`, and measures it on the fold.
+
+        result = msnn.train_folds(msnn.load("plant.msnn.yaml"))
+        print([fold.monitor for fold in result.folds], result.best.training.weights)
+
+    Arguments and errors as of `train`; frames are of one set, which the folds divide. SpecError
+    also where the data have no folds.
+    """
+    from msnn import folds
+    from msnn.data.frames import refuse_sets
+
+    refuse_sets(data)
+    options = _options(model, runs, tensorboard)
+
+    def read(one: Model) -> Dataset:
+        return _measured(one, data, data_root, "training")
+
+    try:
+        return folds.train_folds(model, read, options, progress, weights)
     except SpecError as error:
         raise _with_sources(error, model) from None
 
@@ -228,6 +254,19 @@ def read_data(
         return load_data(program or model.program, model.spec.data, folder, filters)
     except SpecError as error:
         raise _with_sources(error, model) from None
+
+
+def _options(model: Model, runs: str | Path | None, tensorboard: bool) -> TrainingOptions:
+    from msnn.model_weights import redrawn_weights
+    from msnn.training.train import TrainingOptions
+
+    return TrainingOptions(
+        runs=None if runs is None else Path(runs),
+        tensorboard=tensorboard,
+        spec_text=model.text,
+        parts=model.parts,
+        redrawn=lambda draw: redrawn_weights(model, draw),
+    )
 
 
 def _measured(

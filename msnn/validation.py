@@ -73,17 +73,20 @@ def validate(
     data: Dataset,
     checks: Sequence[Check],
     weights: Mapping[str, FloatArray] | None = None,
+    *,
+    on: str | None = None,
 ) -> ValidationReport:
     """Measures every entry of the `validate` section with the interpreter in float64.
 
-    Rollouts start a horizon apart, so that each row is scored once; a last shorter one covers the
-    rest. Raises SpecError where an entry and the data do not fit.
+    `on` is a set to measure all of them on, whatever set they name. Rollouts start a horizon apart,
+    so that each row is scored once; a last shorter one covers the rest. Raises SpecError where an
+    entry and the data do not fit.
     """
     findings = Findings()
     plans = plan_checks(program, checks, findings)
     ready: list[tuple[CheckPlan, str, Runs]] = []
     for plan in plans:
-        name = plan.data or default_set(data)
+        name = on or plan.data or default_set(data)
         wanted_by = f"the metric of `{plan.of}`"
         stride = None if plan.rollout.stride == plan.rollout.horizon else plan.rollout.stride
         ahead = plan.target.ahead if plan.target is not None else 0

@@ -17,10 +17,10 @@ def metrics_table(report: ValidationReport) -> str:
             row.of,
             row.metric,
             f"{row.value:.6g}",
-            _unit(row.unit),
+            unit_text(row.unit),
             limits(row),
             _verdict(row),
-            _rollout(row),
+            rollout_text(row),
             row.data,
             row.rows,
         )
@@ -64,8 +64,8 @@ def junit_text(name: str, report: ValidationReport) -> str:
         f'<testsuite name={quoteattr(name)} tests="{len(limited)}" failures="{broken}">',
     ]
     for row in limited:
-        title = quoteattr(f"{row.of} {row.metric} {limits(row)} ({_rollout(row)}, {row.data})")
-        found = f"{row.value:.9g} {_unit(row.unit)}".strip()
+        title = quoteattr(f"{row.of} {row.metric} {limits(row)} ({rollout_text(row)}, {row.data})")
+        found = f"{row.value:.9g} {unit_text(row.unit)}".strip()
         lines.append(f"  <testcase classname={quoteattr(name)} name={title}>")
         if row.passed:
             lines.append(f"    <system-out>{escape(f'{found}, {row.rows}')}</system-out>")
@@ -88,16 +88,18 @@ def limits(row: MetricRow) -> str:
             return f"{low:g} … {high:g}"
 
 
-def _verdict(row: MetricRow) -> str:
-    return {None: "", True: "kept", False: "BROKEN"}[row.passed]
-
-
-def _rollout(row: MetricRow) -> str:
+def rollout_text(row: MetricRow) -> str:
+    """How it was simulated: `one step`, `50 steps, closing x`."""
     closed = f", closing {', '.join(row.closed)}" if row.closed else ""
     if row.horizon == "1":
         return f"one step{closed}"
     return f"{row.horizon} steps{closed}" if row.horizon.isdecimal() else f"{row.horizon}{closed}"
 
 
-def _unit(unit: Unit | None) -> str:
+def unit_text(unit: Unit | None) -> str:
+    """The unit as it was written, empty without one."""
     return "" if unit is None else unit.text
+
+
+def _verdict(row: MetricRow) -> str:
+    return {None: "", True: "kept", False: "BROKEN"}[row.passed]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,6 +20,9 @@ from msnn.cli.arguments import (
 )
 from msnn.cli.exit_codes import ExitCode
 
+if TYPE_CHECKING:
+    from msnn.folds import FoldsResult
+
 
 def train(
     spec: SpecFile,
@@ -30,6 +33,9 @@ def train(
     ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the training that was interrupted.")
+    ] = False,
+    folds: Annotated[
+        bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
     ] = False,
     tensorboard: Annotated[
         bool, typer.Option("--tensorboard", help="Write curves for TensorBoard beside the weights.")
@@ -42,8 +48,12 @@ def train(
     """Train the parameters on data.
 
     Stage after stage, each from the best weights of the one before. Weights, metrics and the spec
-    are kept in a folder of their own; a training that was interrupted can go on.
+    are kept in a folder of their own; a training that was interrupted can go on. With --folds a
+    training a fold, each in a folder of its own; `latest` leads to the best.
     """
+    if folds and resume:
+        message = "trains all folds anew: a training of folds cannot be resumed"
+        raise typer.BadParameter(message, param_hint="'--folds'")
     from msnn.cli.console import is_live, json_result, note, report, result
     from msnn.model_file import load_model, with_engine
 
@@ -67,6 +77,12 @@ def train(
 
     progress = Recorded(Lines(sys.stderr, terminal=is_live(sys.stderr)))
     try:
+        if folds:
+            every = api.train_folds(
+                model, data_root=data_root, runs=out, tensorboard=tensorboard, progress=progress
+            )
+            _show_folds(every, format)
+            return
         found = api.train(
             model,
             data_root=data_root,
@@ -82,6 +98,10 @@ def train(
         note(f"the best weights before are kept in {kept}; `latest` {leads} there")
         raise typer.Exit(ExitCode.DIVERGED) from None
     except TrainingInterruptedError as error:
+        if folds:
+            kept = error.result.folder and error.result.folder.parent
+            note(f"interrupted; what there is of its folds is kept in {kept}")
+            raise typer.Exit(ExitCode.INTERRUPTED) from None
         note(f"interrupted; its state is kept in {error.result.folder}")
         note(
             f"this goes on: {_resume_command(spec, data_root, settings, engine, tensorboard, out)}"
@@ -100,6 +120,18 @@ def train(
         result(errors_note(errors))
     result("")
     result(f"kept in {found.folder}")
+
+
+def _show_folds(found: FoldsResult, format: ResultFormat) -> None:
+    from msnn.cli.console import json_result, result
+    from msnn.folds import folds_record, folds_table
+
+    if format is ResultFormat.JSON:
+        json_result("train", {**folds_record(found), "folder": str(found.folder)})
+        return
+    result(folds_table(found))
+    result("")
+    result(f"kept in {found.folder}; `latest` leads to fold {found.best.number}")
 
 
 def _resume_command(

@@ -77,6 +77,13 @@ def _sets(frames: Frames) -> dict[str, list[Frame]]:
     return {"train": _records(frames)}
 
 
+def refuse_sets(frames: Frames | None) -> None:
+    """Raises TypeError for frames of several sets where a split makes the sets."""
+    if isinstance(frames, Mapping) and _is_of_sets(frames):
+        message = "folds divide the records of one set: give a frame or a list of frames"
+        raise TypeError(message)
+
+
 def _is_of_sets(frames: Mapping[Any, Any]) -> bool:
     return bool(frames) and all(_is_records(value) for value in frames.values())
 

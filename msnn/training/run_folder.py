@@ -30,6 +30,8 @@ class RunFolder:
 
     path: Path
     program: Program
+    latest: Path | None
+    """The link that leads to the run last used; None for a fold, which is part of a run."""
 
     @property
     def weights(self) -> Path:
@@ -45,13 +47,18 @@ class RunFolder:
 
     def become_latest(self) -> None:
         """Lets `latest` point at this run: other commands take its weights from now on."""
-        _point(self.path.parent / LATEST, self.path.name)
+        if self.latest is not None:
+            _point(self.latest, self._target(self.latest))
 
     @property
     def is_latest(self) -> bool:
         """Whether `latest` points at this run."""
-        link = self.path.parent / LATEST
-        return link.is_symlink() and link.readlink().name == self.path.name
+        link = self.latest
+        return link is not None and link.is_symlink() and link.readlink() == self._target(link)
+
+    def _target(self, link: Path) -> Path:
+        """The run as `link` says it."""
+        return self.path.relative_to(link.parent)
 
     def append_metrics(self, record: Mapping[str, Any]) -> None:
         """Adds one line of JSON to `metrics.jsonl`."""
@@ -92,9 +99,15 @@ def new_run_folder(program: Program, runs: Path) -> RunFolder:
             path.mkdir(parents=True)
         except FileExistsError:
             continue
-        return RunFolder(path, program)
+        return RunFolder(path, program, parent / LATEST)
     message = f"a thousand runs started in {parent} within one second"
     raise FileExistsError(message)
+
+
+def fold_folder(program: Program, folder: Path) -> RunFolder:
+    """A fresh folder for one fold of a run."""
+    folder.mkdir()
+    return RunFolder(folder, program, None)
 
 
 def interrupted_run(program: Program, runs: Path) -> RunFolder | None:
@@ -102,7 +115,7 @@ def interrupted_run(program: Program, runs: Path) -> RunFolder | None:
     parent = runs / program.name
     folders = sorted(path.parent for path in parent.glob(f"*/{CHECKPOINT}"))
     folders = [folder for folder in folders if not folder.is_symlink()]
-    return RunFolder(folders[-1], program) if folders else None
+    return RunFolder(folders[-1], program, parent / LATEST) if folders else None
 
 
 def finite(value: Any) -> Any:
@@ -111,16 +124,16 @@ def finite(value: Any) -> Any:
         case float():
             return value if math.isfinite(value) else None
         case dict():
-            return {key: finite(part) for key, part in value.items()}
+            return {key: finite(part) for key, part in cast("dict[str, Any]", value).items()}
         case list():
-            return [finite(part) for part in value]
+            return [finite(part) for part in cast("list[Any]", value)]
         case _:
             return value
 
 
-def _point(link: Path, name: str) -> None:
-    """Makes `link` a symbolic link to its sibling, replacing an older one in one step."""
+def _point(link: Path, target: Path) -> None:
+    """Makes `link` a symbolic link to `target`, replacing an older one in one step."""
     temporary = link.with_name(f".{link.name}.{os.getpid()}")
     temporary.unlink(missing_ok=True)
-    temporary.symlink_to(name, target_is_directory=True)
+    temporary.symlink_to(target, target_is_directory=True)
     temporary.replace(link)

@@ -20,7 +20,7 @@ from msnn.training.engines import open_engine
 from msnn.training.interrupts import end_on_interrupt
 from msnn.training.parameters_record import parameters_record
 from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
-from msnn.training.run_folder import RunFolder, interrupted_run, new_run_folder
+from msnn.training.run_folder import RunFolder, fold_folder, interrupted_run, new_run_folder
 from msnn.training.run_record import differences, run_record
 from msnn.training.stage_attempts import StageAttempts
 from msnn.training.stage_data import StageData, stage_data
@@ -43,6 +43,8 @@ class TrainingOptions:
 
     runs: Path | None = Path("runs")
     resume: bool = False
+    fold: Path | None = None
+    """The folder to make for one fold of a run, instead of a fresh one in `runs`."""
     spec_text: str | None = None
     """The text of the spec, to be kept beside the weights."""
     tensorboard: bool = False
@@ -151,7 +153,7 @@ class _Run:
                 result = stage.run()
             except Interrupted as event:
                 self._keep(stage.best or weights)
-                if self.folder is not None:
+                if self.folder is not None and self.folder.latest is not None:
                     write_checkpoint(self.folder.checkpoint, event.checkpoint)
                     self.folder.become_latest()
                 found = self._result(stage.best or weights, done)
@@ -276,7 +278,11 @@ def _folder(
     if options.runs is None:
         return None, None
     if not options.resume:
-        folder = new_run_folder(program, options.runs)
+        folder = (
+            new_run_folder(program, options.runs)
+            if options.fold is None
+            else fold_folder(program, options.fold)
+        )
         folder.write_description(record, options.spec_text, options.parts)
         return folder, None
     folder = interrupted_run(program, options.runs)

@@ -1,4 +1,4 @@
-"""E0940-E0949: curricula and optimisers of training stages, runs that go on."""
+"""E0940-E0949: curricula and optimisers of training stages, runs that go on, folds."""
 
 from collections.abc import Iterable, Sequence
 
@@ -98,4 +98,16 @@ def another_run(folder: str, changes: Sequence[str]) -> Diagnostic:
         None,
         notes=tuple(changes),
         help="resume with the spec, `--set` and data of that run, or train without `--resume`",
+    )
+
+
+def no_folds(span: Span | None) -> Diagnostic:
+    """E0947: training every fold of data that are not divided into folds."""
+    return Diagnostic(
+        "E0947",
+        "error",
+        "there are no folds to train: the data are not split `by: kfold`",
+        span,
+        "" if span is None else "another split",
+        help="write `split: {by: kfold, k: 5}` in `data:`, or train without `--folds`",
     )

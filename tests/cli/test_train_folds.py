@@ -1,0 +1,47 @@
+"""`msnn train --folds`: its table, its JSON, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+from tests.cli.command_line import CommandLine
+from tests.cli.test_check import SPEC
+
+SHORT = ("--set", "train.0.epochs=1", "--set", "data.split={by: kfold, k: 2}")
+
+
+def test_folds_are_trained_compared_and_kept(msnn: CommandLine, project: Path):
+    said = msnn("train", SPEC, "--folds", *SHORT)
+    assert said.code == 0
+    assert "stage 1/1 fit of fold 2/2: 1 epochs" in said.err
+    assert re.search(r"^fold +monitor +x_next rmse \[m\], one step +x_next rmse", said.out, re.M)
+    assert re.search(r"^mean ± std +\d\S* ± \d", said.out, re.M)
+    best = re.search(r"^kept in (\S+); `latest` leads to fold (\d)$", said.out, re.M)
+    assert best is not None
+    latest = project / "runs" / "plant" / "latest"
+    assert latest.resolve() == project / best[1] / f"fold_{best[2]}"
+    assert "weights: runs/plant/latest/weights.safetensors" in msnn("validate", SPEC).err
+
+
+def test_folds_as_json(msnn: CommandLine, project: Path):
+    record = json.loads(msnn("train", SPEC, "--folds", *SHORT, "--format", "json").out)
+    kept = json.loads((project / record["folder"] / "folds.json").read_text())
+    assert (record["command"], len(record["folds"])) == ("train", 2)
+    assert {key: record[key] for key in kept} == kept
+
+
+def test_folds_cannot_be_resumed(msnn: CommandLine, project: Path):
+    said = msnn("train", SPEC, "--folds", "--resume")
+    assert said.code == 2
+    assert "a training of folds cannot be resumed" in said.err
+    assert not (project / "runs").exists()
+
+
+def test_other_splits_have_no_folds(msnn: CommandLine, project: Path):
+    said = msnn("train", SPEC, "--folds")
+    assert said.code == 1
+    assert "error[E0947]: there are no folds to train" in said.err
+    assert "split: {by: kfold, k: 5}" in said.err
+    assert not (project / "runs").exists()
