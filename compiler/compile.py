@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from compiler.builder import GraphBuilder
 from compiler.deep_recursion import room_for
+from compiler.layers.fit import fits_of
 from compiler.linking.link import Linked, WeightsByPart, link
 from compiler.liveness import needed, needed_over_time
 from compiler.lowering.environment import Environment, Part
@@ -109,6 +110,7 @@ def compile_linked(
         start=model.builder(_START).graph(),
         outputs=tuple(lowered.outputs),
         losses=tuple(lowered.losses),
+        fits=tuple(fits_of(model)),
         dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in spec.dims.items()),
         doc=spec.doc or "",
         spec_hash=spec_hash,
@@ -191,10 +193,9 @@ def _outputs(model: Model) -> list[Output]:
         model.used.add(name)  # an equation too, by the export that names it
         try:
             node = model.entries.value(name, entry, _STEP, entry.place.key)
-            if isinstance(entry, signals.Output):
-                predicts = prediction_of(model, name, entry)
-                if predicts is not None:
-                    node = as_predicted(model, name, entry, node, predicts)
+            if isinstance(entry, signals.Output) and entry.predicts is not None:
+                predicts = prediction_of(model, entry.predicts, "predicts")
+                node = as_predicted(model, name, entry, node, predicts)
         except LoweringFailed:
             continue
         needs = needed_submodels(model.spec, Name(name, entry.place.key))

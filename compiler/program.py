@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal
 
+from compiler.filter_fit import Fit
 from compiler.ops import Op, ReadLog, ReadParameter, ReadSignal
 from compiler.types import Axis, Type
 from spec_schema.source import Span
@@ -229,6 +230,8 @@ class Program:
     start: Graph
     outputs: tuple[Output, ...]
     losses: tuple[Loss, ...] = ()
+    fits: tuple[Fit, ...] = ()
+    """Layers that training starts by least squares; while there are losses."""
     dimensions: tuple[Dimension, ...] = ()
     doc: str = ""
     spec_hash: str = ""

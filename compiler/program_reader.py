@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Literal, TypeVar, get_args
 
+from compiler.filter_fit import Fit
 from compiler.ops import Op, Relation
 from compiler.plain_data import (
     Malformed,
@@ -47,6 +48,7 @@ Choice = TypeVar("Choice")
 _OPS: dict[str, type[Op]] = {op.__name__: op for op in get_args(Op)}
 _KINDS: dict[str, Kind] = {"real": "real", "bool": "bool"}
 _STATISTICS: dict[str, Literal["mean", "std"]] = {"mean": "mean", "std": "std"}
+_FITTED: dict[str, Literal["iir", "state_space"]] = {"iir": "iir", "state_space": "state_space"}
 _POLICIES: dict[str, InvalidPolicy] = {
     "clamp": "clamp",
     "hold": "hold",
@@ -80,6 +82,7 @@ def read_program(data: Any) -> Program:
         start=Graph(record.items("start", reader.node)),
         outputs=record.items("outputs", reader.output),
         losses=record.items("losses", reader.loss),
+        fits=record.items("fits", _fit) if record.has("fits") else (),
         dimensions=record.items("dimensions", _dimension),
         doc=record.text("doc"),
         spec_hash=record.text("spec_hash"),
@@ -155,8 +158,7 @@ class _Reader:
         record = Record(data, place)
         predicts: Prediction | None = None
         if record.has("predicts"):
-            signal, ahead = as_pair(record.raw("predicts"), place)
-            predicts = Prediction(as_text(signal, place), as_integer(ahead, place))
+            predicts = _prediction(record, "predicts")
         output = Output(
             name=record.text("name"),
             node=record.integer("node"),
@@ -234,6 +236,29 @@ def _dimension(data: Any, place: str) -> Dimension:
     )
     record.close()
     return dimension
+
+
+def _fit(data: Any, place: str) -> Fit:
+    record = Record(data, place)
+    target = _prediction(record, "target")
+    fit = Fit(
+        kind=_chosen(record.text("kind"), place, _FITTED),
+        layer=record.text("layer"),
+        input=record.text("input"),
+        target=target.signal,
+        ahead=target.ahead,
+        num=record.integer("num"),
+        den=record.integer("den"),
+        feedthrough=record.truth("feedthrough"),
+        radius=record.number("radius"),
+    )
+    record.close()
+    return fit
+
+
+def _prediction(record: Record, key: str) -> Prediction:
+    signal, ahead = as_pair(record.raw(key), record.place)
+    return Prediction(as_text(signal, record.place), as_integer(ahead, record.place))
 
 
 def _origin(record: Record) -> Origin:

@@ -8,6 +8,7 @@ from enum import Enum
 from pathlib import PurePath
 from typing import Any, assert_never
 
+from compiler.filter_fit import Fit
 from compiler.program import (
     Declared,
     Graph,
@@ -39,7 +40,7 @@ def program_to_data(program: Program) -> Data:
     without its folder. What has its default value is left out.
     """
     files = _files(program)
-    return {
+    data: Data = {
         "format": FORMAT,
         "name": program.name,
         "doc": program.doc,
@@ -57,6 +58,9 @@ def program_to_data(program: Program) -> Data:
         "outputs": [_output(output, files) for output in program.outputs],
         "losses": [_loss(loss, files) for loss in program.losses],
     }
+    if program.fits:
+        data["fits"] = [_fit(fit) for fit in program.fits]
+    return data
 
 
 _Files = dict[str, int]
@@ -143,6 +147,19 @@ def _loss(loss: Loss, files: _Files) -> Data:
     if loss.share != 1.0:
         data["share"] = loss.share
     return data | _place("", loss.span, files)
+
+
+def _fit(fit: Fit) -> Data:
+    return {
+        "kind": fit.kind,
+        "layer": fit.layer,
+        "input": fit.input,
+        "target": [fit.target, fit.ahead],
+        "num": fit.num,
+        "den": fit.den,
+        "feedthrough": fit.feedthrough,
+        "radius": fit.radius,
+    }
 
 
 def _graph(graph: Graph, files: _Files) -> list[Data]:

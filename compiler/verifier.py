@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+from compiler.filter_fit import Fit
 from compiler.liveness import needed, needed_over_time
 from compiler.op_rules import LONGEST_NAME, Sources, broken_axes, broken_rule
 from compiler.ops import ReadLog, ReadSignal, ReadState, Window
@@ -28,6 +29,8 @@ from compiler.program import (
 from compiler.types import UNNAMED, WINDOW, Axis, Type
 
 MOST_NODES = 1_000_000
+MOST_SECTIONS = 64
+"""Of a filter that is fitted, whose equations grow with the square of them."""
 LARGEST_TOTAL = 1 << 27
 """Elements of all values of a graph together: 1 GiB in float64."""
 
@@ -90,6 +93,9 @@ def verify(program: Program) -> None:
             _require(known, f"output `{output.name}` predicts no signal")
     for loss in program.losses:
         _check_loss(program.step, loss)
+    _unique("fit", (fit.layer for fit in program.fits))
+    for fit in program.fits:
+        _check_fit(fit, sources)
     _check_log_reads(program)
 
 
@@ -183,6 +189,19 @@ def _check_loss(step: Graph, loss: Loss) -> None:
         same = _real(step, loss.target)
         same = same and step[loss.target].type.axes == step[loss.prediction].type.axes
         _require(same, f"{what} compares values of different axes")
+
+
+def _check_fit(fit: Fit, sources: Sources) -> None:
+    what = f"the fit of `{fit.layer}`"
+    for signal in (fit.input, fit.target):
+        _require(sources.signals.get(signal) == (), f"{what} has no such signal: `{signal}`")
+    orders = fit.ahead >= 0 <= fit.num <= MOST_SECTIONS and 1 <= fit.den <= MOST_SECTIONS
+    _require(orders and 0 < fit.radius <= 1, f"{what} is of no stable filter")
+    for array, size in fit.arrays.items():
+        axes = sources.parameters.get(f"{fit.layer}.{array}", ())
+        known = math.prod(axis.size for axis in axes) == size
+        known = known and f"{fit.layer}.{array}" in sources.parameters
+        _require(known, f"{what} has no array `{array}` of {size} elements")
 
 
 def _check_log_reads(program: Program) -> None:

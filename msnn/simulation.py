@@ -49,7 +49,7 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
     closed = close_loop(program, tuple(close))
     beside = states_beside_the_log(closed.step, {s.name: s.next for s in closed.states})
     kept = tuple(state for state in closed.states if state.name not in beside)
-    closed = replace(closed, losses=(), states=kept)
+    closed = replace(closed, losses=(), fits=(), states=kept)
     wanted = [output.node for output in closed.outputs] + [state.next for state in closed.states]
     read = {**reads(closed.step, wanted)}
     read |= reads(closed.start, [state.start for state in closed.states])

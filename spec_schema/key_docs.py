@@ -15,6 +15,7 @@ _DROPOUT = "Share of the elements that training leaves out at random."
 _BIAS = "Whether a learned constant is added."
 _GIVEN_BIAS = "Whether a learned constant is added, or the parameter that it is."
 _WEIGHT = "Parameter that the weights are; by default they are the layer's own."
+_FIT = "Logged signal, `y[t+k]`, whose training rows it is fitted to before the first stage."
 _RATE = "How often it falls by e from end to end."
 _ALONG = "Dimension along which the values change; by default the last axis."
 _PREFIX = "What generated names start with; by default the name of the spec."
@@ -146,6 +147,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "num": "Order of the numerator.",
         "den": "Order of the denominator.",
         "init": "Value of the filter before the first sample.",
+        "fit": _FIT,
     },
     "SavitzkyGolay": {
         "window": "How far into the past it reaches, in samples or as a duration.",
@@ -159,6 +161,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "feedthrough": "Whether the argument reaches the result in the same step.",
         "radius": "Largest magnitude of its poles.",
         "init": "Its state before the first sample.",
+        "fit": _FIT,
     },
     "LocalModel": {
         "by": "Degrees of membership that weigh the cells.",

@@ -9,7 +9,13 @@ from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry, RefusedError, Variant, findings_of
 from spec_schema.errors import schema as errors
 from spec_schema.expression import Expression
-from spec_schema.expression_fields import ARRAY, ArrayField, ExpressionField, read_array
+from spec_schema.expression_fields import (
+    ARRAY,
+    ArrayField,
+    ExpressionField,
+    PredictionField,
+    read_array,
+)
 from spec_schema.json_fields import REFERENCE, Leaf
 from spec_schema.located import Located
 from spec_schema.names import normalised
@@ -220,6 +226,7 @@ class Iir(Entry):
     num: Annotated[int, order(0)]
     den: Annotated[int, order(1)]
     init: ExpressionField | None = None
+    fit: PredictionField | None = None
 
 
 class StateSpace(Entry):
@@ -232,6 +239,7 @@ class StateSpace(Entry):
     feedthrough: Switch = False
     radius: Annotated[float, number(above=0.0, most=1.0)] = 0.999
     init: ExpressionField | None = None
+    fit: PredictionField | None = None
 
 
 Degree: TypeAlias = Annotated[int, order(0)]

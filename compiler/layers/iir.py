@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from compiler.builder import GraphBuilder
+from compiler.layers.fit import Orders, declare_fit
 from compiler.layers.layer_context import LayerContext
 from compiler.layers.layer_rule import Arguments, LayerRule
 from compiler.layers.memory import Memory, initial_value, read_signal, starting
@@ -19,9 +20,13 @@ def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:
     has |rᵢ| < 1 and the other way round (Schur and Cohn), and training keeps those bounds. Each
     element of a vector has its own filter. Arrays: `num`, b from k = 0, initially uniform in
     ±1/(2 (num + 1)); `reflection`, r, initially 0. The state `state`, w[t−1] first, starts at 0;
-    with `init: e` as if x had been e for ever.
+    with `init: e` as if x had been e for ever. `fit: "y[t+k]"`, where x is an input and y a logged
+    signal, both scalars, sets the arrays before the first stage to the filter whose response to x
+    is nearest to y[t+k] in the rows of `train` (Steiglitz and McBride 1965).
     """
     (signal,) = arguments
+    if settings.fit is not None:
+        declare_fit(context, settings.fit, Orders("iir", settings.num, settings.den))
     builder = context.builder
     unit = builder.type(signal).unit
     elements = context.elements(signal)

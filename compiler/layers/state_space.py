@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from compiler.layers.affine import Affine
+from compiler.layers.fit import Orders, declare_fit
 from compiler.layers.layer_context import LayerContext
 from compiler.layers.layer_rule import Arguments, LayerRule
 from compiler.layers.memory import Memory, initial_value, read_vector, starting
 from compiler.program import NodeId
 from compiler.types import UNNAMED, Axis
+from spec_schema.errors import names
 from spec_schema.layers import StateSpace
 
 
@@ -19,9 +21,13 @@ def state_space(context: LayerContext, settings: StateSpace, arguments: Argument
     coefficients r (Gray and Markel 1975): every set of poles inside that radius has |rᵢ| < 1 and
     the other way round, and ‖A x‖ ≤ radius ‖x‖. Arrays: `reflection`, r, initially 0 (then A is a
     delay line); `B`, `C`, `D`, initially uniform in ±1/n for n summed elements. The state starts
-    at 0 or at `init:`, one number or a list of `order`.
+    at 0 or at `init:`, one number or a list of `order`. `fit: "y[t+k]"`, where u is an input and y
+    a logged signal, both scalars, sets the arrays before the first stage to the system whose
+    response to u is nearest to y[t+k] in the rows of `train` (Steiglitz and McBride 1965).
     """
     (value,) = arguments
+    if settings.fit is not None:
+        declare_fit(context, settings.fit, _orders(context, settings))
     builder = context.builder
     order = context.own_axis("order", settings.order)
     memory = Memory.of(context, arguments, (order,), None)
@@ -63,6 +69,15 @@ def _turned(context: LayerContext, settings: StateSpace, state: NodeId, order: A
     rows = [builder.reshape(row, (*axes, Axis(order.name, 1))) for row in reversed(turned)]
     joined = builder.concat(rows, order.name) if len(rows) > 1 else rows[0]
     return builder.multiply(builder.constant(settings.radius), joined)
+
+
+def _orders(context: LayerContext, settings: StateSpace) -> Orders:
+    """Those of the transfer function, of one result."""
+    if settings.out is not None:
+        problem = "`fit` is for one result, without `out`"
+        context.refuse(names.unfit_setting(f"`{context.name}`", problem, settings.out.span))
+    order = settings.order
+    return Orders("state_space", order, order, settings.feedthrough, settings.radius)
 
 
 STATE_SPACE = LayerRule(StateSpace, read_vector, state_space)

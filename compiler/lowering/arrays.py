@@ -53,6 +53,8 @@ class Arrays:
         self._active: list[str] = []
         """Constants being evaluated: one that is met again needs itself."""
         self._failed: set[str] = set()
+        self.given: set[str] = set()
+        """Those whose values the weights of a sub-model give."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -250,6 +252,7 @@ class Arrays:
         given = self._model.given.value(parameter.name, shape)
         if given is None:
             return parameter
+        self.given.add(parameter.name)
         values = tuple(float(value) for value in given.ravel())
         return replace(parameter, initial=values, statistic=None)  # which is known then
 

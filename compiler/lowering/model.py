@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from compiler.builder import GraphBuilder
+from compiler.filter_fit import Fit
 from compiler.linking.connected import Connected
 from compiler.linking.given_weights import GivenWeights
 from compiler.linking.link import Linked
@@ -67,6 +68,8 @@ class Model:
         """Shapes of the arguments of each layer's first call."""
         self.normalized: dict[str, str] = {}
         """The signal whose statistics each `normalize` layer has."""
+        self.fits: dict[str, Fit] = {}
+        """What each layer with `fit:` starts at."""
         self.used: set[str] = set()
         """Names that something refers to."""
         self.entries = Entries(self, known.variables)

@@ -11,6 +11,7 @@ from compiler.program import Prediction
 from compiler.types import describe_axes
 from compiler.unit_rules import same_unit
 from spec_schema.errors import names, shapes, states, units
+from spec_schema.expression_fields import Prediction as PredictionEntry
 from spec_schema.signals import Output as OutputEntry
 from spec_schema.signals import Signal as SignalEntry
 from spec_schema.signals import State as StateEntry
@@ -22,23 +23,21 @@ _STEP = Environment(Part.STEP)
 _LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)
 
 
-def prediction_of(model: Model, name: str, entry: OutputEntry) -> Prediction | None:
-    """The logged sample that an output says it predicts; reports what is not logged."""
-    if entry.predicts is None:
-        return None
-    signal = entry.predicts.signal
+def prediction_of(model: Model, predicts: PredictionEntry, key: str) -> Prediction:
+    """The logged sample that a key, such as `predicts`, names; reports what is not logged."""
+    signal = predicts.signal
     declared = model.scope.get(signal.value)
     if declared is None:
         known = [n for n, d in model.scope.items() if d.kind in _LOGGED]
         model.findings.report(names.unknown_name(signal.value, signal.span, known))
         raise LoweringFailed
     if declared.kind not in _LOGGED:
-        model.findings.report(states.no_such_prediction(signal.value, signal.span))
+        model.findings.report(states.no_such_prediction(key, signal.value, signal.span))
         raise LoweringFailed
     model.used.add(signal.value)
     if declared.kind is Kind.STATE:
         model.measured.setdefault(signal.value, model.spec.states[signal.value])
-    return Prediction(signal.value, model.sampling.samples(entry.predicts.ahead))
+    return Prediction(signal.value, model.sampling.samples(predicts.ahead))
 
 
 def as_predicted(

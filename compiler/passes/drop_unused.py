@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from compiler.builder import GraphBuilder
+from compiler.filter_fit import Fit
 from compiler.graph_copy import copy_node
 from compiler.liveness import needed, needed_over_time
 from compiler.ops import ReadLog, ReadSignal
@@ -16,7 +17,8 @@ def drop_unused(program: Program) -> Program:
 
     A state is needed where something needed reads it. While the program has losses, the targets and
     the signals that outputs predict stay too: validation compares with them. An output whose
-    predicted signal goes no longer says that it predicts it.
+    predicted signal goes no longer says that it predicts it. A fit needs its signals, and goes with
+    its layer or with the losses.
 
     Before and after: any form.
 
@@ -35,6 +37,9 @@ def drop_unused(program: Program) -> Program:
     if program.losses:
         statistics = [p.statistic for p in program.parameters if p.name in used]
         read |= {statistic.signal for statistic in statistics if statistic is not None}
+    fits = [fit for fit in program.fits if program.losses and _sets_only(fit, used)]
+    for fit in fits:
+        read |= {fit.input, fit.target}
     return replace(
         program,
         signals=tuple(signal for signal in program.signals if signal.name in read),
@@ -53,7 +58,13 @@ def drop_unused(program: Program) -> Program:
             )
             for loss in program.losses
         ),
+        fits=tuple(fits),
     )
+
+
+def _sets_only(fit: Fit, used: frozenset[str]) -> bool:
+    """Whether all arrays of the layer are still there."""
+    return all(f"{fit.layer}.{array}" in used for array in fit.arrays)
 
 
 def _live(program: Program) -> tuple[list[bool], set[str]]:

@@ -14,12 +14,12 @@ from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
 from msnn.training.dropout_masks import factors_of
 from msnn.training.engine import LossSums, batches_of
+from msnn.training.first_weights import first_weights
 from msnn.training.monitor import loss_values, monitor
 from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.stage_data import StageData, stage_data
 from msnn.training.stage_plan import StagePlan, plan_stages
 from msnn.training.stage_run import shuffled
-from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import Findings, SpecError
 from spec_schema.errors import training as errors
 from spec_schema.training import Stage
@@ -43,7 +43,7 @@ def stage_loss(
     runs = stage_data(plans[number], data, findings)
     findings.raise_errors()
     assert runs is not None
-    return StageLoss(plans[number], data, runs, weights or initial_weights(program))
+    return StageLoss(plans[number], data, runs, weights or first_weights(program, data))
 
 
 class StageLoss(nn.Module):

@@ -17,6 +17,7 @@ from msnn.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoi
 from msnn.training.divergence import explain_divergence
 from msnn.training.engine import Engine, NonFiniteLossError
 from msnn.training.engines import open_engine
+from msnn.training.first_weights import first_weights
 from msnn.training.interrupts import end_on_interrupt
 from msnn.training.parameters_record import parameters_record
 from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
@@ -28,7 +29,6 @@ from msnn.training.stage_plan import StagePlan, plan_stages
 from msnn.training.stage_result import StageResult
 from msnn.training.stage_run import Interrupted, StageRun
 from msnn.training.standard_errors import StandardErrors, standard_errors
-from msnn.training.statistics import with_statistics
 from msnn.training.tensorboard_curves import Curves, require_tensorboard
 from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
@@ -112,7 +112,7 @@ def train(
     for warning in (*data.warnings, *findings.in_order):
         progress.warned(warning)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
-    first = dict(weights or with_statistics(program, data, initial_weights(program)))
+    first = dict(weights or first_weights(program, data))
     folder, checkpoint = _folder(program, options, run_record(program, plans, data, options.parts))
     curves = Curves(folder.path) if folder is not None and options.tensorboard else None
     run = _Run(program, data, ready, folder, curves, progress, findings.in_order, options.redrawn)

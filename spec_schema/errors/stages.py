@@ -1,4 +1,4 @@
-"""E0940-E0949: curricula and optimisers of training stages, runs that go on, folds."""
+"""E0940-E0949: curricula and optimisers of training stages, runs that go on, folds, fits."""
 
 from collections.abc import Iterable, Sequence
 
@@ -110,4 +110,16 @@ def no_folds(span: Span | None) -> Diagnostic:
         span,
         "" if span is None else "another split",
         help="write `split: {by: kfold, k: 5}` in `data:`, or train without `--folds`",
+    )
+
+
+def no_fit(layer: str, input: str, target: str, span: Span | None) -> Diagnostic:
+    """E0948: a filter to fit to data that do not determine it."""
+    return Diagnostic(
+        "E0948",
+        "error",
+        f"`{layer}` cannot be fitted: the set `train` has too few rows of `{input}` and `{target}`",
+        span,
+        "`fit` needs more samples in a row than the layer has coefficients",
+        help="give more data, a lower order, or leave `fit` out",
     )

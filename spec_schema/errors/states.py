@@ -47,12 +47,12 @@ def simulation_in_init(name: str, span: Span) -> Diagnostic:
     )
 
 
-def no_such_prediction(name: str, span: Span) -> Diagnostic:
-    """E0705: an output that predicts something that is not logged."""
+def no_such_prediction(key: str, name: str, span: Span) -> Diagnostic:
+    """E0705: an output or a fit of something that is not logged."""
     return Diagnostic(
         "E0705",
         "error",
-        f"`predicts` names `{name}`, which is not an input, target or state",
+        f"`{key}` names `{name}`, which is not an input, target or state",
         span,
         "not logged",
     )

@@ -12,6 +12,7 @@ from compiler.interpreter import Interpreter
 from compiler.program import Program, Statistic
 from compiler.program_file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
+from msnn.training.own_loop import stage_loss
 from msnn.training.train import TrainingOptions, train
 from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import SpecError
@@ -75,6 +76,15 @@ def test_values_are_normalised_and_come_back() -> None:
     x, q = log["x"], log["q"][1]
     net = (x[1] - 2) / 4 + 10 * (x[0] - 2) / 4 + 100 * (q[0] - 1) + 1000 * (q[1] - 5) / 2 + 0.5
     assert found[0] == pytest.approx(100 + 10 * net, rel=1e-14)
+
+
+def test_people_s_own_loops_begin_with_the_statistics() -> None:
+    program, spec = model()
+    data = dataset(series(), train=[35])
+    loss = stage_loss(program, data, spec.train, 0, None)
+    assert loss.weights()["nx.mean"] == pytest.approx(np.mean(data.series["x"]), rel=1e-6)
+    given = initial_weights(program)
+    assert stage_loss(program, data, spec.train, 0, given).weights()["nx.mean"] == 0
 
 
 def test_given_weights_keep_their_statistics() -> None:

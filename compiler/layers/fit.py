@@ -1,0 +1,92 @@
+"""`fit:` of layers that are linear filters: what training makes them follow before it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NoReturn
+
+from compiler.filter_fit import Fit
+from compiler.lowering.predictions import prediction_of
+from compiler.lowering.scope import Kind
+from spec_schema.errors import names
+from spec_schema.expression import Name
+from spec_schema.expression_fields import Prediction
+from spec_schema.signals import Signal, State
+from spec_schema.source import Span
+
+if TYPE_CHECKING:
+    from compiler.layers.layer_context import LayerContext
+    from compiler.lowering.model import Model
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What kind of filter a layer is."""
+
+    kind: Literal["iir", "state_space"]
+    num: int
+    den: int
+    feedthrough: bool = True
+    radius: float = 1.0
+
+
+def declare_fit(context: LayerContext, wanted: Prediction, orders: Orders) -> None:
+    """Notes what the layer starts at; refuses what is no filter from one scalar to another."""
+    model, name = context.model, context.name
+    if context.cells:
+        _refuse(context, "`fit` is not for the cells of a local model", wanted.span)
+    target = prediction_of(model, wanted, "fit")
+    entry = model.scope[target.signal].entry
+    assert isinstance(entry, Signal | State)
+    if model.arrays.axes_of(entry):
+        _refuse(context, f"`fit` needs a scalar, and `{target.signal}` is none", wanted.span)
+    fit = Fit(
+        kind=orders.kind,
+        layer=name,
+        input=_input(context),
+        target=target.signal,
+        ahead=target.ahead,
+        num=orders.num,
+        den=orders.den,
+        feedthrough=orders.feedthrough,
+        radius=orders.radius,
+    )
+    if model.fits.setdefault(name, fit) != fit:
+        problem = f"`fit` is for one input, and `{name}` is called with two"
+        _refuse(context, problem, context.call.arguments[0].span)
+
+
+def fits_of(model: Model) -> Iterator[Fit]:
+    """The fits of layers whose arrays no weights of a sub-model give."""
+    free = {parameter.name for parameter in model.arrays.parameters} - model.arrays.given
+    for fit in model.fits.values():
+        if free.issuperset(f"{fit.layer}.{array}" for array in fit.arrays):
+            yield fit
+
+
+def _input(context: LayerContext) -> str:
+    """The scalar input that the layer is called with."""
+    arguments, model = context.call.arguments, context.model
+    name = _name(context)
+    declared = model.scope.get(name)
+    entry = declared.entry if declared and declared.kind is Kind.INPUT else None
+    if not isinstance(entry, Signal) or model.arrays.axes_of(entry):
+        problem = "`fit` needs one scalar input as the argument"
+        _refuse(context, problem, arguments[0].span)
+    return name
+
+
+def _name(context: LayerContext) -> str:
+    """The only argument where it is a name of the spec; empty for any other."""
+    match context.call.arguments:
+        case (Name(name=name),) if name not in context.environment.arguments:
+            return name
+        case _:
+            return ""
+
+
+def _refuse(context: LayerContext, problem: str, span: Span) -> NoReturn:
+    called = f"`{context.name}(u)` with a scalar input u and `fit:` of a scalar signal"
+    repair = f"leave `fit` out, or write {called}"
+    context.refuse(names.unfit_setting(f"`{context.name}`", problem, span, repair))
