@@ -119,7 +119,7 @@ outputs:
         ("{fuzzify: {dim: ch}}", "E0203"),
         ("{fuzzify: {over: [phi], centers: [0, 1]}}", "E0228"),
         ("{fuzzify: {over: [plain, phi]}}", "E0313"),
-        ("{fuzzify: {over: [phi, phi]}}", "E0313"),
+        ("{fuzzify: {over: [phi, phi]}}", "E0225"),
         ("{fuzzify: {over: [h]}}", "E0313"),
         ("{fuzzify: {centers: [0, 1], membership: round}}", "E0207"),
         ("{fuzzify: {centers: [0, 1], membership: {shape: bell}}}", "E0204"),
