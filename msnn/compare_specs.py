@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
+from compiler.linking.link import MODEL_SECTIONS
 from compiler.program import Program
 from msnn.model_file import Model
 from spec_schema.spec_data import spec_data
@@ -14,19 +15,7 @@ from spec_schema.spec_data import spec_data
 Kind = Literal["same", "text", "renamed", "workflow", "model"]
 
 # Sections whose entries have names that expressions use.
-_NAMED = (
-    "dims",
-    "inputs",
-    "targets",
-    "constants",
-    "parameters",
-    "layers",
-    "functions",
-    "states",
-    "equations",
-    "outputs",
-    "losses",
-)
+_NAMED = ("dims", *MODEL_SECTIONS, "losses")
 _WORKFLOW = {"data", "train", "validate", "export"}
 _DOC = "doc"
 

@@ -11,6 +11,8 @@ import numpy as np
 from contenders import Contender
 from numpy.typing import NDArray
 
+from msnn.verification.harness import TEMPLATES
+
 HARNESS = Path(__file__).parent / "harness"
 LEVELS = ("-Os", "-O2", "-O3")
 STEPS = 2000
@@ -79,7 +81,7 @@ def _run(program: Path) -> tuple[list[int], NDArray[np.float32]]:
     """Instructions of every step, and what the board wrote."""
     folder = program.parent
     plugin = folder / "plugin.so"
-    _tool(["gcc", "-O1", "-fPIC", "-shared", HARNESS / "instructions_plugin.c", "-o", plugin])
+    _tool(["gcc", "-O1", "-fPIC", "-shared", TEMPLATES / "instructions_plugin.c", "-o", plugin])
     symbols = _tool(["arm-none-eabi-nm", program])
     addresses = {line.split()[-1]: line.split()[0] for line in symbols.splitlines()}
     begin, end = (addresses[f"mark_{place}"] for place in ("begin", "end"))

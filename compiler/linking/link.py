@@ -57,7 +57,7 @@ def link(
     return Linked(spec.model_copy(update=sections), linking.integrators, linking.files, weights)
 
 
-_SECTIONS = (
+MODEL_SECTIONS = (
     "inputs",
     "targets",
     "constants",
@@ -68,6 +68,7 @@ _SECTIONS = (
     "equations",
     "outputs",
 )
+"""Sections whose entries have names that expressions use, but `dims`."""
 _Dims = Mapping[str, tuple[str, Dimension]]
 """Dimensions of a spec: by base name the full name and the declaration."""
 
@@ -99,7 +100,9 @@ class _Linking:
         self.integrators[owner] = spec.integrator
         dims = self._dims(spec, prefix, around)
         names = {name: full for name, (full, _) in dims.items()}
-        names |= {name: prefix + name for section in _SECTIONS for name in getattr(spec, section)}
+        names |= {
+            name: prefix + name for section in MODEL_SECTIONS for name in getattr(spec, section)
+        }
         inner: list[_Part] = []
         for name, use in spec.use.items():
             full, file = prefix + name, used[name]
@@ -118,7 +121,7 @@ class _Linking:
                 prefix + name: renaming.entry(_opened(entry) if prefix else entry)
                 for name, entry in getattr(spec, section).items()
             }
-            for section in _SECTIONS
+            for section in MODEL_SECTIONS
         }
         for part in inner:
             for section, entries in part.sections.items():
@@ -160,7 +163,7 @@ class _Linking:
         """What a name is that is no input of a sub-model; None for nothing."""
         if name in self.use:
             return "a sub-model"
-        return next((f"one of its {s}" for s in _SECTIONS if name in sections[s]), None)
+        return next((f"one of its {s}" for s in MODEL_SECTIONS if name in sections[s]), None)
 
     def _dims(self, spec: Spec, prefix: str, around: tuple[_Dims, ...]) -> _Dims:
         """The full name of each dimension; one that the specs around have too is theirs."""
