@@ -17,6 +17,7 @@ from compiler.program import Program
 from msnn.data.dataset import FloatArray
 from spec_schema.diagnostics import Diagnostic, SpecError
 from spec_schema.errors import training as errors
+from spec_schema.errors import weights as weight_errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,30 +75,34 @@ def read_weights(path: Path, program: Program) -> LoadedWeights:
         arrays = load(path.read_bytes())
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise SpecError((errors.unreadable_weights(shown, reason),)) from error
+        raise SpecError((weight_errors.unreadable_weights(shown, reason),)) from error
     except (SafetensorError, ValueError, KeyError) as error:
         reason = "it is not a safetensors file"
-        raise SpecError((errors.unreadable_weights(shown, reason),)) from error
+        raise SpecError((weight_errors.unreadable_weights(shown, reason),)) from error
     faults: list[Diagnostic] = []
     missing = [p.name for p in program.parameters if p.name not in arrays]
     if missing:
-        faults.append(errors.missing_weights(shown, missing))
+        faults.append(weight_errors.missing_weights(shown, missing))
     found: dict[str, FloatArray] = {}
     for parameter in program.parameters:
         shape = tuple(axis.size for axis in parameter.axes)
         array = arrays.get(parameter.name)
         if array is not None and array.shape != shape:
             faults.append(
-                errors.misshapen_weights(shown, parameter.name, array.shape, shape, parameter.span)
+                weight_errors.misshapen_weights(
+                    shown, parameter.name, array.shape, shape, parameter.span
+                )
             )
         elif array is not None and not np.issubdtype(array.dtype, np.floating):
-            faults.append(errors.weights_not_floating(shown, parameter.name, str(array.dtype)))
+            faults.append(
+                weight_errors.weights_not_floating(shown, parameter.name, str(array.dtype))
+            )
         elif array is not None:
             found[parameter.name] = array.astype(np.float64)
     wild = [name for name, array in found.items() if not np.all(np.isfinite(array))]
     if wild:
-        faults.append(errors.weights_not_finite(shown, wild))
+        faults.append(weight_errors.weights_not_finite(shown, wild))
     if faults:
         raise SpecError(faults)
     extra = sorted(set(arrays) - set(found))
-    return LoadedWeights(found, (errors.extra_weights(shown, extra),) if extra else ())
+    return LoadedWeights(found, (weight_errors.extra_weights(shown, extra),) if extra else ())

@@ -34,6 +34,7 @@ from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import stages as stage_errors
 from spec_schema.errors import training as errors
+from spec_schema.errors import weights as weight_errors
 from spec_schema.training import Stage
 
 
@@ -190,7 +191,7 @@ class _Run:
             for note in opened.notes if attempt == 0 else ():
                 self.progress.warned(note)
             if engine.moved:
-                self.progress.warned(errors.moved_off_bound(engine.moved))
+                self.progress.warned(weight_errors.moved_off_bound(engine.moved))
             return StageRun(
                 plan,
                 engine,
