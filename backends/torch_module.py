@@ -43,9 +43,11 @@ class Frame:
     start: dict[NodeId, Tensor]
 
 
-def build_module(program: Program, dtype: torch.dtype = torch.float64) -> TorchModel:
+def build_module(
+    program: Program, dtype: torch.dtype = torch.float64, device: str = "cpu"
+) -> TorchModel:
     """The program, in window or step form, as a module whose weights are `Parameter.initial`."""
-    return TorchModel(program, dtype)
+    return TorchModel(program, dtype, torch.device(device))
 
 
 class TorchModel(nn.Module):
@@ -55,14 +57,14 @@ class TorchModel(nn.Module):
     (B, *shape).
     """
 
-    def __init__(self, program: Program, dtype: torch.dtype) -> None:
+    def __init__(self, program: Program, dtype: torch.dtype, device: torch.device) -> None:
         super().__init__()
         self.program = guard_untaken(program)
-        self.dtype = dtype
+        self.dtype, self.device = dtype, device
         self._names = self._add_parameters()
-        self._step = _Evaluator(self.program.step, _step_roots(self.program), dtype)
+        self._step = _Evaluator(self.program.step, _step_roots(self.program), dtype, device)
         self._start = _Evaluator(
-            self.program.start, [state.start for state in self.program.states], dtype
+            self.program.start, [state.start for state in self.program.states], dtype, device
         )
 
     def _add_parameters(self) -> dict[str, str]:
@@ -80,7 +82,7 @@ class TorchModel(nn.Module):
         return names
 
     def _tensor(self, value: FloatArray) -> Tensor:
-        return torch.tensor(value, dtype=self.dtype)
+        return torch.tensor(value, dtype=self.dtype, device=self.device)
 
     def raw(self, name: str) -> Tensor:
         """The variable behind a parameter: raw where it is learned, else its physical value."""
@@ -171,7 +173,9 @@ def _step_roots(program: Program) -> list[NodeId]:
 class _Evaluator:
     """Two pieces of torch code for a graph: what depends on parameters only, and the rest."""
 
-    def __init__(self, graph: Graph, roots: list[NodeId], dtype: torch.dtype) -> None:
+    def __init__(
+        self, graph: Graph, roots: list[NodeId], dtype: torch.dtype, device: torch.device
+    ) -> None:
         static = static_nodes(graph)
         used = {arg for index, node in graph if not static[index] for arg in node.args}
         self._shared = sorted(
@@ -181,6 +185,9 @@ class _Evaluator:
         )
         self._before = lower_graph(graph, self._shared, dtype) if self._shared else None
         self._main = lower_graph(graph, roots, dtype, given=frozenset(self._shared))
+        for code in (self._before, self._main):
+            if code is not None:
+                code.module.to(device)
         self._shapes = [graph[root].type.shape if static[root] else None for root in roots]
 
     def prepare(self, physical: Mapping[str, Tensor]) -> dict[NodeId, Tensor]:

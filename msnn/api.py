@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,6 +63,7 @@ def train(
     runs: str | Path | None = "runs",
     resume: bool = False,
     tensorboard: bool = False,
+    device: str = "cpu",
     weights: Weights | None = None,
     progress: Progress | None = None,
 ) -> TrainingResult:
@@ -73,17 +75,16 @@ def train(
     `data` are frames of pandas or polars or mappings of arrays, with the columns that the spec
     names, one a record: a single one, a list, or either for each set, `{"train": a, "val": b}`.
     None takes the data of the spec. `runs` None keeps no files; `tensorboard` adds curves to them.
-    `weights` are where the first stage begins, by default the initial values. Raises SpecError,
-    TrainingDivergedError, TrainingInterruptedError and MissingExtraError.
+    `device` is where torch computes: cpu, cuda, cuda:N or auto; `weights` is where the first stage
+    begins, by default the initial values. Raises SpecError, TrainingDivergedError,
+    TrainingInterruptedError and MissingExtraError.
     """
     from msnn.training import train as engine
 
-    options = replace(_options(model, runs, tensorboard), resume=resume)
+    options = replace(_options(model, runs, tensorboard, device), resume=resume)
     dataset = _measured(model, data, data_root, "training")
-    try:
+    with _sources_of(model):
         return engine.train(model.program, dataset, model.spec.train, options, progress, weights)
-    except SpecError as error:
-        raise _with_sources(error, model) from None
 
 
 def train_folds(
@@ -93,6 +94,7 @@ def train_folds(
     data_root: str | Path | None = None,
     runs: str | Path | None = "runs",
     tensorboard: bool = False,
+    device: str = "cpu",
     weights: Weights | None = None,
     progress: Progress | None = None,
 ) -> FoldsResult:
@@ -108,15 +110,13 @@ def train_folds(
     from msnn.data.frames import refuse_sets
 
     refuse_sets(data)
-    options = _options(model, runs, tensorboard)
+    options = _options(model, runs, tensorboard, device)
 
     def read(one: Model) -> Dataset:
         return _measured(one, data, data_root, "training")
 
-    try:
+    with _sources_of(model):
         return folds.train_folds(model, read, options, progress, weights)
-    except SpecError as error:
-        raise _with_sources(error, model) from None
 
 
 def stage_loss(
@@ -125,6 +125,7 @@ def stage_loss(
     *,
     data_root: str | Path | None = None,
     stage: int = 0,
+    device: str = "cpu",
     weights: Weights | None = None,
 ) -> StageLoss:
     """The loss of one stage as a torch module whose forward and backward are the kernel's.
@@ -139,15 +140,16 @@ def stage_loss(
         weights = loss.weights()
 
     Rollouts, batches, dtype, `freeze` and loss weights are those of the stage; its optimiser,
-    schedule and limits of gradients are yours. `data` as in `train`. Raises SpecError.
+    schedule and limits of gradients are yours. `data` and `device` as in `train`. Raises SpecError
+    and MissingExtraError.
     """
+    from msnn.training.devices import find_device
     from msnn.training.own_loop import stage_loss as opened
 
+    place = find_device(device)
     dataset = _measured(model, data, data_root, "training")
-    try:
-        return opened(model.program, dataset, model.spec.train, stage, weights)
-    except SpecError as error:
-        raise _with_sources(error, model) from None
+    with _sources_of(model):
+        return opened(model.program, dataset, model.spec.train, stage, weights, place)
 
 
 def validate(
@@ -168,12 +170,10 @@ def validate(
     from msnn.weights_file import known_weights
 
     dataset = _measured(model, data, data_root, "validation")
-    try:
+    with _sources_of(model):
         known = known_weights(model.program, weights)
         report = validation.validate(model.program, dataset, model.spec.checks, known)
         return replace(report, warnings=(*dataset.warnings, *report.warnings))
-    except SpecError as error:
-        raise _with_sources(error, model) from None
 
 
 def simulate(
@@ -233,10 +233,8 @@ def export(
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     known = _known(model, weights)
-    try:
+    with _sources_of(model):
         return tuple(path for plan in plans for path in write_export(plan, known, Path(folder)))
-    except SpecError as error:
-        raise _with_sources(error, model) from None
 
 
 def read_data(
@@ -249,20 +247,22 @@ def read_data(
     if model.spec.data is None:
         raise SpecError([no_data_section(purpose)])
     folder = model.folder if data_root is None else Path(data_root)
-    try:
+    with _sources_of(model):
         filters = row_filters(model.spec)
         return load_data(program or model.program, model.spec.data, folder, filters)
-    except SpecError as error:
-        raise _with_sources(error, model) from None
 
 
-def _options(model: Model, runs: str | Path | None, tensorboard: bool) -> TrainingOptions:
+def _options(
+    model: Model, runs: str | Path | None, tensorboard: bool, device: str
+) -> TrainingOptions:
     from msnn.model_weights import redrawn_weights
+    from msnn.training.devices import find_device
     from msnn.training.train import TrainingOptions
 
     return TrainingOptions(
         runs=None if runs is None else Path(runs),
         tensorboard=tensorboard,
+        device=find_device(device),
         spec_text=model.text,
         parts=model.parts,
         redrawn=lambda draw: redrawn_weights(model, draw),
@@ -279,20 +279,21 @@ def _measured(
     if frames is None:
         return read_data(model, data_root, purpose)
     spec = model.spec
-    try:
+    with _sources_of(model):
         return frame_data(model.program, spec.data, frames, spec.place, row_filters(spec))
-    except SpecError as error:
-        raise _with_sources(error, model) from None
 
 
 def _known(model: Model, weights: Weights | None) -> Weights:
     from msnn.weights_file import known_weights
 
-    try:
+    with _sources_of(model):
         return known_weights(model.program, weights)
+
+
+@contextmanager
+def _sources_of(model: Model) -> Generator[None]:
+    """What is found wrong shows lines of the spec."""
+    try:
+        yield
     except SpecError as error:
-        raise _with_sources(error, model) from None
-
-
-def _with_sources(error: SpecError, model: Model) -> SpecError:
-    return SpecError(error.diagnostics, (*error.sources, *model.sources))
+        raise SpecError(error.diagnostics, (*error.sources, *model.sources)) from None

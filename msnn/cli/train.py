@@ -31,6 +31,12 @@ def train(
     engine: Annotated[
         EngineName | None, typer.Option(help="What computes; replaces `engine:` of every stage.")
     ] = None,
+    device: Annotated[
+        str,
+        typer.Option(
+            metavar="cpu|cuda|cuda:N|auto", help="Where torch computes; auto: CUDA if there."
+        ),
+    ] = "cpu",
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the training that was interrupted.")
     ] = False,
@@ -79,7 +85,12 @@ def train(
     try:
         if folds:
             every = api.train_folds(
-                model, data_root=data_root, runs=out, tensorboard=tensorboard, progress=progress
+                model,
+                data_root=data_root,
+                runs=out,
+                tensorboard=tensorboard,
+                device=device,
+                progress=progress,
             )
             _show_folds(every, format)
             return
@@ -89,6 +100,7 @@ def train(
             runs=out,
             resume=resume,
             tensorboard=tensorboard,
+            device=device,
             progress=progress,
         )
     except TrainingDivergedError as error:
@@ -103,9 +115,8 @@ def train(
             note(f"interrupted; what there is of its folds is kept in {kept}")
             raise typer.Exit(ExitCode.INTERRUPTED) from None
         note(f"interrupted; its state is kept in {error.result.folder}")
-        note(
-            f"this goes on: {_resume_command(spec, data_root, settings, engine, tensorboard, out)}"
-        )
+        command = _resume_command(spec, data_root, settings, engine, device, tensorboard, out)
+        note(f"this goes on: {command}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None
     errors = found.standard_errors
     report(parameter_warnings(model.program, found.weights, errors), model.sources)
@@ -139,6 +150,7 @@ def _resume_command(
     data_root: Path | None,
     settings: list[str] | None,
     engine: EngineName | None,
+    device: str,
     tensorboard: bool,
     out: Path,
 ) -> str:
@@ -147,6 +159,7 @@ def _resume_command(
     words += [] if data_root is None else ["--data-root", str(data_root)]
     words += [word for setting in settings or () for word in ("--set", setting)]
     words += [] if engine is None else ["--engine", engine.value]
+    words += [] if device == "cpu" else ["--device", device]
     words += ["--tensorboard"] if tensorboard else []
     words += [] if out == RUNS else ["--out", str(out)]
     return shlex.join(words)

@@ -62,8 +62,8 @@ class TorchObjective:
         self._model, self._plan = model, plan
         series = with_all_kept(series, plan.masks)
         own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
-        self._train = scoring(own, model.dtype, plan.rollout.skip, train_rows)
-        self._evaluation = scoring(series, model.dtype, plan.rollout.skip, evaluation_rows)
+        self._train = scoring(model, own, plan.rollout.skip, train_rows)
+        self._evaluation = scoring(model, series, plan.rollout.skip, evaluation_rows)
 
     def write(self, series: Mapping[str, FloatArray]) -> None:
         """Replaces series that rollouts to train on read: the factors of dropout."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import torch
 from torch import Tensor
@@ -24,6 +25,22 @@ def rebuilt(state: EngineState) -> dict[str, Any]:
         message = "an engine state is a mapping"
         raise ValueError(message)
     return content
+
+
+def placed_like(kept: Any, loaded: Any) -> Any:
+    """The same content with each tensor on the device of its counterpart in `loaded`."""
+    match kept:
+        case Tensor():
+            return kept.to(loaded.device)
+        case dict():
+            content = cast("dict[Any, Any]", kept)
+            return {key: placed_like(part, loaded[key]) for key, part in content.items()}
+        case list() | tuple():
+            parts = cast("Sequence[Any]", kept)
+            found = [placed_like(*pair) for pair in zip(parts, loaded, strict=True)]
+            return tuple(found) if isinstance(kept, tuple) else found
+        case _:
+            return kept
 
 
 def _encoded(value: Any, path: str, arrays: dict[str, Any]) -> Any:

@@ -12,6 +12,7 @@ from backends.torch_module import build_module
 from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
+from msnn.training.devices import CPU, Device, on_device
 from msnn.training.dropout_masks import factors_of
 from msnn.training.engine import LossSums, batches_of
 from msnn.training.first_weights import first_weights
@@ -31,6 +32,7 @@ def stage_loss(
     stages: Sequence[Stage],
     number: int,
     weights: Mapping[str, FloatArray] | None,
+    device: Device = CPU,
 ) -> StageLoss:
     """The loss of stage `number`, from 0, at the given weights, by default the initial ones.
 
@@ -38,7 +40,7 @@ def stage_loss(
     stage.
     """
     findings = Findings()
-    plans = plan_stages(program, stages, findings)
+    plans = on_device(plan_stages(program, stages, findings), device, findings)
     findings.raise_errors()
     runs = stage_data(plans[number], data, findings)
     findings.raise_errors()
@@ -60,7 +62,7 @@ class StageLoss(nn.Module):
         self.plan = plan
         self._data, self._runs = data, runs
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
-        self._model = build_module(plan.program, getattr(torch, plan.dtype))
+        self._model = build_module(plan.program, getattr(torch, plan.dtype), plan.device)
         self._model.load_physical(weights)
         for parameter in plan.program.parameters:
             self._model.raw(parameter.name).requires_grad_(parameter.name in plan.trained)

@@ -57,6 +57,8 @@ class StagePlan:
     seed: int
     dtype: Literal["float32", "float64"]
     engine: Literal["auto", "native", "torch"]
+    device: str
+    """Where torch computes, as torch names it."""
     threads: int
     attempts: int
     """How often the stage is run, from other initial values each time."""
@@ -92,6 +94,7 @@ class StagePlan:
             "seed": self.seed,
             "dtype": self.dtype,
             "engine": self.engine,
+            "device": self.device,
             "threads": self.threads,
             "starts": self.attempts,
         }
@@ -185,6 +188,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         seed=stage.seed,
         dtype="float64" if of_squares else stage.dtype,
         engine=stage.engine,
+        device="cpu",
         threads=stage.threads,
         attempts=stage.starts,
         span=span,

@@ -15,7 +15,7 @@ from msnn.data.starts import Runs
 from msnn.training.dropout_masks import factors_of
 from msnn.training.engine import EngineState, LossSums, NonFiniteLossError, batches_of
 from msnn.training.objectives import KernelObjective, TorchObjective
-from msnn.training.optimizer_state import flattened, rebuilt
+from msnn.training.optimizer_state import flattened, placed_like, rebuilt
 from msnn.training.stage_plan import StagePlan
 from msnn.training.torch_optimizers import torch_optimizer
 from spec_schema.optimizers import Adam, AdamW, Lbfgs, LevenbergMarquardt, Sgd, TorchOptimizer
@@ -42,7 +42,7 @@ class TorchEngine:
         dtype = _DTYPES[plan.dtype]
         self._plan = plan
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
-        self._model = build_module(plan.program, dtype)
+        self._model = build_module(plan.program, dtype, plan.device)
         self.moved = self._model.load_physical(weights)
         self._variables = self._select()
         self._optimizer = _optimizer(plan, self._variables)
@@ -128,7 +128,8 @@ class TorchEngine:
         # torch gives what it loads the dtype of the variable, also where the optimiser has another
         moved = [raw for group in self._optimizer.param_groups for raw in group["params"]]
         for number, kept in content["optimizer"]["state"].items():
-            self._optimizer.state[moved[number]].update(kept)
+            loaded = self._optimizer.state[moved[number]]
+            loaded.update(placed_like(kept, dict(loaded)))
 
 
 def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.Optimizer:

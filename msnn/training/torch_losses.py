@@ -44,18 +44,19 @@ class TorchScoring:
 
 
 def scoring(
+    model: TorchModel,
     series: Mapping[str, np.ndarray],
-    dtype: torch.dtype,
     skip: int,
     scored: Mapping[str, BoolArray] | None,
 ) -> TorchScoring:
-    """The series as tensors of one dtype."""
+    """The series with the dtype of a model, where the model is."""
     missing = any(bool(np.isnan(values).any()) for values in series.values())
+    place, dtype = model.device, model.dtype
     return TorchScoring(
-        {name: torch.from_numpy(values).to(dtype) for name, values in series.items()},
+        {name: torch.from_numpy(values).to(place, dtype) for name, values in series.items()},
         skip,
         missing,
-        None if scored is None else {n: torch.from_numpy(rows) for n, rows in scored.items()},
+        None if scored is None else {n: torch.from_numpy(r).to(place) for n, r in scored.items()},
     )
 
 
@@ -68,8 +69,7 @@ def batch_losses(
     """
     scored = scored_values(model, frame or model.frame(), data, runs)
     return {
-        loss.name: _summed(loss.measure, scored[loss.name], model.dtype)
-        for loss in model.program.losses
+        loss.name: _summed(loss.measure, scored[loss.name], model) for loss in model.program.losses
     }
 
 
@@ -87,7 +87,7 @@ def scored_values(
     """What every loss compares over the rollouts; None where nothing is scored."""
     program = model.program
     order = longest_first(runs)
-    t0 = torch.from_numpy(runs.t0[order])
+    t0 = torch.from_numpy(runs.t0[order]).to(model.device)
     steps = runs.steps[order]
     block = _Block(program, data.series, t0, int(steps[0]))
     states = model.start_on(block.windows(0, len(t0)), frame, len(t0))
@@ -114,7 +114,7 @@ class _Block:
         self._first: dict[str, int] = {}
         self._rows: dict[str, Tensor] = {}
         for name, extent in _reads(program, steps).items():
-            offsets = torch.arange(extent.first, extent.last + 1)
+            offsets = torch.arange(extent.first, extent.last + 1, device=t0.device)
             # a rollout that ends early reads nothing of the rows that are cut off here
             rows = (t0[:, None] + offsets).clamp(0, len(series[name]) - 1)
             self._first[name] = extent.first
@@ -163,9 +163,9 @@ def _scored(parts: list[_Part], missing: bool) -> ScoredValues | None:
     return ScoredValues(prediction, target)
 
 
-def _summed(measure: Measure, scored: ScoredValues | None, dtype: torch.dtype) -> TorchLossSum:
+def _summed(measure: Measure, scored: ScoredValues | None, model: TorchModel) -> TorchLossSum:
     if scored is None:
-        return TorchLossSum(torch.zeros((), dtype=dtype), 0)
+        return TorchLossSum(torch.zeros((), dtype=model.dtype, device=model.device), 0)
     prediction = scored.prediction
     return TorchLossSum(cost(measure, prediction, scored.target).sum(), prediction.numel())
 

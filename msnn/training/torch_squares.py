@@ -46,14 +46,14 @@ class TorchSquares:
         program = with_compared_squares(plan.rollout.program)
         self._losses = {loss.name: loss for loss in program.losses}
         self._trained = plan.trained
-        self._model = build_module(program, torch.float64).requires_grad_(False)
+        self._model = build_module(program, torch.float64, plan.device).requires_grad_(False)
         skip = plan.rollout.skip
-        self._train = scoring(series, torch.float64, skip, train_rows)
-        self._evaluation = scoring(series, torch.float64, skip, evaluation_rows)
+        self._train = scoring(self._model, series, skip, train_rows)
+        self._evaluation = scoring(self._model, series, skip, evaluation_rows)
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
         """Of every loss: products of its residuals and slopes."""
-        values = {name: torch.from_numpy(np.asarray(v, float)) for name, v in weights.items()}
+        values = self._tensors(weights)
         learned = torch.cat([values[name].reshape(-1) for name in self._trained])
         sums: dict[str, Products] = {}
         for batch in batches_of(runs, max(1, _TANGENTS // len(learned))):
@@ -86,6 +86,10 @@ class TorchSquares:
             for name, loss in self._losses.items()
         }
 
+    def _tensors(self, weights: Weights) -> dict[str, Tensor]:
+        arrays = {name: np.asarray(value, float) for name, value in weights.items()}
+        return {n: torch.from_numpy(array).to(self._model.device) for n, array in arrays.items()}
+
     def _parts(self, values: Mapping[str, Tensor], numbers: Tensor) -> dict[str, Tensor]:
         sizes = [values[name].numel() for name in self._trained]
         parts = zip(self._trained, torch.split(numbers, sizes), strict=True)
@@ -100,7 +104,7 @@ class TorchSquares:
         return self._costs(self._evaluation, runs, weights)
 
     def _costs(self, data: TorchScoring, runs: Runs, weights: Weights) -> LossSums:
-        values = {name: torch.from_numpy(np.asarray(v, float)) for name, v in weights.items()}
+        values = self._tensors(weights)
         with torch.no_grad():
             sums = batch_losses(self._model, data, runs, self._model.frame_of(values))
         return {name: LossSum(s.total.item(), s.count) for name, s in sums.items()}
@@ -113,8 +117,8 @@ def _products(loss: Loss, error: Tensor, slopes: Tensor) -> Products:
         factor = torch.sqrt(0.5 / error.abs().clamp(min=1.0))
         error, slopes = factor * error, factor[:, None] * slopes
     return Products(
-        (slopes.T @ slopes).numpy(),
-        (slopes.T @ error).numpy(),
+        (slopes.T @ slopes).cpu().numpy(),
+        (slopes.T @ error).cpu().numpy(),
         float(error @ error),
         total,
         len(error),

@@ -14,6 +14,7 @@ from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.spec_hash import Part
 from msnn.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from msnn.training.devices import CPU, Device, on_device
 from msnn.training.divergence import explain_divergence
 from msnn.training.engine import Engine, NonFiniteLossError
 from msnn.training.engines import open_engine
@@ -52,6 +53,8 @@ class TrainingOptions:
     """Curves for TensorBoard beside the weights."""
     parts: tuple[Part, ...] = ()
     """Its sub-models, to be kept with it."""
+    device: Device = CPU
+    """Where torch computes."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
     """Other initial values, by number, for the further runs of a stage with `starts:`."""
 
@@ -107,7 +110,7 @@ def train(
     if options.tensorboard:
         require_tensorboard()
     findings = Findings()
-    plans = plan_stages(program, stages, findings)
+    plans = on_device(plan_stages(program, stages, findings), options.device, findings)
     datas = [stage_data(plan, data, findings) for plan in plans]
     findings.raise_errors()
     for warning in (*data.warnings, *findings.in_order):

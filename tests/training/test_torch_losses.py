@@ -35,8 +35,8 @@ def both(
 ) -> dict[str, tuple[float, int]]:
     """Losses and counts of the torch engine, after comparing them with the interpreter's."""
     expected = loss_sums(Interpreter(program), log, runs, skip, scored)
-    data = scoring(log, torch.float64, skip, scored)
-    found = batch_losses(build_module(program), data, runs)
+    model = build_module(program)
+    found = batch_losses(model, scoring(model, log, skip, scored), runs)
     result: dict[str, tuple[float, int]] = {}
     for loss in program.losses:
         value = found[loss.name].value(loss.measure).item()
@@ -127,7 +127,7 @@ def test_r9_the_root_of_a_perfect_fit_has_slope_zero() -> None:
     log["road"][:] = 0.0
     log["u"][:] = 0.0
     model = build_module(program)
-    data = scoring(log, torch.float64, 0, None)
+    data = scoring(model, log, 0, None)
     batch_losses(model, data, RUNS)["command"].value(Measure.RMSE).backward()
     for parameter in model.parameters():
         assert parameter.grad is None or torch.all(torch.isfinite(parameter.grad))
@@ -138,7 +138,7 @@ def test_losses_are_differentiable_through_the_whole_rollout() -> None:
     program = close_loop(sample.program, ("x",))
     log = sample.log(40, 5)
     model = build_module(program)
-    data = scoring(log, torch.float64, 0, None)
+    data = scoring(model, log, 0, None)
     batch_losses(model, data, RUNS)["x_next"].value(Measure.MSE).backward()
     gradient = model.raw("h.weight").grad
     assert gradient is not None

@@ -113,7 +113,7 @@ class MsnnEngine(Contender):
         raws = {parameter.name: model.raw(parameter.name) for parameter in program.parameters}
         for raw in raws.values():
             raw.requires_grad_(True)
-        sums = batch_losses(model, scoring(self.series, torch.float64, 0, None), batch)
+        sums = batch_losses(model, scoring(model, self.series, 0, None), batch)
         sums[program.losses[0].name].value(program.losses[0].measure).backward()
         return {name: np.asarray(raw.grad) for name, raw in raws.items()}
 
