@@ -12,7 +12,7 @@ from compiler.program import Extent, Program, learned_numbers
 from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.data.scored import rows_in_set, scored_rows
 from msnn.data.starts import Runs
-from msnn.metrics import Scores, score
+from msnn.measurement import Measurement, error_curve, error_trace, scores_of
 from msnn.rollout import LossSum, entry_value, loss_sums, moments
 from msnn.rollout_plan import set_rollouts
 from msnn.validation_plan import CheckPlan, default_set, plan_checks
@@ -21,6 +21,7 @@ from spec_schema.diagnostics import Diagnostic, Findings
 from spec_schema.source import Span
 from spec_schema.units import Unit
 
+Weights = Mapping[str, FloatArray]
 _SIDE_BY_SIDE = 4096
 """Rollouts that run at once; bounds the memory."""
 
@@ -57,9 +58,12 @@ class MetricRow:
 
 @dataclass(frozen=True, slots=True)
 class ValidationReport:
-    """All metrics of a spec, in its order."""
+    """What a spec asks to be measured, in its order."""
 
     rows: tuple[MetricRow, ...]
+    """The metrics of its entries."""
+    measurements: tuple[Measurement, ...]
+    """Every metric of each output and way to simulate it that an entry names."""
     warnings: tuple[Diagnostic, ...]
 
     @property
@@ -72,7 +76,7 @@ def validate(
     program: Program,
     data: Dataset,
     checks: Sequence[Check],
-    weights: Mapping[str, FloatArray] | None = None,
+    weights: Weights | None = None,
     *,
     on: str | None = None,
 ) -> ValidationReport:
@@ -95,37 +99,80 @@ def validate(
         if runs is not None:
             ready.append((plan, name, runs))
     findings.raise_errors()
-    rows = tuple(_measured(plan, name, runs, data, weights) for plan, name, runs in ready)
-    return ValidationReport(rows, findings.in_order)
+    rows: list[MetricRow] = []
+    found: dict[object, Measurement] = {}
+    for plan, name, runs in ready:
+        if plan.metric is None:
+            rows.append(_loss_row(plan, name, runs, data, weights))
+            continue
+        rollout = plan.rollout  # entries that differ in metric and limits only are one simulation
+        way = (plan.of, plan.target, name, rollout.horizon, rollout.stride, rollout.skip)
+        key = (*way, rollout.closed)
+        if key not in found:
+            found[key] = _measurement(plan, name, runs, data, weights)
+        rows.append(_row(plan, found[key]))
+    return ValidationReport(tuple(rows), tuple(found.values()), findings.in_order)
 
 
-def _measured(
-    plan: CheckPlan, name: str, runs: Runs, data: Dataset, weights: Mapping[str, FloatArray] | None
+def _loss_row(
+    plan: CheckPlan, name: str, runs: Runs, data: Dataset, weights: Weights | None
 ) -> MetricRow:
     judge = Interpreter(plan.rollout.program, weights)
-    if plan.metric is None or plan.target is None:
-        value, count = _loss(plan, judge, name, runs, data)
-        scores = Scores(value, np.array(value), count)
-        rows = f"{count} values"
-    else:
-        prediction, target, targets = _predictions(plan, judge, name, runs, data)
-        scores = score(plan.metric, prediction, target, learned_numbers(plan.rollout.program))
-        rows = _rows_text(data, targets)
-    horizon = plan.rollout.horizon
+    value, count = _loss(plan, judge, name, runs, data)
     return MetricRow(
         of=plan.of,
-        metric=plan.metric or "loss",
+        metric="loss",
+        value=value,
+        unit=plan.unit,
+        elements=np.array(value),
+        horizon=str(plan.rollout.horizon),
+        closed=plan.rollout.closed,
+        data=name,
+        rows=f"{count} values",
+        scored=count,
+        minimum=plan.minimum,
+        maximum=plan.maximum,
+        span=plan.span,
+    )
+
+
+def _row(plan: CheckPlan, found: Measurement) -> MetricRow:
+    assert plan.metric is not None
+    scores = found.metrics[plan.metric]
+    return MetricRow(
+        of=plan.of,
+        metric=plan.metric,
         value=scores.value,
         unit=plan.unit,
         elements=scores.elements,
-        horizon=str(horizon),
-        closed=plan.rollout.closed,
-        data=name,
-        rows=rows,
+        horizon=found.horizon,
+        closed=found.closed,
+        data=found.data,
+        rows=found.rows,
         scored=scores.count,
         minimum=plan.minimum,
         maximum=plan.maximum,
         span=plan.span,
+    )
+
+
+def _measurement(
+    plan: CheckPlan, name: str, runs: Runs, data: Dataset, weights: Weights | None
+) -> Measurement:
+    judge = Interpreter(plan.rollout.program, weights)
+    prediction, target, rows, number = _predictions(plan, judge, name, runs, data)
+    metrics = scores_of(prediction, target, learned_numbers(plan.rollout.program))
+    return Measurement(
+        of=plan.of,
+        unit=plan.output_unit,
+        horizon=str(plan.rollout.horizon),
+        closed=plan.rollout.closed,
+        data=name,
+        rows=_rows_text(data, rows),
+        scored=metrics["rmse"].count,
+        metrics=metrics,
+        curve=error_curve(prediction, target, number, few=isinstance(plan.rollout.horizon, str)),
+        trace=error_trace(prediction, target),
     )
 
 
@@ -146,14 +193,16 @@ def _loss(
 
 def _predictions(
     plan: CheckPlan, judge: Interpreter, name: str, runs: Runs, data: Dataset
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Predictions, targets and the targets' rows, (samples, *shape) each, in order of rows."""
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+    """Predictions and targets, (samples, *shape), the targets' rows, in whose order they are, and
+    each one's number within its rollout."""
     assert plan.target is not None
     ahead = plan.target.ahead
     member = rows_in_set(data, name, Extent(ahead, ahead))
     whole = plan.rollout.horizon == "record"
     found: list[FloatArray] = []
     times: list[IntArray] = []
+    numbers: list[IntArray] = []
     for part in _parts(runs):
         for moment in moments(judge, data.series, part, losses=False):
             if moment.number < plan.rollout.skip:
@@ -161,10 +210,12 @@ def _predictions(
             counts = member[moment.t] if whole else np.ones(len(moment.t), dtype=np.bool_)
             found.append(moment.values.outputs[plan.of][counts])
             times.append(moment.t[counts])
+            numbers.append(np.full(len(times[-1]), moment.number))
     t = np.concatenate(times)
     order = np.argsort(t, kind="stable")
     prediction, rows = np.concatenate(found)[order], t[order] + ahead
-    return prediction, data.series[plan.target.signal][rows], rows
+    target = data.series[plan.target.signal][rows]
+    return prediction, target, rows, np.concatenate(numbers)[order]
 
 
 def _parts(runs: Runs) -> list[Runs]:

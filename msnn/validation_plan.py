@@ -34,6 +34,8 @@ class CheckPlan:
     data: str | None
     """The set; None for `default_set`."""
     unit: Unit | None
+    """Of the metric or loss."""
+    output_unit: Unit | None
     minimum: float | None
     maximum: float | None
     span: Span | None
@@ -54,6 +56,7 @@ def plan_checks(program: Program, checks: Sequence[Check], findings: Findings) -
                 rollout=one_step,
                 data=None,
                 unit=_unit(program, output),
+                output_unit=_unit(program, output),
                 minimum=None,
                 maximum=None,
                 span=output.span,
@@ -80,6 +83,7 @@ def _planned(program: Program, check: Check, findings: Findings) -> CheckPlan | 
     metric: Metric | None
     target: Prediction | None = None
     unit: Unit | None
+    output_unit: Unit | None = None
     if name in outputs:
         output, metric = outputs[name], check.metric
         target = output.predicts
@@ -87,7 +91,8 @@ def _planned(program: Program, check: Check, findings: Findings) -> CheckPlan | 
             target = _target(program, check.target, findings)
         elif target is None:
             findings.report(errors.nothing_predicted(name, check.of.span))
-        unit = _metric_unit(metric, _unit(program, output))
+        output_unit = _unit(program, output)
+        unit = _metric_unit(metric, output_unit)
         missing = target is None
     elif name in losses:
         metric, unit, missing = None, None, False
@@ -101,7 +106,10 @@ def _planned(program: Program, check: Check, findings: Findings) -> CheckPlan | 
     if rollout is None or missing:
         return None
     data = None if check.data is None else check.data.value
-    return CheckPlan(name, metric, target, rollout, data, unit, minimum, maximum, check.place.value)
+    place = check.place.value
+    return CheckPlan(
+        name, metric, target, rollout, data, unit, output_unit, minimum, maximum, place
+    )
 
 
 def _unit(program: Program, output: Output) -> Unit | None:

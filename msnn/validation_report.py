@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
+import numpy as np
+
+from msnn.measurement import METRICS, ErrorCurve, Measurement
 from msnn.tables import table_text
 from msnn.validation import MetricRow, ValidationReport
 from spec_schema.units import Unit
@@ -30,6 +33,46 @@ def metrics_table(report: ValidationReport) -> str:
     return table_text(header, rows, numbers=[2])
 
 
+def measurements_table(report: ValidationReport) -> str:
+    """One row an output and way to simulate it: every metric of the same scored values."""
+    rows = [
+        (
+            found.of,
+            *(f"{found.metrics[metric].value:.5g}" for metric in METRICS[:3]),
+            unit_text(found.unit),
+            *(f"{found.metrics[metric].value:.5g}" for metric in METRICS[3:]),
+            str(found.scored),
+            rollout_text(found),
+            found.data,
+        )
+        for found in report.measurements
+    ]
+    names = [{"fit": "fit %"}.get(metric, metric) for metric in METRICS]
+    header = ("of", *names[:3], "unit", *names[3:], "n", "rollout", "data")
+    return table_text(header, rows, numbers=[1, 2, 3, 5, 6, 7, 8, 9])
+
+
+def curves_table(report: ValidationReport) -> str:
+    """One row an error curve, read at some steps; empty where every rollout is one step."""
+    curves = [(found, found.curve) for found in report.measurements if found.curve is not None]
+    if not curves:
+        return ""
+    readings = [_readings(curve) for _, curve in curves]
+    shown = sorted({step for reading in readings for step in reading})
+    rows = [
+        (
+            found.of,
+            *(f"{reading[step]:.3g}" if step in reading else "" for step in shown),
+            unit_text(found.unit),
+            rollout_text(found),
+            found.data,
+        )
+        for (found, _), reading in zip(curves, readings, strict=True)
+    ]
+    header = ("rmse at step", *map(str, shown), "unit", "rollout", "data")
+    return table_text(header, rows, numbers=range(1, len(shown) + 1))
+
+
 def metrics_record(report: ValidationReport) -> dict[str, Any]:
     """The same as JSON values."""
     return {
@@ -52,6 +95,7 @@ def metrics_record(report: ValidationReport) -> dict[str, Any]:
             }
             for row in report.rows
         ],
+        "outputs": [_measurement_record(found) for found in report.measurements],
     }
 
 
@@ -88,7 +132,7 @@ def limits(row: MetricRow) -> str:
             return f"{low:g} … {high:g}"
 
 
-def rollout_text(row: MetricRow) -> str:
+def rollout_text(row: MetricRow | Measurement) -> str:
     """How it was simulated: `one step`, `50 steps, closing x`."""
     closed = f", closing {', '.join(row.closed)}" if row.closed else ""
     if row.horizon == "1":
@@ -103,3 +147,36 @@ def unit_text(unit: Unit | None) -> str:
 
 def _verdict(row: MetricRow) -> str:
     return {None: "", True: "kept", False: "BROKEN"}[row.passed]
+
+
+def _measurement_record(found: Measurement) -> dict[str, Any]:
+    curve = found.curve
+    return {
+        "of": found.of,
+        "unit": found.unit and found.unit.text,
+        "horizon": found.horizon,
+        "closed": list(found.closed),
+        "data": found.data,
+        "rows": found.rows,
+        "scored": found.scored,
+        "metrics": {metric: scores.value for metric, scores in found.metrics.items()},
+        "curve": curve
+        and {
+            "first": curve.first.tolist(),
+            "last": curve.last.tolist(),
+            "rmse": curve.rmse.tolist(),
+            "scored": curve.scored.tolist(),
+        },
+    }
+
+
+def _readings(curve: ErrorCurve) -> dict[int, float]:
+    """The errors at 1, 2, 5, 10, … as far as the curve goes, and at its end; each point once."""
+    end = int(curve.last[-1])
+    decades = [digit * 10**power for power in range(len(str(end))) for digit in (1, 2, 5)]
+    step_of: dict[int, int] = {}
+    for step in [k for k in decades if k < end] + [end]:
+        (points,) = np.nonzero((curve.first <= step) & (step <= curve.last))
+        for point in points.tolist():
+            step_of.setdefault(point, step)
+    return {step: float(curve.rmse[point]) for point, step in step_of.items()}

@@ -64,6 +64,24 @@ def refuse_two_origins(weights: Path | None, initial: bool) -> None:
         raise typer.BadParameter(message, param_hint="'--initial'")
 
 
+PlotFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--plot", metavar="FILE", help="Also draw it: .png, .svg or .pdf."),
+]
+
+
+def refuse_undrawable(plot: Path | None) -> None:
+    """A usage error for a picture in no format of ours; MissingExtraError without matplotlib."""
+    if plot is None:
+        return
+    from msnn.plotting import FORMATS, require_plotting
+
+    if plot.suffix.removeprefix(".") not in FORMATS:
+        message = f"`{plot}` does not end with one of .{', .'.join(FORMATS)}"
+        raise typer.BadParameter(message, param_hint="'--plot'")
+    require_plotting()
+
+
 class EngineName(StrEnum):
     """What computes a training stage."""
 

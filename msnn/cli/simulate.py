@@ -11,10 +11,12 @@ from msnn.cli.arguments import (
     RUNS,
     DataRoot,
     Initial,
+    PlotFile,
     RunsFolder,
     SpecFile,
     WeightsFile,
     refuse_two_origins,
+    refuse_undrawable,
 )
 
 
@@ -34,10 +36,7 @@ def simulate(
     out: Annotated[
         Path, typer.Option("--out", metavar="FILE", help="The CSV file to write.")
     ] = Path("simulation.csv"),
-    plot: Annotated[
-        Path | None,
-        typer.Option("--plot", metavar="FILE", help="Also draw it: .png, .svg or .pdf."),
-    ] = None,
+    plot: PlotFile = None,
 ) -> None:
     """Run the model freely over records.
 
@@ -54,13 +53,7 @@ def simulate(
     refuse_two_origins(weights, initial)
     if horizon != "record" and not (horizon.isdecimal() and int(horizon) > 0):
         raise typer.BadParameter("`record` or a number of steps", param_hint="--horizon")
-    if plot is not None:
-        from msnn.plotting import FORMATS, require_plotting
-
-        if plot.suffix.removeprefix(".") not in FORMATS:
-            message = f"`{plot}` does not end with one of .{', .'.join(FORMATS)}"
-            raise typer.BadParameter(message, param_hint="'--plot'")
-        require_plotting()
+    refuse_undrawable(plot)
     model = load_model(spec)
     report(model.warnings, model.sources)
     chosen = choose_weights(model.program, weights, runs, initial=initial)

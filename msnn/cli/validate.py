@@ -12,12 +12,14 @@ from msnn.cli.arguments import (
     DataRoot,
     Initial,
     OutputFormat,
+    PlotFile,
     ResultFormat,
     RunsFolder,
     Settings,
     SpecFile,
     WeightsFile,
     refuse_two_origins,
+    refuse_undrawable,
 )
 from msnn.cli.exit_codes import ExitCode
 
@@ -33,20 +35,29 @@ def validate(
         Path | None,
         typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, a test a limit."),
     ] = None,
+    plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
     """Measure the trained model.
 
-    What the spec's `validate` section asks for, by default on the set `test`. Exit code 3 when a
-    limit is broken.
+    What the spec's `validate` section asks for, by default on the set `test`: its metrics with
+    their limits, every metric of the same outputs, and how errors grow along rollouts. Exit code 3
+    when a limit is broken.
     """
     from msnn import api
     from msnn.cli.console import json_result, note, report, result
     from msnn.model_file import load_model
     from msnn.model_weights import choose_weights
-    from msnn.validation_report import junit_text, metrics_record, metrics_table
+    from msnn.validation_report import (
+        curves_table,
+        junit_text,
+        measurements_table,
+        metrics_record,
+        metrics_table,
+    )
 
     refuse_two_origins(weights, initial)
+    refuse_undrawable(plot)
     model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     chosen = choose_weights(model.program, weights, runs, initial=initial)
@@ -61,7 +72,12 @@ def validate(
     if format is ResultFormat.JSON:
         json_result("validate", metrics_record(found))
     else:
-        result(metrics_table(found))
+        tables = (metrics_table(found), measurements_table(found), curves_table(found))
+        result("\n\n".join(table for table in tables if table))
+    if plot is not None:
+        from msnn.plotting import plot_validation
+
+        note(f"drawn: {plot_validation(plot, found.measurements)}")
     if not found.passed:
         note("a limit is broken")
         raise typer.Exit(ExitCode.LIMIT_BROKEN)

@@ -33,6 +33,7 @@ def test_usage_errors_end_with_2(msnn: CommandLine):
         (("validate", "--set", "foo"), "`foo` is not a path, `=` and a value"),
         (("train", "--set", "=3"), "`=3` is not a path, `=` and a value"),
         (("simulate", "--plot", "a.xyz"), "`a.xyz` does not end with one of .png, .svg, .pdf"),
+        (("validate", "--plot", "a.xyz"), "`a.xyz` does not end with one of .png, .svg, .pdf"),
         (("simulate", "--plot", "a"), "`a` does not end with one of .png, .svg, .pdf"),
         *(
             ((verb, "--initial", "--weights", "w.safetensors"), "'--initial'")

@@ -195,6 +195,16 @@ def test_simulating_with_a_plot(msnn: CommandLine, trained: Path):
     assert (trained / "run.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize(("file", "begins"), [("v.png", b"\x89PNG"), ("v.svg", b"<?xml")])
+def test_validating_with_a_plot(file: str, begins: bytes, msnn: CommandLine, trained: Path):
+    said = msnn("validate", SPEC, "--plot", file, "--format", "json")
+    assert said.code == 0
+    assert (trained / file).read_bytes().startswith(begins)
+    one_step, record = json.loads(said.out)["outputs"]
+    assert one_step["curve"] is None
+    assert len(record["curve"]["rmse"]) == len(record["curve"]["first"]) == 19
+
+
 def test_a_bad_horizon_is_a_usage_error(msnn: CommandLine, trained: Path):
     for horizon in ("0", "-1", "x", "1.5"):
         assert msnn("simulate", SPEC, f"--horizon={horizon}").code == 2

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import Dataset
+from msnn.measurement import METRICS, error_trace
 from msnn.metrics import score
 from msnn.validation import MetricRow, ValidationReport, validate
+from msnn.validation_report import curves_table, metrics_record
 from spec_schema.diagnostics import SpecError
 from tests.training.cases import compiled, dataset, gain, gain_series, in_blocks
 
@@ -193,6 +195,81 @@ def test_without_entries_every_prediction_has_its_rmse() -> None:
     (row,) = report.rows
     assert (row.of, row.metric) == ("x_next", "rmse")
     assert row.value < 1e-14
+
+
+def test_the_error_is_known_at_every_step_of_a_rollout() -> None:
+    data = dataset(gain_series(50), test=[50])
+    (found,) = measured(
+        "  - {of: x_next, rollout: {horizon: 7, skip: 2}}\n", data, HALF
+    ).measurements
+    x, u = data.series["x"], data.series["u"]
+    errors: dict[int, list[float]] = {}
+    for t0 in range(0, 49, 7):
+        state = x[t0]
+        for k in range(1, 8):
+            state = 0.5 * state + 0.3 * u[t0 + k - 1]
+            errors.setdefault(k, []).append(state - x[t0 + k])
+    assert found.curve is not None
+    assert found.curve.first.tolist() == found.curve.last.tolist() == [3, 4, 5, 6, 7]
+    assert found.curve.scored.tolist() == [7] * 5
+    expected = [np.sqrt(np.mean(np.square(errors[k]))) for k in range(3, 8)]
+    np.testing.assert_allclose(found.curve.rmse, expected, rtol=1e-13)
+
+
+def test_the_curve_of_a_record_has_points_of_about_twenty_samples() -> None:
+    data = dataset(gain_series(121), test=[61, 60])
+    (found,) = measured("  - {of: x_next, rollout: record}\n", data, HALF).measurements
+    curve = found.curve
+    assert curve is not None
+    assert (curve.first[0], curve.last[-1]) == (1, 60)
+    assert curve.first[1:].tolist() == (curve.last[:-1] + 1).tolist()
+    assert curve.scored.tolist() == [24, 24, 24, 24, 23]
+    total = np.sum(curve.rmse**2 * curve.scored) / np.sum(curve.scored)
+    assert np.sqrt(total) == pytest.approx(found.metrics["rmse"].value, rel=1e-13)
+
+
+def test_one_step_has_no_curve() -> None:
+    (found,) = measured("", dataset(gain_series(50), test=[50]), TRUE).measurements
+    assert found.curve is None
+
+
+def test_the_trace_keeps_the_extremes_and_leaves_gaps_out() -> None:
+    prediction = np.zeros(1000)
+    target = np.sin(np.arange(1000.0))
+    target[100:300] = np.nan
+    found = error_trace(prediction, target)
+    assert len(found.sample) == 200
+    assert (found.low.min(), found.high.max()) == (-np.nanmax(target), -np.nanmin(target))
+    assert found.sample[-1] == 796
+    assert len(error_trace(prediction, np.full(1000, np.nan)).sample) == 0
+
+
+def test_every_metric_is_measured_once_for_each_way_to_simulate() -> None:
+    checks = (
+        "  - {of: x_next, max: 1}\n  - {of: x_next, metric: fit, min: 1}\n"
+        "  - {of: x_next, rollout: 7}\n  - {of: x_next, metric: aic, rollout: 7}\n"
+    )
+    report = measured(checks, dataset(gain_series(50), test=[50]), HALF)
+    assert [found.horizon for found in report.measurements] == ["1", "7"]
+    for row in report.rows:
+        (found,) = (found for found in report.measurements if found.horizon == row.horizon)
+        assert found.metrics[row.metric].value == row.value  # pyright: ignore[reportArgumentType]
+    assert set(report.measurements[0].metrics) == set(METRICS)
+
+
+def test_the_tables_read_curves_at_round_steps_and_at_their_end() -> None:
+    checks = "  - {of: x_next, rollout: 7}\n  - {of: x_next, rollout: 12}\n"
+    report = measured(checks, dataset(gain_series(50), test=[50]), HALF)
+    header, first, second = curves_table(report).splitlines()
+    assert " ".join(header.split()) == "rmse at step 1 2 5 7 10 12 unit rollout data"
+    way = len("m 7 steps, closing x test".split())  # noqa: SIM905  (how it is printed)
+    assert [len(line.split()) for line in (first, second)] == [1 + 4 + way, 1 + 5 + way]
+    (record, _) = metrics_record(report)["outputs"]
+    assert record["curve"]["first"] == list(range(1, 8))
+    assert record["metrics"]["rmse"] == report.rows[0].value
+    one_step = measured("", dataset(gain_series(50), test=[50]), HALF)
+    assert curves_table(one_step) == ""
+    assert metrics_record(one_step)["outputs"][0]["curve"] is None
 
 
 @pytest.mark.parametrize(
