@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationInfo, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
 from spec_schema.diagnostics import Findings
 from spec_schema.errors import schema as errors
+from spec_schema.json_fields import Leaf
 from spec_schema.located import Place
 from spec_schema.source import Span
 from spec_schema.yaml_nodes import Node, Scalar, Table, kind
@@ -18,6 +19,11 @@ _PLACE = "\0place"
 
 class RefusedError(ValueError):
     """Tells pydantic that a value was refused; the diagnostic is in the findings already."""
+
+
+def _as_given(place: Place, info: ValidationInfo) -> Place:
+    del info
+    return place
 
 
 class Entry(BaseModel):
@@ -36,7 +42,7 @@ class Entry(BaseModel):
     shorthand: ClassVar[str | None] = None
     later: ClassVar[frozenset[str]] = frozenset()
 
-    place: Annotated[Place, PlainValidator(lambda place: place)] = Field(alias=_PLACE, repr=False)
+    place: Annotated[Place, Leaf(_as_given)] = Field(alias=_PLACE, repr=False)
 
     @classmethod
     def known_keys(cls) -> tuple[str, ...]:
