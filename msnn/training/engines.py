@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from backends.c_compiler import CompilerMissingError
+from compiler.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.training.levenberg_marquardt import LevenbergMarquardtEngine
 from msnn.training.native_engine import NativeEngine
 from msnn.training.native_squares import NativeSquares
 from msnn.training.stage_data import StageData
 from msnn.training.stage_plan import StagePlan
-from spec_schema.diagnostics import Diagnostic, SpecError
+from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import training as errors
 from spec_schema.optimizers import Lbfgs, LevenbergMarquardt, TorchOptimizer
 
@@ -38,6 +39,18 @@ class OpenedEngine:
 
     engine: AnyEngine
     notes: tuple[Diagnostic, ...]
+
+
+def try_optimizers(program: Program, plans: Iterable[StagePlan]) -> None:
+    """Makes the optimisers that are torch's; raises SpecError with what torch refuses."""
+    findings = Findings()
+    for plan in plans:
+        if isinstance(plan.optimizer, TorchOptimizer):
+            from msnn.training.torch_optimizers import try_torch_optimizer
+
+            trained = [program.parameter(name) for name in plan.trained]
+            try_torch_optimizer(plan.optimizer, plan.weight_decay, trained, findings)
+    findings.raise_errors()
 
 
 def open_engine(

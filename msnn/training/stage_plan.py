@@ -13,6 +13,7 @@ from compiler.sums_of_squares import is_sum_of_squares
 from msnn.rollout_plan import RolloutPlan, plan_rollout
 from msnn.training.curriculum import Phase, plan_curriculum
 from msnn.training.learning_rate import Rule
+from msnn.training.torch_optimizer_options import check_torch_optimizer
 from spec_schema.diagnostics import Findings
 from spec_schema.entry import Entry
 from spec_schema.errors import second_order
@@ -204,9 +205,6 @@ def _rate(
         return None
     if not isinstance(optimizer, TorchOptimizer):
         return optimizer.lr
-    # only torch knows what it takes, and to import it takes seconds
-    from msnn.training.torch_optimizers import check_torch_optimizer
-
     moved = [program.parameter(name) for name in trained]
     return check_torch_optimizer(optimizer, stage.weight_decay, moved, findings)
 

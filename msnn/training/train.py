@@ -17,7 +17,7 @@ from msnn.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoi
 from msnn.training.devices import CPU, Device, on_device
 from msnn.training.divergence import explain_divergence
 from msnn.training.engine import Engine, NonFiniteLossError
-from msnn.training.engines import open_engine
+from msnn.training.engines import open_engine, try_optimizers
 from msnn.training.first_weights import first_weights
 from msnn.training.interrupts import end_on_interrupt
 from msnn.training.parameters_record import parameters_record
@@ -113,6 +113,7 @@ def train(
     plans = on_device(plan_stages(program, stages, findings), options.device, findings)
     datas = [stage_data(plan, data, findings) for plan in plans]
     findings.raise_errors()
+    try_optimizers(program, plans)
     for warning in (*data.warnings, *findings.in_order):
         progress.warned(warning)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
