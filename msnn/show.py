@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 from backends.step_interface import Port, port_names, step_interface
@@ -23,25 +23,9 @@ from compiler.program import (
 )
 from compiler.types import Axis, describe_axes
 from msnn.data.starts import reach
+from msnn.summary import summary_line
 from msnn.tables import count, table_text
 from spec_schema.units import Unit
-
-
-def summary_line(program: Program) -> str:
-    """`mass_spring_damper: 2 inputs, 1 output, 6 parameters, a sample every 0.2 s`."""
-    numbers = sum(len(parameter.initial) for parameter in program.parameters)
-    inputs = [signal for signal in program.signals if signal.role is Role.INPUT]
-    states = [state for state in program.states if isinstance(state.origin, Declared)]
-    parts = [count(len(inputs), "input"), count(len(program.outputs), "output")]
-    if states:
-        parts.append(count(len(states), "state"))
-    parts.append(count(numbers, "parameter"))
-    if program.sample_time is not None:
-        parts.append(f"a sample every {program.sample_time:g} s")
-    previews = [port.signal.name for port in _ports(program) if port.last > 0]
-    if previews:
-        parts.append(f"reads the future of {', '.join(previews)}")
-    return f"{program.name}: {', '.join(parts)}"
 
 
 def interface_text(program: Program) -> str:
@@ -124,10 +108,6 @@ def _lines_that_read(program: Program, name: str) -> str:
 
 def _step_form(program: Program) -> Program:
     return to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
-
-
-def _ports(program: Program) -> Sequence[Port]:
-    return step_interface(_step_form(program)).inputs
 
 
 def _dimensions(program: Program) -> str:

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load
 
 from msnn.data.dataset import FloatArray
+from msnn.safetensors_file import arrays_in
 from msnn.spec_hash import hash_of, parts_of
 from spec_schema.diagnostics import Findings
 from spec_schema.errors import submodels as errors
@@ -65,9 +64,8 @@ def _read(
         problem = f"cannot read {path}: {reason}"
         findings.report(errors.unusable_weights(name, problem, place, repair))
         return
-    try:
-        arrays = load(content)
-    except (SafetensorError, ValueError, KeyError):
+    arrays = arrays_in(content)
+    if arrays is None:
         problem = f"{path} is not a safetensors file"
         findings.report(errors.unusable_weights(name, problem, place, None))
         return

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load
 
 from backends.atomic_write import write_bytes
 from backends.safetensors_bytes import safetensors_bytes
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
+from msnn.safetensors_file import arrays_in
 from spec_schema.diagnostics import Diagnostic, SpecError
 from spec_schema.errors import training as errors
 from spec_schema.errors import weights as weight_errors
@@ -72,13 +71,13 @@ def read_weights(path: Path, program: Program) -> LoadedWeights:
     """
     shown = str(path)
     try:
-        arrays = load(path.read_bytes())
+        arrays = arrays_in(path.read_bytes())
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise SpecError((weight_errors.unreadable_weights(shown, reason),)) from error
-    except (SafetensorError, ValueError, KeyError) as error:
+    if arrays is None:
         reason = "it is not a safetensors file"
-        raise SpecError((weight_errors.unreadable_weights(shown, reason),)) from error
+        raise SpecError((weight_errors.unreadable_weights(shown, reason),))
     faults: list[Diagnostic] = []
     missing = [p.name for p in program.parameters if p.name not in arrays]
     if missing:

@@ -7,19 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from msnn.data.formats import format_of
-from msnn.data.row_filter import row_filters
-from msnn.data.splits import SETS
-from msnn.exporting import plan_exports, target_names
-from msnn.fixed_point import fixed_point_faults
 from msnn.model_file import Model, load_model
-from msnn.training.stage_plan import plan_stages
-from msnn.validation_plan import plan_checks
 from spec_schema.columns import Column
 from spec_schema.data_section import Data
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import data_formats
 from spec_schema.errors import workflow as errors
 from spec_schema.spec import Spec
+from spec_schema.splits import SETS
 
 _LOG_SUFFIX = ".meas"
 
@@ -40,26 +35,35 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
     """Everything that is wrong with the sections that train, validate and export the model.
 
     No data is read and nothing is written: stages, metrics and exports are planned as they would
-    run, so that a name that one of them lacks is found here.
+    run, so that a name that one of them lacks is found here. What plans a section is loaded for
+    specs that have it.
     """
     findings = Findings()
     spec = model.spec
     if spec.train:
+        from msnn.training.stage_plan import plan_stages
+
         plan_stages(model.program, spec.train, findings)
-    plan_checks(model.program, spec.checks, findings)
+    if spec.checks:
+        from msnn.validation_plan import plan_checks
+
+        plan_checks(model.program, spec.checks, findings)
     if spec.data is not None:
         _columns(model, spec.data, findings)
         _sets(model, spec.data, findings)
         _readers(spec.data, findings)
-        _filters(spec, findings)
+        _filters(spec, spec.data, findings)
     else:
         for name, entries in (("train", spec.train), ("validate", spec.checks)):
             if entries:
                 findings.report(errors.needless_data(name, entries[0].place.key))
     if spec.export is not None:
-        plans = plan_exports(model, target_names((), spec.export), findings)
-        for plan in plans:
+        from msnn.exporting import plan_exports, target_names
+
+        for plan in plan_exports(model, target_names((), spec.export), findings):
             if plan.fixed_point is not None:
+                from msnn.fixed_point import fixed_point_faults
+
                 findings.report(*fixed_point_faults(plan, plan.fixed_point))
     return findings.in_order
 
@@ -93,7 +97,11 @@ def _readers(data: Data, findings: Findings) -> None:
                 findings.report(data_formats.missing_reader(what, install, pattern.span))
 
 
-def _filters(spec: Spec, findings: Findings) -> None:
+def _filters(spec: Spec, data: Data, findings: Findings) -> None:
+    if data.filter is None and all(source.filter is None for source in data.source.values()):
+        return
+    from msnn.data.row_filter import row_filters
+
     try:
         row_filters(spec)
     except SpecError as error:

@@ -14,6 +14,9 @@ from spec_schema.quantity_fields import read_length
 from spec_schema.source import Span
 from spec_schema.yaml_nodes import Listing, Node, Scalar
 
+SETS = ("train", "val", "test")
+"""What a split makes of a source."""
+
 
 @dataclass(frozen=True)
 class Fraction:

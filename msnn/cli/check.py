@@ -36,7 +36,7 @@ def check(
     it. Reads no data.
     """
     from msnn.cli.console import json_result, report, result
-    from msnn.show import summary_line
+    from msnn.summary import summary_line
     from msnn.workflow_checks import checked_model
     from spec_schema.diagnostics import Diagnostic, SpecError
     from spec_schema.render import records, render

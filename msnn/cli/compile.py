@@ -24,7 +24,8 @@ def compile_(
     To build/NAME.program.json, which every other verb takes instead of the spec.
     """
     from msnn.cli.console import report, result
-    from msnn.model_file import load_model, write_program_file
+    from msnn.compiled_file import write_program_file
+    from msnn.model_file import load_model
 
     model = load_model(spec, strict_units=strict_units)
     report(model.warnings, model.sources)

@@ -7,13 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from msnn.data.csv_header import Dialect
-from msnn.data.table import Streams, Table, Wanted
 from msnn.failures import MissingExtraError
 
-Reader = Callable[[Path, str, Wanted, Dialect], Table | Streams]
-"""(path, its name in messages, what is wanted, layout of text) → columns; raises SpecError."""
+if TYPE_CHECKING:
+    from msnn.data.csv_header import Dialect
+    from msnn.data.table import Streams, Table, Wanted
+
+    Reader = Callable[[Path, str, Wanted, Dialect], Table | Streams]
+    """(path, its name in messages, what is wanted, layout of text) → columns; raises SpecError."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,11 +15,12 @@ from msnn.data.formats import require_reader
 from msnn.data.part import Part, read_part
 from msnn.data.row_filter import RowFilter
 from msnn.data.rows import GAP_TOLERANCE
-from msnn.data.splits import SETS, RecordTimes, SetCodes, split_rows, split_source
+from msnn.data.splits import RecordTimes, SetCodes, split_rows, split_source
 from spec_schema.data_section import Data
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import data_files as errors
 from spec_schema.source import SourceText
+from spec_schema.splits import SETS
 
 _LARGEST_SHOWN = 1_000_000
 

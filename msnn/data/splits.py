@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from msnn.data.dataset import UNASSIGNED, FloatArray
 from spec_schema.diagnostics import Findings
 from spec_schema.errors import data_files as errors
-from spec_schema.splits import Blocks, Fraction, Split, TimeRange
-
-SETS = ("train", "val", "test")
+from spec_schema.splits import SETS, Blocks, Fraction, Split, TimeRange
 
 SetCodes = NDArray[np.int8]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,82 @@ def test_these_import_nothing_heavy(project: Path, arguments: tuple[str, ...]):
     said = in_new_process(arguments, project, start=_START)
     assert said.code == 0, said.err
     assert said.err.splitlines()[-1] == "loaded:"
+
+
+_LISTED = """
+import sys
+before = set(sys.modules)
+from msnn.cli.application import run
+code = run(sys.argv[1:])
+print(*sorted(set(sys.modules) - before), sep="\\n", file=sys.stderr)
+sys.exit(code)
+"""
+_DISTRIBUTIONS = {"numpy", "pydantic", "PyYAML", "typer"}
+_DISTRIBUTIONS_OF_THOSE = {
+    "annotated-doc",
+    "annotated-types",
+    "pydantic_core",
+    "shellingham",
+    "typing-inspection",
+    "typing_extensions",
+}
+_WHOLE_PACKAGES = {
+    "compiler",
+    "compiler.layers",
+    "compiler.linking",
+    "compiler.lowering",
+    "compiler.passes",
+    "msnn.cli",
+    "spec_schema",
+    "spec_schema.errors",
+}
+_MODULES = {
+    "backends": {"identifiers"},
+    "msnn": {
+        "durations",
+        "exporting",
+        "failures",
+        "model_file",
+        "package_names",
+        "rollout_plan",
+        "safetensors_file",
+        "spec_hash",
+        "submodel_weights",
+        "summary",
+        "tables",
+        "validation_plan",
+        "workflow_checks",
+    },
+    "msnn.data": {"dataset", "formats", "reads", "starts"},
+    "msnn.training": {
+        "curriculum",
+        "learning_rate",
+        "stage_plan",
+        "torch_optimizer_options",
+    },
+}
+"""Of packages that mostly do other things, what plans the sections of a spec."""
+
+
+def test_check_imports_this_and_nothing_else(project: Path):
+    said = in_new_process(("check", "plant.msnn.yaml"), project, start=_LISTED)
+    assert said.code == 0, said.err
+    loaded = set(said.err.splitlines())
+    installed = packages_distributions()
+    distributions = {name for module in loaded for name in installed.get(_top(module), ())}
+    assert distributions - {"msnn"} == _DISTRIBUTIONS | _DISTRIBUTIONS_OF_THOSE
+    packages = _WHOLE_PACKAGES | set(_MODULES)
+    ours = {module for module in loaded if _top(module) in {_top(name) for name in packages}}
+    by_package = {package: set[str]() for package in packages}
+    for module in ours - packages:
+        package, _, name = module.rpartition(".")
+        assert package in packages, module
+        by_package[package].add(name)
+    assert {package: by_package[package] for package in _MODULES} == _MODULES
+
+
+def _top(module: str) -> str:
+    return module.partition(".")[0]
 
 
 def test_importing_msnn_imports_next_to_nothing(project: Path):
