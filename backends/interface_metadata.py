@@ -76,6 +76,7 @@ def _output(program: Program, output: Output, name: str) -> dict[str, Any]:
     predicts = output.predicts
     return {
         **_value(output.name, name, type.axes, type.unit, output.doc),
+        "range": json_range(program.expected_range(output.name)),
         "predicts": predicts and {"signal": predicts.signal, "ahead": predicts.ahead},
     }
 

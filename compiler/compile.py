@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from compiler.builder import GraphBuilder
@@ -18,14 +17,17 @@ from compiler.lowering.losses import default_loss, lower_loss
 from compiler.lowering.model import Model
 from compiler.lowering.needed_submodels import needed_submodels
 from compiler.lowering.predictions import as_predicted, prediction_of
-from compiler.lowering.scope import Kind, owner_of
+from compiler.lowering.ranges import expected_values, signal_ranges
+from compiler.lowering.scope import owner_of
 from compiler.lowering.signals import logged_signals
+from compiler.lowering.unused import lower_unused, report_unused
 from compiler.never_finite import never_finite
 from compiler.ops import ReadLog
 from compiler.passes import run_passes
 from compiler.program import (
     Declared,
     Dimension,
+    Expected,
     Loss,
     Output,
     Program,
@@ -34,7 +36,6 @@ from compiler.program import (
 from compiler.verifier import verify
 from spec_schema import signals
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
-from spec_schema.errors import names
 from spec_schema.errors import time as times
 from spec_schema.expression import Name
 from spec_schema.reader import ReadResult
@@ -103,13 +104,14 @@ def compile_linked(
     program = Program(
         name=spec.name.value,
         sample_time=model.sampling.sample_time,
-        signals=logged_signals(model),
+        signals=logged_signals(model, lowered.ranges),
         parameters=model.arrays.parameters,
         states=tuple(lowered.states),
         step=model.builder(_STEP).graph(),
         start=model.builder(_START).graph(),
         outputs=tuple(lowered.outputs),
         losses=tuple(lowered.losses),
+        expected=tuple(lowered.expected),
         fits=tuple(fits_of(model)),
         dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in spec.dims.items()),
         doc=spec.doc or "",
@@ -151,6 +153,8 @@ class _Lowered:
     outputs: list[Output]
     states: list[State]
     losses: list[Loss]
+    ranges: dict[str, tuple[float, float]]
+    expected: list[Expected]
 
 
 _MOST_LOWERINGS = 100
@@ -173,17 +177,18 @@ def _lowered(linked: Linked, draw: int) -> _Lowered:
     lowered.model.given.report(lowered.model.arrays.all_names)
     _report_log_reads(lowered.model, lowered.outputs, lowered.states)
     if not lowered.model.findings.failed:  # what is left unused by a mistake is no news
-        _report_unused(lowered.model)
+        report_unused(lowered.model)
     return lowered
 
 
 def _lowered_once(linked: Linked, known: Known, draw: int) -> _Lowered:
     model = Model(linked, Findings(), known, draw)
     outputs = _outputs(model)
-    states = _states(model)
+    ranges = signal_ranges(model)
+    states = _states(model, ranges)
     losses = _losses(model, outputs)
-    _unused_equations(model)
-    return _Lowered(model, outputs, states, losses)
+    lower_unused(model)
+    return _Lowered(model, outputs, states, losses, ranges, expected_values(model))
 
 
 def _outputs(model: Model) -> list[Output]:
@@ -209,7 +214,7 @@ def _exported_equations(spec: Spec) -> dict[str, signals.Equation]:
     return {name: entry for name, entry in spec.equations.items() if name in names}
 
 
-def _states(model: Model) -> list[State]:
+def _states(model: Model, ranges: Mapping[str, tuple[float, float]]) -> list[State]:
     found: list[State] = []
     start: GraphBuilder = model.builder(_START)
     for name, entry in model.spec.states.items():
@@ -235,7 +240,7 @@ def _states(model: Model) -> list[State]:
                 Declared(),
                 following,
                 first,
-                entry.range.value if entry.range else None,
+                ranges.get(name),
                 entry.doc or "",
                 entry.place.key,
                 needs,
@@ -265,27 +270,6 @@ def _report_log_reads(model: Model, outputs: list[Output], table: list[State]) -
                 assert place is not None
                 reported.add(index)
                 model.findings.report(times.target_in_step(op.signal, name, place))
-
-
-def _unused_equations(model: Model) -> None:
-    """Lowers the equations that nothing needs, so that their mistakes are found too."""
-    for name, entry in model.spec.equations.items():
-        with suppress(LoweringFailed):
-            model.entries.value(name, entry, _STEP, entry.place.key)
-
-
-def _report_unused(model: Model) -> None:
-    for name, declared in model.scope.items():
-        # what a sub-model does not need here, what stays behind may
-        expected = declared.kind in _EXPECTED_IN_USE and not owner_of(name)
-        if expected and name not in model.used:
-            place = declared.entry.place.key
-            model.findings.report(names.unused_entry(name, declared.kind.value, place))
-
-
-_EXPECTED_IN_USE = frozenset(
-    {Kind.INPUT, Kind.CONSTANT, Kind.PARAMETER, Kind.LAYER, Kind.FUNCTION, Kind.EQUATION}
-)
 
 
 def _losses(model: Model, outputs: list[Output]) -> list[Loss]:

@@ -34,6 +34,7 @@ def with_step(program: Program, step: Graph, copies: Mapping[NodeId, NodeId]) ->
             )
             for loss in program.losses
         ),
+        expected=tuple(replace(entry, node=copies[entry.node]) for entry in program.expected),
     )
 
 

@@ -164,6 +164,19 @@ class Output:
     """Sub-models that it needs in the same step."""
 
 
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """The values that the spec expects of an equation; nothing is computed for it alone.
+
+    An equation of which the step computes several samples (`e`, `e[t-3]`) has one for each node.
+    """
+
+    name: str
+    node: NodeId
+    range: tuple[float, float]
+    span: Span | None = field(default=None, compare=False)
+
+
 class Measure(Enum):
     """How a loss becomes a number: the mean over steps, starts, window and dims of …."""
 
@@ -230,6 +243,8 @@ class Program:
     start: Graph
     outputs: tuple[Output, ...]
     losses: tuple[Loss, ...] = ()
+    expected: tuple[Expected, ...] = ()
+    """Ranges of equations that outputs, states or losses need."""
     fits: tuple[Fit, ...] = ()
     """Layers that training starts by least squares; while there are losses."""
     dimensions: tuple[Dimension, ...] = ()
@@ -248,6 +263,10 @@ class Program:
 
     def output(self, name: str) -> Output:
         return next(output for output in self.outputs if output.name == name)
+
+    def expected_range(self, name: str) -> tuple[float, float] | None:
+        """The range of an equation, which may be an output; None without one."""
+        return next((entry.range for entry in self.expected if entry.name == name), None)
 
 
 @dataclass(frozen=True, slots=True)

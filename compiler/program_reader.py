@@ -21,6 +21,7 @@ from compiler.plain_data import (
 from compiler.program import (
     Declared,
     Dimension,
+    Expected,
     Graph,
     History,
     InvalidPolicy,
@@ -82,6 +83,7 @@ def read_program(data: Any) -> Program:
         start=Graph(record.items("start", reader.node)),
         outputs=record.items("outputs", reader.output),
         losses=record.items("losses", reader.loss),
+        expected=record.items("expected", reader.expected) if record.has("expected") else (),
         fits=record.items("fits", _fit) if record.has("fits") else (),
         dimensions=record.items("dimensions", _dimension),
         doc=record.text("doc"),
@@ -184,6 +186,17 @@ class _Reader:
         record.close()
         return loss
 
+    def expected(self, data: Any, place: str) -> Expected:
+        record = Record(data, place)
+        entry = Expected(
+            record.text("name"),
+            record.integer("node"),
+            _bounds(record),
+            self._span(record),
+        )
+        record.close()
+        return entry
+
     def node(self, data: Any, place: str) -> Node:
         record = Record(data, place)
         make = _chosen(record.text("op"), place, _OPS)
@@ -271,8 +284,10 @@ def _origin(record: Record) -> Origin:
 
 
 def _range(record: Record) -> tuple[float, float] | None:
-    if not record.has("range"):
-        return None
+    return _bounds(record) if record.has("range") else None
+
+
+def _bounds(record: Record) -> tuple[float, float]:
     low, high = as_pair(record.raw("range"), record.place)
     return (
         -math.inf if low is None else as_number(low, record.place),

@@ -83,6 +83,10 @@ def _lines(program: Program) -> Iterator[str]:
     yield from _graph("step", program.step)
     yield from (_output(output) for output in program.outputs)
     yield from (_loss(loss) for loss in program.losses)
+    yield from (
+        f"expected {entry.name} = %{entry.node} in {_bounds(*entry.range)}"
+        for entry in program.expected
+    )
 
 
 def _graph(name: str, graph: Graph) -> Iterator[str]:

@@ -11,6 +11,7 @@ from typing import Any, assert_never
 from compiler.filter_fit import Fit
 from compiler.program import (
     Declared,
+    Expected,
     Graph,
     History,
     Loss,
@@ -58,6 +59,8 @@ def program_to_data(program: Program) -> Data:
         "outputs": [_output(output, files) for output in program.outputs],
         "losses": [_loss(loss, files) for loss in program.losses],
     }
+    if program.expected:
+        data["expected"] = [_expected(entry, files) for entry in program.expected]
     if program.fits:
         data["fits"] = [_fit(fit) for fit in program.fits]
     return data
@@ -70,7 +73,7 @@ def _files(program: Program) -> _Files:
     spans = [node.span for graph in (program.start, program.step) for node in graph.nodes]
     for declared in (program.signals, program.parameters, program.states):
         spans += [item.span for item in declared]
-    for declared in (program.outputs, program.losses):
+    for declared in (program.outputs, program.losses, program.expected):
         spans += [item.span for item in declared]
     names = dict.fromkeys(PurePath(span.file).name for span in spans if span is not None)
     return {name: index for index, name in enumerate(names)}
@@ -147,6 +150,11 @@ def _loss(loss: Loss, files: _Files) -> Data:
     if loss.share != 1.0:
         data["share"] = loss.share
     return data | _place("", loss.span, files)
+
+
+def _expected(entry: Expected, files: _Files) -> Data:
+    data: Data = {"name": entry.name, "node": entry.node, "range": _range(entry.range)}
+    return data | _place("", entry.span, files)
 
 
 def _fit(fit: Fit) -> Data:

@@ -15,6 +15,7 @@ from compiler.op_rules import LONGEST_NAME, Sources, broken_axes, broken_rule
 from compiler.ops import ReadLog, ReadSignal, ReadState, Window
 from compiler.program import (
     Declared,
+    Expected,
     Graph,
     History,
     Loss,
@@ -93,6 +94,8 @@ def verify(program: Program) -> None:
             _require(known, f"output `{output.name}` predicts no signal")
     for loss in program.losses:
         _check_loss(program.step, loss)
+    for entry in program.expected:
+        _check_expected(program.step, entry)
     _unique("fit", (fit.layer for fit in program.fits))
     for fit in program.fits:
         _check_fit(fit, sources)
@@ -189,6 +192,14 @@ def _check_loss(step: Graph, loss: Loss) -> None:
         same = _real(step, loss.target)
         same = same and step[loss.target].type.axes == step[loss.prediction].type.axes
         _require(same, f"{what} compares values of different axes")
+
+
+def _check_expected(step: Graph, entry: Expected) -> None:
+    what = f"equation `{entry.name}`"
+    legal = 0 < len(entry.name) <= LONGEST_NAME and entry.name.isprintable()
+    _require(legal, "an equation has no proper name")
+    _require(_real(step, entry.node), f"{what} has a range and is no number")
+    _check_range(what, entry.range)
 
 
 def _check_fit(fit: Fit, sources: Sources) -> None:

@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias, assert_never
 
 from backends.identifiers import c_identifier
 from compiler.passes.close_loop import LoopError, close_loop
+from compiler.passes.limit_expected import limit_expected
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
@@ -154,6 +155,7 @@ def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | 
     c = entry if isinstance(entry, CExport) else None
     if fixed_point is not None and c is not None:
         findings.report(*(fixed_point_option(name, c.place.key) for name in _float_options(c)))
+        step = limit_expected(step)
     elif target == "c":
         step = settle_zeros(retime(step, fixed_parameters=c is None or c.params != "tunable"))
     return ExportPlan(target, step, prefix, dtype, c, fixed_point)

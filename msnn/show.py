@@ -37,6 +37,7 @@ def interface_text(program: Program) -> str:
         _inputs(program, step),
         _outputs(program),
         _states(step),
+        _expected(program),
         _parameters(program),
         _losses(program),
     ]
@@ -161,6 +162,15 @@ def _states(step: Program) -> str:
         for state in step.states
     ]
     return table_text(("state", "unit", "shape", "holds", "doc"), rows) if rows else ""
+
+
+def _expected(program: Program) -> str:
+    ranges = {
+        entry.name: (_unit(program.step[entry.node].type.unit), _bounds(entry.range))
+        for entry in program.expected
+    }
+    rows = [(name, *about) for name, about in ranges.items()]
+    return table_text(("equation", "unit", "range"), rows) if rows else ""
 
 
 def _origin(state: State) -> str:

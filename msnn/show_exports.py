@@ -31,7 +31,8 @@ def _plan(plan: ExportPlan) -> str:
     rows = [_input(port) for port in interface.inputs]
     for output in interface.outputs:
         type = program.step[output.node].type
-        rows.append(("out", output.name, *_type(type), "", _predicted(program, output.name)))
+        range = _range(program.expected_range(output.name))
+        rows.append(("out", output.name, *_type(type), range, _predicted(program, output.name)))
     for state in interface.states:
         about = state.doc.strip().partition("\n")[0]
         shape = describe_axes(state.axes) if state.axes else ""

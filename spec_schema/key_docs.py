@@ -68,7 +68,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
     "Signal": {
         "unit": _UNIT,
         "dims": _DIMS,
-        "range": "Lowest and highest value that is plausible.",
+        "range": "Lowest and highest value that is plausible, numbers in its unit or with one.",
         "on_invalid": "What generated code does with a sample that is NaN or out of range.",
         "doc": _DOC,
     },
@@ -175,12 +175,13 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "next": "Value at t+1.",
         "init": "Value before the first step, from the log: `x.meas`.",
         "history": "Values before the start, where windows reach back that far.",
-        "range": "Lowest and highest value that is plausible.",
+        "range": "Lowest and highest value that is plausible, numbers in its unit or with one.",
     },
     "Equation": {
         "expr": "The expression.",
         "unit": _UNIT,
         "history": "Values before the start, where windows reach back that far.",
+        "range": "Lowest and highest value that is plausible, numbers in its unit or with one.",
     },
     "Output": {
         "expr": "The expression.",

@@ -19,3 +19,12 @@ class Quantity:
         """As a spec writes it: `50 ms`, or `50` without a unit."""
         number = f"{self.value:.12g}"
         return number if self.unit is None else f"{number} {self.unit.text}"
+
+
+@dataclass(frozen=True)
+class Range:
+    """The lowest and the highest value of something, each in its own unit or in none."""
+
+    low: Quantity
+    high: Quantity
+    span: Span = field(compare=False)

@@ -11,8 +11,8 @@ from spec_schema.errors import schema as errors
 from spec_schema.errors import units as unit_errors
 from spec_schema.expression import Duration, Length, Samples
 from spec_schema.located import Located
-from spec_schema.plain_fields import read_number, reads, scalar
-from spec_schema.quantity import Quantity
+from spec_schema.plain_fields import reads, scalar
+from spec_schema.quantity import Quantity, Range
 from spec_schema.unit_parser import parse_unit
 from spec_schema.units import Unit, UnitError, unit_symbol
 from spec_schema.yaml_nodes import Listing, Node, Scalar, kind
@@ -94,17 +94,17 @@ def _read_sample_time(node: Node, findings: Findings) -> Quantity:
     raise RefusedError
 
 
-def _read_range(node: Node, findings: Findings) -> Located[tuple[float, float]]:
+def _read_range(node: Node, findings: Findings) -> Range:
     if not isinstance(node, Listing) or len(node.items) != 2:
         repair = "write for example `[0, 1]`"
         found = "a list of another length" if isinstance(node, Listing) else kind(node)
         findings.report(errors.wrong_kind("a list of two numbers", found, node.span, repair))
         raise RefusedError
-    low, high = (read_number(item, findings) for item in node.items)
-    if low >= high:
-        findings.report(errors.reversed_range(low, high, node.span))
+    low, high = (_read_quantity(item, findings) for item in node.items)
+    if low.unit == high.unit and low.value >= high.value:
+        findings.report(errors.reversed_range(low.text, high.text, node.span))
         raise RefusedError
-    return Located((low, high), node.span, node.key)
+    return Range(low, high, node.span)
 
 
 _NUMBER = rf"[+-]?{NUMBER_PATTERN}"
@@ -130,11 +130,10 @@ _SAMPLE_TIME = {
     "pattern": rf"^\s*{_NUMBER}\s*{_UNIT}\s*$",
     "examples": ["10 ms", "100 Hz"],
 }
-_NUMBERS = {"type": "number"}
-_RANGE = {"type": "array", "items": _NUMBERS, "minItems": 2, "maxItems": 2}
+_RANGE = {"type": "array", "items": _QUANTITY_SCHEMA, "minItems": 2, "maxItems": 2}
 UnitField: TypeAlias = Annotated[Located[Unit], reads(read_unit, _UNIT_SCHEMA)]
 QuantityField: TypeAlias = Annotated[Quantity, reads(_read_quantity, _QUANTITY_SCHEMA)]
 LengthField: TypeAlias = Annotated[Length, reads(read_length, {**_LENGTH, "minimum": 0})]
 PositiveLength: TypeAlias = Annotated[Length, reads(read_positive_length, POSITIVE_LENGTH)]
 SampleTime: TypeAlias = Annotated[Quantity, reads(_read_sample_time, _SAMPLE_TIME)]
-RangeField: TypeAlias = Annotated[Located[tuple[float, float]], reads(_read_range, _RANGE)]
+RangeField: TypeAlias = Annotated[Range, reads(_read_range, _RANGE)]

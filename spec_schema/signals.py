@@ -50,15 +50,15 @@ class State(Entry):
 
 
 class Equation(Entry):
-    """A named expression."""
+    """A named expression; outside `range` its values are not plausible."""
 
     noun: ClassVar[str] = "an equation"
-    later: ClassVar[frozenset[str]] = frozenset({"range"})
     shorthand: ClassVar[str | None] = "expr"
 
     expr: ExpressionField
     unit: UnitField | None = None
     history: ExpressionField | None = None
+    range: RangeField | None = None
     doc: Text | None = None
 
 

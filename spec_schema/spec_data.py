@@ -27,7 +27,7 @@ from spec_schema.expression_fields import Prediction
 from spec_schema.expression_text import expression_text, length_text, number_text
 from spec_schema.layers import CustomMembership, Fuzzify
 from spec_schema.located import Located
-from spec_schema.quantity import Quantity
+from spec_schema.quantity import Quantity, Range
 from spec_schema.spec import Spec
 from spec_schema.splits import Blocks, Fraction, TimeRange
 from spec_schema.submodels import Freeze
@@ -76,6 +76,8 @@ def _plain(value: Any) -> Any:
             return text
         case Quantity(value=number, unit=unit):
             return _plain(number) if unit is None else f"{number_text(number)} {unit.text}"
+        case Range(low=low, high=high):
+            return [_plain(low), _plain(high)]
         case Samples(count=count):
             return count
         case Duration():

@@ -47,7 +47,7 @@ class UniformInitializer(Entry):
     @model_validator(mode="after")
     def _is_ordered(self, info: ValidationInfo) -> "UniformInitializer":
         if self.min >= self.max:
-            report = errors.reversed_range(self.min, self.max, self.place.value)
+            report = errors.reversed_range(f"{self.min:g}", f"{self.max:g}", self.place.value)
             findings_of(info).report(report)
         return self
 

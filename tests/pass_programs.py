@@ -11,6 +11,7 @@ from compiler.passes.fold_constants import fold_constants
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import (
     Declared,
+    Expected,
     Graph,
     Loss,
     Measure,
@@ -23,7 +24,7 @@ from compiler.program import (
     Signal,
     State,
 )
-from compiler.types import Axis, Type
+from compiler.types import WINDOW, Axis, Type
 from spec_schema.source import Span
 from spec_schema.unit_parser import parse_unit
 
@@ -181,6 +182,26 @@ def dropouts() -> Program:
     return Program("dropouts", None, signals, (), (), b.graph(), Graph(), outputs, losses)
 
 
+def expectations() -> Program:
+    """An equation with a range that two others use, one over a window, and an unlimited output."""
+    b = GraphBuilder()
+    x = b.signal("x", 0, 0, Type((), METRE))
+    e = b.multiply(b.constant(2.0), x)
+    past = b.apply("abs", b.signal("x", -2, 0, Type((Axis(WINDOW, 3),), METRE)))
+    outputs = (Output("sum", b.add(e, b.sum(past, WINDOW))), Output("e", e), Output("x", x))
+    return Program(
+        "expectations",
+        0.1,
+        (Signal("x", Role.INPUT, (), METRE),),
+        (),
+        (),
+        b.graph(),
+        Graph(),
+        outputs,
+        expected=(Expected("e", e, (-1.0, 1.0)), Expected("past", past, (0.0, 2.0))),
+    )
+
+
 PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "numbers": numbers,
     "branches": branches,
@@ -190,4 +211,5 @@ PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "mapped_windows": mapped_windows,
     "local_models": local_models,
     "dropouts": dropouts,
+    "expectations": expectations,
 }

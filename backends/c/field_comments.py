@@ -31,12 +31,12 @@ def supplied_comment(state: State) -> str:
     return _comment(state.unit, state.axes, ("value at t0", state.doc), state.span)
 
 
-def output_comment(output: Output, type: Type) -> str:
+def output_comment(output: Output, type: Type, limits: tuple[float, float] | None) -> str:
     means = ""
     if output.predicts is not None:
         ahead = f"+{output.predicts.ahead}" if output.predicts.ahead else ""
         means = f"predicts {output.predicts.signal}[t{ahead}]"
-    return _comment(type.unit, type.axes, (means, output.doc), output.span)
+    return _comment(type.unit, type.axes, (_limits(limits), means, output.doc), output.span)
 
 
 def parameter_comment(parameter: Parameter) -> str:

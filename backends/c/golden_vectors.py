@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backends.c.c_literals import Dtype
 from backends.c.drawn_inputs import Outside, Place, drawn_log, drawn_series, knots_of
 from backends.c.interface import Interface
 from backends.c.policy_reference import apply_policy, first_held
 from backends.c.state_memory import PlainState
 from backends.c.status import Status
 from compiler.interpreter import Interpreter
-from compiler.program import Program
+from compiler.program import Output, Program
 
 Array = NDArray[Any]
 _ANYWHERE = Place()
@@ -58,7 +59,7 @@ def golden_vectors(
     inputs = {
         input.field.name: drawn_series(input, steps, random, knots) for input in interface.inputs
     }
-    interpreter = Interpreter(replace(program, losses=()), weights, dtype)
+    interpreter = Interpreter(_with_checked(program), weights, dtype)
     states = interpreter.start(log, t0)
     starts = {state.name: states[state.name][0] for _, state in interface.supplied}
     outputs = {f.name: np.empty((steps, *f.shape), dtype) for f in interface.outputs}
@@ -81,6 +82,7 @@ def golden_vectors(
         states = result.next_states
         for name, values in outputs.items():
             values[k] = result.outputs[name][0]
+        bits |= _equation_bits(program, result.outputs, dtype)
         status[k] = bits | _state_bits(interface, states)
     windows = {
         field.name: _samples(log[field.name][t0 + port.first : t0 + port.last + 1], field.shape)
@@ -173,11 +175,36 @@ def _log_of_step(interface: Interface, seen: Mapping[str, Array]) -> tuple[dict[
     return log, row
 
 
+_CHECKED = "checked {}"
+"""Names of the values whose ranges are checked, among outputs; no name of a spec has a space."""
+
+
+def _with_checked(program: Program) -> Program:
+    """The program without losses whose outputs have the equations with a range among them."""
+    checked = [
+        Output(_CHECKED.format(number), entry.node) for number, entry in enumerate(program.expected)
+    ]
+    return replace(program, losses=(), outputs=(*program.outputs, *checked))
+
+
+def _equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -> Status:
+    outside = [
+        _is_outside(values[_CHECKED.format(number)], entry.range, dtype)
+        for number, entry in enumerate(program.expected)
+    ]
+    return Status.EQUATION_OUT_OF_RANGE if any(outside) else Status(0)
+
+
+def _is_outside(values: Array, limits: tuple[float, float], dtype: Dtype) -> bool:
+    """Whether an element is outside, NaN too; limits are rounded to the type of the values."""
+    low, high = (np.dtype(dtype).type(limit) for limit in limits)
+    return not bool(np.all((values >= low) & (values <= high)))
+
+
 def _state_bits(interface: Interface, states: Mapping[str, Array]) -> Status:
     for memory in interface.states:
         if isinstance(memory, PlainState) and memory.state.range is not None:
-            values = states[memory.state.name]
-            low, high = (values.dtype.type(limit) for limit in memory.state.range)
-            if not bool(np.all((values >= low) & (values <= high))):
+            dtype = interface.options.dtype
+            if _is_outside(states[memory.state.name], memory.state.range, dtype):
                 return Status.STATE_OUT_OF_RANGE
     return Status(0)

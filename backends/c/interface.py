@@ -26,6 +26,7 @@ from backends.c.state_memory import (
     joining,
     kept_in_place,
     member_place,
+    seen_values,
 )
 from backends.identifiers import c_identifier
 from backends.step_interface import Port, step_interface
@@ -88,6 +89,8 @@ class Interface:
     """States that only `reset` can set; `init` cannot know them."""
     unset: str
     """Field of the state struct that remembers what was not set; there if `from_record` is."""
+    checks_equations: bool
+    """Whether the step reports equations outside their range."""
 
     @property
     def has_state(self) -> bool:
@@ -127,7 +130,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
     states = tuple(
         _memory(state, in_states, options, in_place.get(state.name)) for state in program.states
     )
-    roots = [output.node for output in program.outputs] + [joining(memory) for memory in states]
+    roots = seen_values(program) + [joining(memory) for memory in states]
     moving = set(moving_sums(program.step, roots, states, options.unroll).values())
     states = tuple(
         replace(memory, in_sum=True)
@@ -155,6 +158,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
         ),
         from_record=frozenset(newest),
         unset=unset,
+        checks_equations=bool(program.expected),
     )
 
 
@@ -194,7 +198,7 @@ def _input(port: Port, names: _FieldNames, states: _FieldNames) -> InputField:
 
 def _output(output: Output, program: Program, names: _FieldNames) -> Field:
     type = program.step[output.node].type
-    comment = output_comment(output, type)
+    comment = output_comment(output, type, program.expected_range(output.name))
     return Field(output.name, names.add(output.name), type.axes, type.unit, comment)
 
 

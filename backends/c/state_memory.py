@@ -208,6 +208,11 @@ def joining(memory: StateMemory) -> NodeId:
     return memory.newest if isinstance(memory, DelayLine) else memory.state.next
 
 
+def seen_values(program: Program) -> list[NodeId]:
+    """The values of the step that it shows: outputs, and equations whose range it checks."""
+    return [shown.node for shown in (*program.outputs, *program.expected)]
+
+
 @dataclass(frozen=True, slots=True)
 class InPlace:
     """A buffer that needs no copy to move."""
@@ -219,7 +224,7 @@ class InPlace:
 
 def kept_in_place(program: Program) -> dict[str, InPlace]:
     """Buffers whose next value is their only window without its oldest sample, by name."""
-    roots = [output.node for output in program.outputs] + [s.next for s in program.states]
+    roots = seen_values(program) + [s.next for s in program.states]
     live = needed(program.step, roots)
     windows: dict[str, list[NodeId]] = {}
     users: dict[NodeId, set[NodeId]] = {}
@@ -229,7 +234,7 @@ def kept_in_place(program: Program) -> dict[str, InPlace]:
                 windows.setdefault(node.op.state, []).append(index)
             for arg in node.args:
                 users.setdefault(arg, set()).add(index)
-    results = {output.node for output in program.outputs}
+    results = set(seen_values(program))
     found: dict[str, InPlace] = {}
     for state in program.states:
         if isinstance(state.origin, History | Tape):

@@ -14,6 +14,7 @@ class Status(IntFlag):
     HELD = 8
     STATE_OUT_OF_RANGE = 16
     UNINITIALISED = 32
+    EQUATION_OUT_OF_RANGE = 64
 
 
 class SelfTest(IntFlag):
@@ -32,6 +33,7 @@ MEANING: dict[Status | SelfTest, str] = {
     Status.HELD: "an input was replaced by its last valid value",
     Status.STATE_OUT_OF_RANGE: "a state left its range",
     Status.UNINITIALISED: "the step began without values that only reset can give",
+    Status.EQUATION_OUT_OF_RANGE: "an equation was outside its range",
     SelfTest.STEP_DIFFERS: "a golden step gave other numbers",
     SelfTest.KERNEL_DIFFERS: "a mathematical function gave other numbers",
     SelfTest.CONTRACTED: "the compiler fuses multiplications with additions",

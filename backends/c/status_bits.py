@@ -23,6 +23,8 @@ def step_bits(interface: Interface) -> list[Status]:
     for memory in interface.states:
         if isinstance(memory, PlainState) and memory.state.range is not None:
             bits |= Status.STATE_OUT_OF_RANGE
+    if interface.checks_equations:
+        bits |= Status.EQUATION_OUT_OF_RANGE
     if interface.from_record:
         bits |= Status.UNINITIALISED
     return list(bits)

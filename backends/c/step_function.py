@@ -27,7 +27,7 @@ from backends.c.lowering import GraphLowering
 from backends.c.moving_sums import moving_sums
 from backends.c.places import Index, Place
 from backends.c.scope import Scope
-from backends.c.state_memory import Buffer, DelayLine, PlainState, joining
+from backends.c.state_memory import Buffer, DelayLine, PlainState, joining, seen_values
 from backends.c.status import Status, status_macro
 from compiler.program import Program
 
@@ -42,8 +42,7 @@ def step_function(program: Program, model: Model) -> Function:
     """`<prefix>_step(s, p, u, y)`: one step; returns what was out of order."""
     writer = _StepWriter(model, program.step)
     writer.begin()
-    roots = [output.node for output in program.outputs]
-    roots += [joining(memory) for memory in model.interface.states]
+    roots = seen_values(program) + [joining(memory) for memory in model.interface.states]
     interface = model.interface
     # which sets are active depends on the numbers
     constant_time = interface.options.constant_time
@@ -56,6 +55,7 @@ def step_function(program: Program, model: Model) -> Function:
         writer.comment("outputs")
     for output, field in zip(program.outputs, interface.outputs, strict=True):
         lowered.store(output.node, field.place("y"))
+    writer.check_equations(program, lowered)
     writer.commit(lowered, moved={memory.state.name for memory in moving.values()})
     writer.check_states()
     writer.scope.add(Return(Name("status")))
@@ -132,25 +132,38 @@ class _StepWriter(FunctionWriter):
             left = Unsigned(0) if only_buffers else Binary("&", self._unset, Unsigned(STATES_UNSET))
             self.scope.assign(self._unset, left)
 
+    def check_equations(self, program: Program, lowered: GraphLowering) -> None:
+        """Reports equations outside their range."""
+        for entry in program.expected:
+            low, high = entry.range
+            self.comment(f"expected of {entry.name}: {low:.9g} .. {high:.9g}")
+            value = lowered.place(entry.node, f"{entry.name}_checked")
+            shape = program.step[entry.node].type.shape
+            self._check(value, shape, entry.range, Status.EQUATION_OUT_OF_RANGE)
+
     def check_states(self) -> None:
         """Reports declared states outside their range."""
         for memory in self.interface.states:
             if isinstance(memory, PlainState) and memory.state.range is not None:
-                low, high = memory.state.range
-                self._check_state(memory, Real(low), Real(high))
+                limits = memory.state.range
+                self._check(memory.samples, memory.shape, limits, Status.STATE_OUT_OF_RANGE)
 
-    def _check_state(self, memory: PlainState, low: Real, high: Real) -> None:
+    def _check(
+        self, place: Place, shape: tuple[int, ...], limits: tuple[float, float], bit: Status
+    ) -> None:
+        low, high = Real(limits[0]), Real(limits[1])
+
         def check(indices: tuple[Index, ...], scope: Scope) -> None:
-            value = memory.samples.element(indices)
+            value = place.element(indices)
             if self.interface.options.constant_time:
                 outside = self.model.functions.helper("outside", (value, low, high))
-                macro = status_macro(self.interface.prefix, Status.STATE_OUT_OF_RANGE)
+                macro = status_macro(self.interface.prefix, bit)
                 scope.add(SetBits(Name("status"), Binary("*", outside, Name(macro))))
                 return
             valid = Binary("&&", Binary(">=", value, low), Binary("<=", value, high))
-            scope.add(If(Unary("!", valid), (self._bit(Status.STATE_OUT_OF_RANGE),)))
+            scope.add(If(Unary("!", valid), (self._bit(bit),)))
 
-        self.scope.each(memory.shape, self.unroll, check)
+        self.scope.each(shape, self.unroll, check)
 
     @property
     def _unset(self) -> Member:

@@ -31,6 +31,7 @@ _MEANING = {
     FixedStatus.CLAMPED: "an input was moved to the nearest limit",
     FixedStatus.HELD: "an input was replaced by its last valid value",
     FixedStatus.STATE_SATURATED: "a state was kept at the end of its range",
+    FixedStatus.EQUATION_OUT_OF_RANGE: "an equation was kept at the end of its range",
     FixedStatus.UNINITIALISED: "the step began without values that only reset can give",
 }
 

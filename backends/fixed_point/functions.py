@@ -9,6 +9,7 @@ from backends.fixed_point.names import FixedNames
 from backends.fixed_point.statements import Statements, literal
 from compiler.fixed_point.integer_program import (
     CheckedInput,
+    ExpectedWords,
     IntegerProgram,
     Memory,
     ReadMemory,
@@ -88,6 +89,8 @@ class FixedFunctions:
             for index, node in enumerate(nodes):
                 target = _element(f"y->{names.outputs[port.name]}", port, index)
                 lines.append(f"{target} = {statements.as_word(node)};")
+        for entry in program.expected:
+            lines += self._expected(entry, statements)
         for memory in program.memories:
             lines += self._commit(memory, statements)
         if not program.memories and not names.held:
@@ -166,6 +169,16 @@ class FixedFunctions:
                         yield f"{_INDENT * 2}}}"
                 yield f"{_INDENT * 2}s->{names.waiting} &= 2U;"
                 yield f"{_INDENT}}}"
+            yield "}"
+
+    def _expected(self, entry: ExpectedWords, statements: Statements) -> Iterator[str]:
+        """Reports an equation that is outside its range; the step uses the end of the range."""
+        yield f"/* expected of {entry.name} */"
+        for node, low, high in zip(entry.nodes, entry.low, entry.high, strict=True):
+            value = statements.value(node)
+            below, above = f"{value} < {self._literal(low)}", f"{value} > {self._literal(high)}"
+            yield f"if (({below}) || ({above})) {{"
+            yield f"{_INDENT}status |= {self.names.macro}_STATUS_EQUATION_OUT_OF_RANGE;"
             yield "}"
 
     # ---- memories

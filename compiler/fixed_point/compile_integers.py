@@ -12,6 +12,7 @@ from compiler.fixed_point.constants import finite, with_numbers, word_format
 from compiler.fixed_point.integer_builder import CannotFitError
 from compiler.fixed_point.integer_program import (
     CheckedInput,
+    ExpectedWords,
     IntegerProgram,
     Memory,
     ReadWord,
@@ -22,7 +23,7 @@ from compiler.fixed_point.invariants import is_buffer, proved_bounds
 from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
 from compiler.fixed_point.unused import without_unused
 from compiler.ops import ReadLog, ReadSignal, Window
-from compiler.program import Graph, History, Node, NodeId, Output, Program, Signal, State
+from compiler.program import Expected, Graph, History, Node, NodeId, Output, Program, Signal, State
 from compiler.types import WINDOW, Axis
 from spec_schema.diagnostics import SpecError
 from spec_schema.errors import fixed_point as errors
@@ -95,6 +96,7 @@ class _Compilation:
             memories,
             tuple(step.builder.nodes),
             tuple(first.builder.nodes),
+            tuple(self._expected(entry, step) for entry in program.expected),
             program.doc,
             program.spec_hash,
             program.sample_time,
@@ -182,7 +184,7 @@ class _Compilation:
             for state in unknown
         }
         bounds = proved_bounds(
-            unknown, self.program.step, self.width, self._input_words, self._state_words, first
+            unknown, self.program, self.width, self._input_words, self._state_words, first
         )
         for state in unknown:
             bits = self.width.word if self._is_word(state) else self.width.sum - 2
@@ -255,6 +257,23 @@ class _Compilation:
         if len(words) < len(newest):
             return None
         return words[0].port, tuple(word.index for word in words)
+
+    @staticmethod
+    def _expected(entry: Expected, step: Lowering) -> ExpectedWords:
+        """The elements that can leave the range; rounding alone is no reason to say so."""
+        low, high = entry.range
+        found = [(node, step.builder[node]) for node in step.nodes(entry.node)]
+        limits = {
+            node: (math.floor(math.ldexp(low, n.fraction)), math.ceil(math.ldexp(high, n.fraction)))
+            for node, n in found
+        }
+        outside = [i for i, n in found if n.low < limits[i][0] or n.high > limits[i][1]]
+        return ExpectedWords(
+            entry.name,
+            tuple(outside),
+            tuple(limits[node][0] for node in outside),
+            tuple(limits[node][1] for node in outside),
+        )
 
     def _output(self, output: Output, step: Lowering) -> tuple[WordPort, tuple[int, ...]]:
         nodes = [step.builder.as_word(node) for node in step.nodes(output.node)]

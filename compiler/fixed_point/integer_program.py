@@ -185,6 +185,16 @@ class CheckedInput:
 
 
 @dataclass(frozen=True, slots=True)
+class ExpectedWords:
+    """A range of an equation that its values may leave: nodes, their lowest and highest value."""
+
+    name: str
+    nodes: tuple[int, ...]
+    low: tuple[int, ...]
+    high: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class IntegerProgram:
     """The step and the start of a model in integers."""
 
@@ -199,6 +209,7 @@ class IntegerProgram:
     memories: tuple[Memory, ...]
     step: tuple[IntegerNode, ...]
     start: tuple[IntegerNode, ...]
+    expected: tuple[ExpectedWords, ...] = ()
     doc: str = ""
     spec_hash: str = ""
     sample_time: float | None = None

@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from compiler.fixed_point.constants import word_format
 from compiler.fixed_point.forms import Form
 from compiler.fixed_point.integer_program import Width
 from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
-from compiler.ops import Window
-from compiler.program import Graph, Node, State
+from compiler.ops import Broadcast, Clamp, Constant, Window
+from compiler.program import Graph, Node, NodeId, Program, State
 
 _MARGIN = 1.0 + 2.0**-6
 """What roundings may add; a state is saturated at its bound all the same."""
@@ -22,7 +23,7 @@ _LONGEST_MEMORY = 2**16
 
 def proved_bounds(
     states: Sequence[State],
-    graph: Graph,
+    program: Program,
     width: Width,
     reads: Callable[[Lowering, Node], Elements],
     known: Callable[[Lowering, str], Elements],
@@ -30,9 +31,50 @@ def proved_bounds(
 ) -> dict[str, float]:
     """The largest magnitude of each state s that moves by s⁺ = A s + d with bounded d.
 
-    |s| ≤ Σₖ |Aᵏ| |d| + maxₖ |Aᵏ| |s₀|. Raises UnsupportedError where the next value is not linear
-    in these states or Aᵏ does not vanish.
+    |s| ≤ Σₖ |Aᵏ| |d| + maxₖ |Aᵏ| |s₀|. Where values are clamped to numbers, as equations with a
+    range are, they count as what they are where nothing is clamped; if that gives no bound, as
+    part of d. Raises UnsupportedError where the next value is not linear in these states or Aᵏ
+    does not vanish.
     """
+    limited, expected = _limited(program), {entry.node for entry in program.expected}
+    within = {node: None for node in limited if program.step[node].args[0] in expected}
+    try:
+        return _proved(states, program.step, width, reads, known, starts, within)
+    except UnsupportedError:
+        if not limited:
+            raise
+        return _proved(states, program.step, width, reads, known, starts, limited)
+
+
+def _limited(program: Program) -> dict[NodeId, tuple[float, float] | None]:
+    """The nodes that are clamped to two numbers, and these."""
+    found: dict[NodeId, tuple[float, float] | None] = {}
+    for index, node in program.step:
+        if isinstance(node.op, Clamp):
+            low, high = (_number(program.step, arg) for arg in node.args[1:])
+            if low is not None and high is not None:
+                found[index] = low, high
+    return found
+
+
+def _number(graph: Graph, index: NodeId) -> float | None:
+    node = graph[index]
+    while isinstance(node.op, Broadcast):
+        node = graph[node.args[0]]
+    if isinstance(node.op, Constant) and len(set(node.op.values)) == 1:
+        return node.op.values[0]
+    return None
+
+
+def _proved(
+    states: Sequence[State],
+    graph: Graph,
+    width: Width,
+    reads: Callable[[Lowering, Node], Elements],
+    known: Callable[[Lowering, str], Elements],
+    starts: Mapping[str, float],
+    limited: Mapping[NodeId, tuple[float, float] | None],
+) -> dict[str, float]:
     symbols: dict[int, int] = {}
     own: dict[str, Elements] = {}
 
@@ -48,7 +90,7 @@ def proved_bounds(
 
     shapes = {state.name: tuple(axis.size for axis in state.axes) for state in states}
     sizes = {name: int(np.prod(shape, dtype=int)) for name, shape in shapes.items()}
-    lowering = _Symbolic(graph, width, reads, state_values, symbols)
+    lowering = _Symbolic(graph, width, reads, state_values, symbols, limited)
     for name in sizes:
         state_values(lowering, name)
     count = len(symbols)
@@ -84,10 +126,29 @@ class _Symbolic(Lowering):
         reads: Callable[[Lowering, Node], Elements],
         states: Callable[[Lowering, str], Elements],
         symbols: Mapping[int, int],
+        limited: Mapping[NodeId, tuple[float, float] | None],
     ) -> None:
         super().__init__(graph, width, reads, states)
-        self._symbols = symbols
+        self._symbols, self._limited = symbols, limited
         self.place: State | None = None
+
+    def _operands(self, index: NodeId) -> tuple[NodeId, ...]:
+        if index not in self._limited:
+            return super()._operands(index)
+        return self.graph[index].args[:1] if self._limited[index] is None else ()
+
+    def _lowered(self, index: NodeId) -> Elements:
+        if index not in self._limited:
+            return super()._lowered(index)
+        node, limits = self.graph[index], self._limited[index]
+        if limits is None:
+            return self.value(node.args[0])
+        word = word_format(*limits, self.builder.width.word)
+        anything = [
+            self.builder.word(f"%{index} (any)", element, *word)
+            for element in range(node.type.size)
+        ]
+        return elements(self, anything, node.type.shape)
 
     def node(self, form: Form) -> int:
         self._refuse(form)

@@ -36,6 +36,7 @@ class FixedStatus(IntFlag):
     HELD = 8
     STATE_SATURATED = 16
     UNINITIALISED = 32
+    EQUATION_OUT_OF_RANGE = 64
 
 
 @dataclass(slots=True)
@@ -111,6 +112,10 @@ def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> Integer
     if state.waits:
         status |= FixedStatus.UNINITIALISED
     values = evaluated(program.step, words, state.memories)
+    for entry in program.expected:
+        ends = zip(entry.nodes, entry.low, entry.high, strict=True)
+        if not all(low <= values[node] <= high for node, low, high in ends):
+            status |= FixedStatus.EQUATION_OUT_OF_RANGE
     following: dict[str, list[int]] = {}
     for memory in program.memories:
         following[memory.name] = [_within(values[n], memory.low, memory.high) for n in memory.next]

@@ -13,11 +13,18 @@ def without_unused(program: IntegerProgram) -> IntegerProgram:
     roots = [n for _, nodes in program.outputs for n in nodes]
     roots += [n for memory in program.memories for n in memory.next]
     step, places = _kept(program.step, roots)
+    # what is checked is also used, within its range
+    expected = tuple(
+        replace(entry, nodes=tuple(places[node] for node in entry.nodes))
+        for entry in program.expected
+        if entry.nodes and all(node in places for node in entry.nodes)
+    )
     start, firsts = _kept(program.start, [n for m in program.memories for n in m.start])
     return replace(
         program,
         step=step,
         start=start,
+        expected=expected,
         outputs=tuple(
             (port, tuple(places[node] for node in nodes)) for port, nodes in program.outputs
         ),

@@ -13,6 +13,7 @@ from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.initial_values import initial_values
+from compiler.lowering.ranges import limit_in
 from compiler.program import NodeId, Parameter, Statistic
 from compiler.scalar_functions import Array
 from compiler.types import Axis, Type, describe_axes
@@ -20,7 +21,6 @@ from compiler.unit_rules import same_unit
 from spec_schema.errors import names, units
 from spec_schema.expression import Call, Expression, LanguageName, ListLiteral, Name
 from spec_schema.located import Located
-from spec_schema.quantity import Quantity
 from spec_schema.signals import Equation, Output, Signal, State
 from spec_schema.source import Span
 from spec_schema.units import ONE, Unit
@@ -188,8 +188,8 @@ class Arrays:
         axes = self._dims(entry.dims)
         unit = entry.unit.value if entry.unit else None
         initial = initial_values(self._model, name, entry.init, axes)
-        low = self._bound(entry.min, unit)
-        high = self._bound(entry.max, unit)
+        low = None if entry.min is None else limit_in(self._model, entry.min, unit)
+        high = None if entry.max is None else limit_in(self._model, entry.max, unit)
         span = entry.init.place.value
         if low is not None and high is not None and low >= high:
             assert entry.min is not None
@@ -284,18 +284,6 @@ class Arrays:
 
     def _dims(self, dims: tuple[Located[str], ...]) -> tuple[Axis, ...]:
         return tuple(self._model.dimension(dim.value, dim.span) for dim in dims)
-
-    def _bound(self, bound: Quantity | None, unit: Unit | None) -> float | None:
-        if bound is None:
-            return None
-        if bound.unit is None or unit is None:
-            return bound.value
-        if not bound.unit.same_dimension(unit):
-            self._model.findings.report(
-                units.incomparable_unit(bound.unit.text, unit.text, bound.span)
-            )
-            raise LoweringFailed
-        return bound.unit.convert(bound.value, unit)
 
     def fitted(self, name: str, values: Array, axes: tuple[Axis, ...], span: Span) -> Array:
         """Numbers in the shape of the axes: one for all, or exactly so many."""

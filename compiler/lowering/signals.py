@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from compiler.lowering.scope import owner_of
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from compiler.lowering.model import Model
 
 
-def logged_signals(model: Model) -> tuple[Signal, ...]:
+def logged_signals(model: Model, ranges: Mapping[str, tuple[float, float]]) -> tuple[Signal, ...]:
     """The inputs and targets of a lowered spec, and the logs of states that are read."""
     declared = [
         *((Role.INPUT, name, entry) for name, entry in model.spec.inputs.items()),
@@ -25,7 +26,7 @@ def logged_signals(model: Model) -> tuple[Signal, ...]:
             role=role,
             axes=model.arrays.axes_of(entry),
             unit=entry.unit.value if entry.unit else None,
-            range=entry.range.value if entry.range else None,
+            range=ranges.get(name),
             on_invalid=entry.on_invalid if isinstance(entry, SignalEntry) else "flag",
             doc=entry.doc or "",
             span=entry.place.key,

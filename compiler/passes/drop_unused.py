@@ -18,7 +18,7 @@ def drop_unused(program: Program) -> Program:
     A state is needed where something needed reads it. While the program has losses, the targets and
     the signals that outputs predict stay too: validation compares with them. An output whose
     predicted signal goes no longer says that it predicts it. A fit needs its signals, and goes with
-    its layer or with the losses.
+    its layer or with the losses; the range of an equation goes with what needs its value.
 
     Before and after: any form.
 
@@ -57,6 +57,9 @@ def drop_unused(program: Program) -> Program:
                 target=None if loss.target is None else now[loss.target],
             )
             for loss in program.losses
+        ),
+        expected=tuple(
+            replace(entry, node=now[entry.node]) for entry in program.expected if entry.node in now
         ),
         fits=tuple(fits),
     )

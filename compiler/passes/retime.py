@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from compiler.builder import GraphBuilder
 from compiler.graph_copy import copy_node, with_step
 from compiler.ops import ReadState, Slice, Window
 from compiler.passes.drop_unused import drop_unused
-from compiler.program import Graph, History, NodeId, Program, State
+from compiler.program import Expected, Graph, History, NodeId, Program, State
 from compiler.samplewise import Sampled, Samplewise, at_samples, samplewise
 from compiler.types import WINDOW, Axis
 
@@ -165,10 +166,35 @@ def _moved(program: Program, moves: list[_Move], work: Samplewise) -> Program:
             with builder.at(node.span):
                 copies[index] = _window_of(builder, program.step, index, copies, move, work)
     states = [_state(program, move, builder, starts, copies, work) for move in moves]
-    step = builder.graph()
-    program = with_step(program, step, copies)
-    program = replace(program, states=(*program.states, *states), start=starts.graph())
+    expected = tuple(dict.fromkeys(_expected(program, moves, builder, copies, work)))
+    program = with_step(program, builder.graph(), copies)
+    program = replace(
+        program,
+        states=(*program.states, *states),
+        start=starts.graph(),
+        expected=expected,
+    )
     return drop_unused(program)
+
+
+def _expected(
+    program: Program,
+    moves: list[_Move],
+    builder: GraphBuilder,
+    copies: dict[NodeId, NodeId],
+    work: Samplewise,
+) -> Iterator[Expected]:
+    """What is expected of a window that moves holds for its newest sample: each is new once."""
+    newest = {move.buffer.state.name: copies[move.buffer.newest] for move in moves}
+    uses = {index for move in moves for index in move.uses}
+    for entry in program.expected:
+        sampled = work.sampled.get(entry.node)
+        if sampled is not None and sampled.buffer in newest:
+            sample = newest[sampled.buffer]
+            node = at_samples(builder, program.step, entry.node, copies, sample, None, work)
+            yield replace(entry, node=node)
+        if entry.node not in uses:
+            yield replace(entry, node=copies[entry.node])
 
 
 def _window_of(

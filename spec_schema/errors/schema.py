@@ -238,10 +238,10 @@ def misfitting_split(problem: str, span: Span) -> Diagnostic:
     return Diagnostic("E0223", "error", problem, span, "does not fit")
 
 
-def reversed_range(low: float, high: float, span: Span) -> Diagnostic:
+def reversed_range(low: str, high: str, span: Span) -> Diagnostic:
     """E0224: a range whose ends are in the wrong order."""
     return Diagnostic(
-        "E0224", "error", f"the range [{low:g}, {high:g}] is empty", span, "low must be below high"
+        "E0224", "error", f"the range [{low}, {high}] is empty", span, "low must be below high"
     )
 
 

@@ -18,6 +18,7 @@ from compiler.passes.drop_unused import drop_unused
 from compiler.passes.expand_functions import expand_functions
 from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
 from compiler.passes.guard_untaken import guard_untaken
+from compiler.passes.limit_expected import limit_expected
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
@@ -71,6 +72,7 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
     "expand_functions": [
         ("functions", PASS_PROGRAMS["functions"], lambda p: expand_functions(p, NATIVE))
     ],
+    "limit_expected": [("expectations", PASS_PROGRAMS["expectations"], limit_expected)],
     "guard_untaken": [("branches", PASS_PROGRAMS["branches"], guard_untaken)],
 }
 

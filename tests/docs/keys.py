@@ -19,7 +19,7 @@ from spec_schema.expression_fields import Prediction
 from spec_schema.key_docs import key_doc
 from spec_schema.located import Located
 from spec_schema.optimizers import OptionValue
-from spec_schema.quantity import Quantity
+from spec_schema.quantity import Quantity, Range
 from spec_schema.spec import Spec
 from spec_schema.splits import Blocks, Fraction
 from spec_schema.units import Unit
@@ -37,7 +37,7 @@ _WORDS: Mapping[Any, str] = {
     Located[float]: "number",
     Quantity: "quantity",
     Located[Unit]: "unit",
-    Located[tuple[float, float]]: "`[low, high]`",
+    Range: "`[low, high]`, quantities",
     ColumnName: "column name or index",
     Prediction: "`signal[t+k]`",
     Dimension: "size or list of labels",

@@ -1,0 +1,82 @@
+"""Ranges that the spec declares: in the unit of what they are of, and expected of equations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from compiler.linking.connected import Connected
+from compiler.lowering.environment import Environment, Part
+from compiler.lowering.failure import LoweringFailed
+from compiler.program import Expected
+from spec_schema.errors import schema, units
+from spec_schema.quantity import Quantity, Range
+from spec_schema.signals import Equation
+from spec_schema.units import Unit
+
+if TYPE_CHECKING:
+    from compiler.lowering.model import Model
+
+_STEP = Environment(Part.STEP)
+
+
+def range_in(model: Model, range: Range | None, unit: Unit | None) -> tuple[float, float] | None:
+    """A declared range in the unit of the value; a bare number is in it already.
+
+    Raises LoweringFailed, after reporting a unit of another dimension or a range that is empty.
+    """
+    if range is None:
+        return None
+    low, high = (limit_in(model, limit, unit) for limit in (range.low, range.high))
+    if low >= high:
+        model.findings.report(schema.reversed_range(range.low.text, range.high.text, range.span))
+        raise LoweringFailed
+    return low, high
+
+
+def limit_in(model: Model, limit: Quantity, unit: Unit | None) -> float:
+    """A limit in the unit of what it limits. Raises LoweringFailed as above."""
+    if limit.unit is None or unit is None:
+        return limit.value
+    if not limit.unit.same_dimension(unit):
+        model.findings.report(units.incomparable_unit(limit.unit.text, unit.text, limit.span))
+        raise LoweringFailed
+    return limit.unit.convert(limit.value, unit)
+
+
+def signal_ranges(model: Model) -> dict[str, tuple[float, float]]:
+    """The ranges of all inputs, targets and states, by name."""
+    found: dict[str, tuple[float, float]] = {}
+    for entries in (model.spec.inputs, model.spec.targets, model.spec.states):
+        for name, entry in entries.items():
+            unit = entry.unit.value if entry.unit else None
+            try:
+                limits = range_in(model, entry.range, unit)
+            except LoweringFailed:
+                continue
+            if limits is not None:
+                found[name] = limits
+    return found
+
+
+def expected_values(model: Model) -> list[Expected]:
+    """What is expected of equations with a range, and of what is connected to inputs with one."""
+    builder = model.builder(_STEP)
+    found: list[Expected] = []
+    for name, entry in model.spec.equations.items():
+        declared = _range_of(entry)
+        nodes = list(dict.fromkeys(node for _, node in model.entries.lowerings(name, _STEP)))
+        if declared is None or not nodes:
+            continue
+        try:
+            limits = range_in(model, declared, builder.type(nodes[0]).unit)
+        except LoweringFailed:
+            continue
+        assert limits is not None
+        found += [Expected(name, node, limits, entry.place.key) for node in nodes]
+    return found
+
+
+def _range_of(entry: Equation) -> Range | None:
+    if isinstance(entry, Connected):
+        return entry.feeds.range
+    return entry.range
