@@ -18,7 +18,6 @@ from backends.c.c_language import (
     If,
     Name,
     Real,
-    Unary,
     Unsigned,
 )
 from backends.c.even_points import EvenPoints, even_points
@@ -82,7 +81,7 @@ class _Writer:
 
     def triangular(self) -> ActiveDegrees:
         """Two neighbours; beyond the ends one, by the formula whose slope is 0 there."""
-        scope, last = self._scope, self._count - 1
+        scope, last, first = self._scope, self._count - 1, variable(self._at.text)
         here, following = (Name(scope.fresh(f"{self._name}_{n}")) for n in ("here", "next"))
         scope.add(Declare(CType.UNSIGNED, self._at.text, Unsigned(0)))
         scope.add(Declare(CType.REAL, here.text))
@@ -95,12 +94,13 @@ class _Writer:
         above.assign(following, self._beyond(last))
         self._find_interval(inside)
         slope = self._slope(inside)
-        falling = Real(-slope.value) if isinstance(slope, Real) else Unary("-", slope)
-        inside.assign(here, Binary("*", self._distance(1), falling))
-        inside.assign(following, Binary("*", self._distance(0), slope))
+        # below the next centre: no zero whose sign the formula's (x - c) * (-slope) would turn
+        inside.assign(
+            here, Binary("*", Binary("-", self._point(first.plus(Index(1))), self._value), slope)
+        )
+        inside.assign(following, Binary("*", Binary("-", self._value, self._point(first)), slope))
         within = If(self._reaches(Index(0)), tuple(inside.statements), tuple(below.statements))
         scope.add(If(self._reaches(Index(last)), tuple(above.statements), (within,)))
-        first = variable(self._at.text)
         return ActiveDegrees((first, first.plus(Index(1))), (here, following))
 
     def rectangular(self) -> ActiveDegrees:
@@ -158,10 +158,6 @@ class _Writer:
         """1 for every finite value, NaN for the others."""
         distance = _difference(self._value, self._point(Index(end)))
         return Binary("+", Binary("*", distance, Real(0.0)), Real(1.0))
-
-    def _distance(self, offset: int) -> Expression:
-        where = variable(self._at.text).plus(Index(offset))
-        return Binary("-", self._value, self._point(where))
 
     def _reaches(self, where: Index) -> Expression:
         return Binary(">=", self._value, self._point(where))

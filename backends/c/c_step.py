@@ -146,7 +146,9 @@ def _value_of(state: dict[str, Any], memory: Any) -> Array:
         return stored.reshape(shape).copy()
     *rows, kept = shape
     samples = stored.reshape(*rows, -1)
-    begin = int(memory[state["head"]]) + 1 if state["kind"] == "ring" else 0
+    begin = 0
+    if state["kind"] == "ring":
+        begin = int(memory[state["head"]]) % (samples.shape[-1] // 2) + 1
     return samples[..., begin : begin + kept].copy()
 
 

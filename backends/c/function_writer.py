@@ -21,8 +21,11 @@ from compiler.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
 from compiler.program import Graph
 from compiler.types import Type
 
-_LARGEST_BLOCK = 4
+_BLOCK = 6
 """Terms of a long sum in one turn of its loop: more save little and cost flash."""
+
+_FEWEST_WRITTEN_OUT = 4
+"""A smaller `unroll` asks for small code: its turns have no more terms than that."""
 
 Weights = Mapping[str, NDArray[np.float64]]
 
@@ -44,9 +47,8 @@ class FunctionWriter:
         self.interface = model.interface
         self.unroll = model.interface.options.unroll
         self.scope = Scope(LocalNames(model.interface.prefix))
-        self.locals = LocalValues(
-            model.functions, SpecNotes(graph), self.unroll, block=min(self.unroll, _LARGEST_BLOCK)
-        )
+        block = _BLOCK if self.unroll >= _FEWEST_WRITTEN_OUT else self.unroll
+        self.locals = LocalValues(model.functions, SpecNotes(graph), self.unroll, block=block)
         self.inputs: dict[str, Place] = {}
         """Where the step finds its checked inputs."""
         self._reads_parameters = False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import assert_never
 
 import numpy as np
@@ -30,11 +31,12 @@ from backends.c.c_literals import Dtype
 from backends.c.constant_time_checks import constant_time_check
 from backends.c.functions import FunctionTable
 from backends.c.interface import InputField
-from backends.c.places import Index, Place
+from backends.c.places import Place
 from backends.c.scope import Scope
 from backends.c.state_memory import member_place
 from backends.c.status import Status, status_macro
-from backends.c.values import copy_value
+from backends.c.valid_range import within
+from backends.c.values import Indices, copy_value
 from compiler.program import InvalidPolicy, Signal
 
 _FUNCTIONS: dict[InvalidPolicy, str] = {"flag": "flagged", "clamp": "clamped", "hold": "held"}
@@ -55,47 +57,84 @@ def stand_in(signal: Signal, dtype: Dtype) -> float:
     return min(max(0.0, low), high)
 
 
-def checked_input(input: InputField, prefix: str, dtype: Dtype, scope: Scope, unroll: int) -> Place:
+def checked_input(input: InputField, functions: FunctionTable, scope: Scope, unroll: int) -> Place:
     """Writes the checks of one input; returns where the step finds its values."""
-    given, signal = input.field.place("u"), input.port.signal
-    low, high = (Real(limit) for limit in limits(signal, dtype))
-
-    def check(indices: tuple[Index, ...], *instead: Expression) -> Expression:
-        function = f"{prefix}_{_FUNCTIONS[signal.on_invalid]}"
-        status = Unary("&", Name("status"))
-        return Call(function, (given.element(indices), low, high, *instead, status))
-
-    match signal.on_invalid:
+    given, policy = input.field.place("u"), input.port.signal.on_invalid
+    match policy:
         case "trust":
             return given
         case "flag":
-            scope.each(given.shape, unroll, lambda at, inner: inner.add(Evaluate(check(at))))
+            check = _Check(input, functions)
+
+            def report(at: Indices, inner: Scope) -> None:
+                check.where_invalid(at, Evaluate(check.call(at)), inner)
+
+            scope.each(given.shape, unroll, report)
             return given
         case "clamp":
-            instead = Real(stand_in(signal, dtype))
-            return _filled(input, scope, unroll, lambda at: check(at, instead))
+            instead = Place.single(Real(stand_in(input.port.signal, functions.dtype)))
+            return _filled(_Check(input, functions, instead), scope, unroll)
         case "hold":
             assert input.held is not None
             held = member_place("s", input.held, input.field.shape)
-            valid = _filled(input, scope, unroll, lambda at: check(at, held.element(at)))
+            valid = _filled(_Check(input, functions, held), scope, unroll)
             copy_value(valid, held, scope, unroll)
             return valid
         case _:
-            assert_never(signal.on_invalid)
+            assert_never(policy)
 
 
-def _filled(
-    input: InputField,
-    scope: Scope,
-    unroll: int,
-    value: Callable[[tuple[Index, ...]], Expression],
-) -> Place:
+@dataclass(frozen=True, slots=True)
+class _Check:
+    """Calls the function of a policy; where time may depend on numbers, for invalid ones only."""
+
+    input: InputField
+    functions: FunctionTable
+    instead: Place | None = None
+    """What replaces NaN, or every invalid value."""
+
+    def given(self, at: Indices) -> Expression:
+        """An element as it came."""
+        return self.input.field.place("u").element(at)
+
+    def call(self, at: Indices) -> Expression:
+        """Reports an element, its value is the corrected one."""
+        low, high = self._limits
+        instead = () if self.instead is None else (self.instead.element(at),)
+        function = f"{self.functions.prefix}_{_FUNCTIONS[self.input.port.signal.on_invalid]}"
+        status = Unary("&", Name("status"))
+        return Call(function, (self.given(at), Real(low), Real(high), *instead, status))
+
+    def where_invalid(self, at: Indices, statement: Statement, scope: Scope) -> None:
+        """Writes the statement with the call, under the test whether there is need of it."""
+        if self.functions.constant_time:
+            scope.add(statement)
+            return
+        valid = within(self.given(at), *self._limits, self.functions)
+        scope.add(If(Unary("!", valid), (statement,)))
+
+    @property
+    def _limits(self) -> tuple[float, float]:
+        return limits(self.input.port.signal, self.functions.dtype)
+
+
+def _filled(check: _Check, scope: Scope, unroll: int) -> Place:
     """A local with the corrected values of an input."""
-    field = input.field
+    field, constant_time = check.input.field, check.functions.constant_time
     if not field.shape:
-        return Place.single(scope.constant(field.identifier, value(())))
+        if constant_time:
+            return Place.single(scope.constant(field.identifier, check.call(())))
+        value = scope.variable(field.identifier, check.given(()))
+        check.where_invalid((), Assign(value, check.call(())), scope)
+        return Place.single(value)
     place = Place.array(scope.array(field.identifier, field.size), field.shape)
-    scope.each(field.shape, unroll, lambda at, inner: inner.assign(place.element(at), value(at)))
+
+    def correct(at: Indices, inner: Scope) -> None:
+        if not constant_time:
+            inner.assign(place.element(at), check.given(at))
+        check.where_invalid(at, Assign(place.element(at), check.call(at)), inner)
+
+    scope.each(field.shape, unroll, correct)
     return place
 
 
@@ -116,9 +155,8 @@ def policy_functions(inputs: Iterable[InputField], table: FunctionTable) -> tupl
 _X, _LOW, _HIGH, _RESULT = Name("x"), Name("low"), Name("high"), Name("result")
 _INSTEAD = Name("instead")
 _BELOW, _ABOVE = Binary("<", _X, _LOW), Binary(">", _X, _HIGH)
-# false for NaN, as every comparison with it is
-_VALID = Binary("&&", Binary(">=", _X, _LOW), Binary("<=", _X, _HIGH))
-_GIVEN = Declare(CType.REAL, _RESULT.text, _X)
+_OUTSIDE = Binary("||", _BELOW, _ABOVE)
+"""False for NaN, as every comparison with it is."""
 
 
 def _bit(prefix: str, bit: Status) -> Statement:
@@ -127,24 +165,20 @@ def _bit(prefix: str, bit: Status) -> Statement:
 
 def _flagged(prefix: str) -> tuple[Statement, ...]:
     outside = _bit(prefix, Status.OUT_OF_RANGE)
-    unordered = _bit(prefix, Status.NOT_A_NUMBER)
-    choice = If(Binary("||", _BELOW, _ABOVE), (outside,), (unordered,))
-    return (If(Unary("!", _VALID), (choice,)),)
+    return (If(_OUTSIDE, (outside,), (_bit(prefix, Status.NOT_A_NUMBER),)),)
 
 
 def _clamped(prefix: str) -> tuple[Statement, ...]:
-    bit, unordered = _bit(prefix, Status.CLAMPED), _bit(prefix, Status.NOT_A_NUMBER)
     to_low, to_high = Assign(_RESULT, _LOW), Assign(_RESULT, _HIGH)
-    replaced = (Assign(_RESULT, _INSTEAD), unordered)
-    nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), replaced),))
-    return (_GIVEN, If(Unary("!", _VALID), (bit, nearest)), Return(_RESULT))
+    unordered = (_bit(prefix, Status.NOT_A_NUMBER),)
+    nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), unordered),))
+    given = Declare(CType.REAL, _RESULT.text, _INSTEAD)
+    return (given, _bit(prefix, Status.CLAMPED), nearest, Return(_RESULT))
 
 
 def _held(prefix: str) -> tuple[Statement, ...]:
-    bit, unordered = _bit(prefix, Status.HELD), _bit(prefix, Status.NOT_A_NUMBER)
-    unordered_only = If(Unary("!", Binary("||", _BELOW, _ABOVE)), (unordered,))
-    replaced = If(Unary("!", _VALID), (bit, Assign(_RESULT, _INSTEAD), unordered_only))
-    return (_GIVEN, replaced, Return(_RESULT))
+    unordered = If(Unary("!", _OUTSIDE), (_bit(prefix, Status.NOT_A_NUMBER),))
+    return (_bit(prefix, Status.HELD), unordered, Return(_INSTEAD))
 
 
 def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...]) -> Function:
@@ -162,7 +196,7 @@ def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...]) -> F
 
 
 _CHECKS: dict[InvalidPolicy, tuple[str, Callable[[str], tuple[Statement, ...]]]] = {
-    "flag": ("Reports a value outside low .. high and leaves it as it is.", _flagged),
-    "clamp": ("The value moved into low .. high; another one instead of NaN.", _clamped),
-    "hold": ("The value, or another one instead where it is outside low .. high.", _held),
+    "flag": ("Reports a value outside low .. high.", _flagged),
+    "clamp": ("A value outside low .. high moved into it; another one instead of NaN.", _clamped),
+    "hold": ("Another one instead of a value outside low .. high.", _held),
 }

@@ -138,7 +138,8 @@ class DoubledRing:
     identifier: str
     shape: tuple[int, ...]
     head: str
-    """The ring's position: its field in the struct, and the local that a step reads it into."""
+    """The ring's position: its field in the struct, which reaches `length` where the next step
+    begins again at 0, and the local that a step reads it into."""
 
     @property
     def length(self) -> int:
@@ -174,7 +175,7 @@ class DoubledRing:
             copy_value(zero, _last(self._from(Index(offset), 1), zero.shape), scope, unroll)
 
     def begin(self, scope: Scope) -> None:
-        """Reads the head; one that memory errors put out of range cannot reach outside the ring."""
+        """Reads the head, which wraps here; memory errors cannot make it leave the ring."""
         stored = Member("s", self.head)
         inside = Binary("<", stored, Unsigned(self.length))
         head = Conditional(inside, stored, Unsigned(0))
@@ -190,11 +191,7 @@ class DoubledRing:
         copy_value(_along_time(newest, self._storage.shape), self._storage, scope, unroll)
 
     def commit(self, scope: Scope, unroll: int) -> None:
-        following = scope.fresh(f"{self.head}_next")
-        after = Binary("+", Name(self.head), Unsigned(1))
-        scope.add(Declare(CType.UNSIGNED, following, after, constant=True))
-        inside = Binary("<", Name(following), Unsigned(self.length))
-        scope.assign(Member("s", self.head), Conditional(inside, Name(following), Unsigned(0)))
+        scope.assign(Member("s", self.head), Binary("+", Name(self.head), Unsigned(1)))
 
 
 Buffer = ShiftBuffer | DoubledRing

@@ -10,6 +10,7 @@ from backends.c.c_language import (
     CType,
     Declare,
     Discard,
+    Expression,
     Function,
     If,
     Member,
@@ -29,7 +30,8 @@ from backends.c.places import Index, Place
 from backends.c.scope import Scope
 from backends.c.state_memory import Buffer, DelayLine, PlainState, joining, seen_values
 from backends.c.status import Status, status_macro
-from compiler.program import Program
+from backends.c.valid_range import within
+from compiler.program import Graph, Program
 
 BUFFERS_EMPTY = 1
 """Bit of the `unset` field: buffers wait for their first sample."""
@@ -69,8 +71,12 @@ def step_function(program: Program, model: Model) -> Function:
 
 
 class _StepWriter(FunctionWriter):
+    def __init__(self, model: Model, graph: Graph) -> None:
+        super().__init__(model, graph)
+        self._empty = set(model.interface.filled_by_first)
+
     def begin(self) -> None:
-        """Status, heads of rings and checked inputs."""
+        """Status, heads of rings, checked inputs, and whether the states are set."""
         interface, scope = self.interface, self.scope
         if not interface.inputs:
             scope.add(Discard("u"))
@@ -83,7 +89,13 @@ class _StepWriter(FunctionWriter):
         for memory in interface.states:
             if not isinstance(memory, PlainState | DelayLine):
                 memory.begin(scope)
-        if interface.from_record:
+        if interface.inputs:
+            self.comment("inputs")
+        for input in interface.inputs:
+            self.inputs[input.port.signal.name] = checked_input(
+                input, self.model.functions, scope, self.unroll
+            )
+        if interface.from_record:  # last, so that compilers join it with filling the buffers
             unset = Binary("!=", self._unset, Unsigned(0))
             if interface.options.constant_time:
                 bit = Name(status_macro(interface.prefix, Status.UNINITIALISED))
@@ -91,18 +103,14 @@ class _StepWriter(FunctionWriter):
                 scope.add(SetBits(Name("status"), Conditional(known, bit, Unsigned(0))))
             else:
                 scope.add(If(unset, (self._bit(Status.UNINITIALISED),)))
-        if interface.inputs:
-            self.comment("inputs")
-        for input in interface.inputs:
-            options = interface.options
-            self.inputs[input.port.signal.name] = checked_input(
-                input, interface.prefix, options.dtype, scope, self.unroll
-            )
 
     def before_push(self, memory: Buffer, newest: Place) -> None:
-        if memory.state.name in self.interface.filled_by_first:
+        if memory.state.name in self._empty:
             inner = self.scope.inner()
             memory.fill(newest, inner, self.unroll)
+            self._empty.remove(memory.state.name)
+            if not self._empty:
+                inner.assign(self._unset, self._unset_after_first())
             self.scope.add(If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
 
     def commit(self, lowered: GraphLowering, moved: set[str]) -> None:
@@ -127,10 +135,7 @@ class _StepWriter(FunctionWriter):
         for memory in interface.states:
             if not isinstance(memory, PlainState | DelayLine) and memory.state.name not in moved:
                 memory.commit(self.scope, self.unroll)
-        if interface.filled_by_first:
-            only_buffers = interface.filled_by_first == interface.from_record
-            left = Unsigned(0) if only_buffers else Binary("&", self._unset, Unsigned(STATES_UNSET))
-            self.scope.assign(self._unset, left)
+        assert not self._empty  # every one was pushed, so that its bit is gone after a step
 
     def check_equations(self, program: Program, lowered: GraphLowering) -> None:
         """Reports equations outside their range."""
@@ -151,16 +156,17 @@ class _StepWriter(FunctionWriter):
     def _check(
         self, place: Place, shape: tuple[int, ...], limits: tuple[float, float], bit: Status
     ) -> None:
-        low, high = Real(limits[0]), Real(limits[1])
+        low, high = limits
+        functions = self.model.functions
 
         def check(indices: tuple[Index, ...], scope: Scope) -> None:
             value = place.element(indices)
             if self.interface.options.constant_time:
-                outside = self.model.functions.helper("outside", (value, low, high))
+                outside = functions.helper("outside", (value, Real(low), Real(high)))
                 macro = status_macro(self.interface.prefix, bit)
                 scope.add(SetBits(Name("status"), Binary("*", outside, Name(macro))))
                 return
-            valid = Binary("&&", Binary(">=", value, low), Binary("<=", value, high))
+            valid = within(value, low, high, functions)
             scope.add(If(Unary("!", valid), (self._bit(bit),)))
 
         self.scope.each(shape, self.unroll, check)
@@ -168,6 +174,11 @@ class _StepWriter(FunctionWriter):
     @property
     def _unset(self) -> Member:
         return Member("s", self.interface.unset)
+
+    def _unset_after_first(self) -> Expression:
+        interface = self.interface
+        only_buffers = interface.filled_by_first == interface.from_record
+        return Unsigned(0) if only_buffers else Binary("&", self._unset, Unsigned(STATES_UNSET))
 
     def _marked(self, bit: int) -> Binary:
         return Binary("!=", Binary("&", self._unset, Unsigned(bit)), Unsigned(0))

@@ -74,11 +74,13 @@ def _tanh(x: Real) -> tuple[Value, ...]:
         first, *others = HYPERBOLIC_TANGENT[x.format]
         square = x * x
         scaled = square * polynomial(square, (first + 0.25, *others))
-        return x + x * (scaled - 0.25 * square)
+        # tiny x round to x by themselves; + 0 keeps the sign of -0, as -0 + (-0) * (+0) does
+        return x + x * ((scaled - 0.25 * square) + 0.0)
 
     # up to 0.92 the rounding of the quotient would cost float more than the polynomial does
     limit_near = 0.92 if x.format.digits == 24 else 0.55
-    return (odd_function(x, limit_near, near, far),)
+    size = abs(x).named("size")
+    return (branch(size < limit_near, near, lambda: with_sign_of(x, far(size)), "result"),)
 
 
 def _half_exponential(x: Real) -> tuple[Real, Real]:

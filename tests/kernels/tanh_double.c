@@ -25,16 +25,14 @@ double model_tanh(double x)
 {
     const double size = fabs(x);
     double result;
-    if (size < 0x1p-27) {
-        result = x;
-    } else if (size < 0x1.199999999999ap-1) {
+    if (size < 0x1.199999999999ap-1) {
         const double t1 = x * x;
         const double t2 = (t1 * 0x1.abe963b461576p-15) - 0x1.b9013d8ff2ca7p-13;
         const double t3 = (((t2 * t1) + 0x1.2fa13eb8c14b3p-11) * t1) - 0x1.7cf38633f6a1dp-10;
         const double t4 = (((t3 * t1) + 0x1.d6c6181d3e37bp-9) * t1) - 0x1.226ddd1baa4eep-7;
         const double t5 = (((t4 * t1) + 0x1.664f45c131aaep-6) * t1) - 0x1.ba1ba1ad6881ep-5;
         const double t6 = (((t5 * t1) + 0x1.11111111028b9p-3) * t1) - 0x1.5555555555274p-4;
-        result = x + (x * ((t1 * t6) - (0.25 * t1)));
+        result = x + (x * (((t1 * t6) - (0.25 * t1)) + 0.0));
     } else {
         double outer;
         if (size <= 0x1.30fc1931f09c9p+4) {

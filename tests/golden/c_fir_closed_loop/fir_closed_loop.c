@@ -17,19 +17,17 @@
 #pragma STDC FP_CONTRACT OFF
 #endif
 
-/* Reports a value outside low .. high and leaves it as it is. */
+/* Reports a value outside low .. high. */
 static inline void fir_closed_loop_flagged(
     fir_closed_loop_real x,
     fir_closed_loop_real low,
     fir_closed_loop_real high,
     fir_closed_loop_status_t *status)
 {
-    if (!((x >= low) && (x <= high))) {
-        if ((x < low) || (x > high)) {
-            *status |= FIR_CLOSED_LOOP_STATUS_OUT_OF_RANGE;
-        } else {
-            *status |= FIR_CLOSED_LOOP_STATUS_NOT_A_NUMBER;
-        }
+    if ((x < low) || (x > high)) {
+        *status |= FIR_CLOSED_LOOP_STATUS_OUT_OF_RANGE;
+    } else {
+        *status |= FIR_CLOSED_LOOP_STATUS_NOT_A_NUMBER;
     }
 }
 
@@ -64,11 +62,13 @@ fir_closed_loop_status_t fir_closed_loop_step(
     fir_closed_loop_out_t *y)
 {
     fir_closed_loop_status_t status = FIR_CLOSED_LOOP_OK;
+    /* inputs */
+    if (!(fabsf(u->F) <= 10.0f)) {
+        fir_closed_loop_flagged(u->F, -10.0f, 10.0f, &status);
+    }
     if (s->unset != 0U) {
         status |= FIR_CLOSED_LOOP_STATUS_UNINITIALISED;
     }
-    /* inputs */
-    fir_closed_loop_flagged(u->F, -10.0f, 10.0f, &status);
     fir_closed_loop_real sum = -0.0f;
     for (uint32_t i = 0U; i < 5U; i++) {
         sum = sum + (p->h_weight[i] * s->x_tape[i]);

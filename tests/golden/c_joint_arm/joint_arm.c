@@ -19,19 +19,17 @@
 #pragma STDC FP_CONTRACT OFF
 #endif
 
-/* Reports a value outside low .. high and leaves it as it is. */
+/* Reports a value outside low .. high. */
 static inline void joint_arm_flagged(
     joint_arm_real x,
     joint_arm_real low,
     joint_arm_real high,
     joint_arm_status_t *status)
 {
-    if (!((x >= low) && (x <= high))) {
-        if ((x < low) || (x > high)) {
-            *status |= JOINT_ARM_STATUS_OUT_OF_RANGE;
-        } else {
-            *status |= JOINT_ARM_STATUS_NOT_A_NUMBER;
-        }
+    if ((x < low) || (x > high)) {
+        *status |= JOINT_ARM_STATUS_OUT_OF_RANGE;
+    } else {
+        *status |= JOINT_ARM_STATUS_NOT_A_NUMBER;
     }
 }
 
@@ -67,13 +65,19 @@ joint_arm_status_t joint_arm_step(
     joint_arm_out_t *y)
 {
     joint_arm_status_t status = JOINT_ARM_OK;
+    /* inputs */
+    if (!(fabsf(u->tau[0U]) <= 5.0f)) {
+        joint_arm_flagged(u->tau[0U], -5.0f, 5.0f, &status);
+    }
+    if (!(fabsf(u->tau[1U]) <= 5.0f)) {
+        joint_arm_flagged(u->tau[1U], -5.0f, 5.0f, &status);
+    }
+    if (!(fabsf(u->tau[2U]) <= 5.0f)) {
+        joint_arm_flagged(u->tau[2U], -5.0f, 5.0f, &status);
+    }
     if (s->unset != 0U) {
         status |= JOINT_ARM_STATUS_UNINITIALISED;
     }
-    /* inputs */
-    joint_arm_flagged(u->tau[0U], -5.0f, 5.0f, &status);
-    joint_arm_flagged(u->tau[1U], -5.0f, 5.0f, &status);
-    joint_arm_flagged(u->tau[2U], -5.0f, 5.0f, &status);
     joint_arm_real q_next[3];
     joint_arm_real sum = p->own_weight[0U] * s->q_tape[0U];
     sum = sum + (p->own_weight[1U] * s->q_tape[1U]);

@@ -17,19 +17,17 @@
 #pragma STDC FP_CONTRACT OFF
 #endif
 
-/* Reports a value outside low .. high and leaves it as it is. */
+/* Reports a value outside low .. high. */
 static inline void spring_damper_rk4_flagged(
     spring_damper_rk4_real x,
     spring_damper_rk4_real low,
     spring_damper_rk4_real high,
     spring_damper_rk4_status_t *status)
 {
-    if (!((x >= low) && (x <= high))) {
-        if ((x < low) || (x > high)) {
-            *status |= SPRING_DAMPER_RK4_STATUS_OUT_OF_RANGE;
-        } else {
-            *status |= SPRING_DAMPER_RK4_STATUS_NOT_A_NUMBER;
-        }
+    if ((x < low) || (x > high)) {
+        *status |= SPRING_DAMPER_RK4_STATUS_OUT_OF_RANGE;
+    } else {
+        *status |= SPRING_DAMPER_RK4_STATUS_NOT_A_NUMBER;
     }
 }
 
@@ -60,11 +58,13 @@ spring_damper_rk4_status_t spring_damper_rk4_step(
     spring_damper_rk4_out_t *y)
 {
     spring_damper_rk4_status_t status = SPRING_DAMPER_RK4_OK;
+    /* inputs */
+    if (!(fabsf(u->F) <= 10.0f)) {
+        spring_damper_rk4_flagged(u->F, -10.0f, 10.0f, &status);
+    }
     if (s->unset != 0U) {
         status |= SPRING_DAMPER_RK4_STATUS_UNINITIALISED;
     }
-    /* inputs */
-    spring_damper_rk4_flagged(u->F, -10.0f, 10.0f, &status);
     const spring_damper_rk4_real part = p->stiffness * s->x;
     const spring_damper_rk4_real part_2 = (u->F - ((p->damping * s->v) + part)) / p->mass;
     const spring_damper_rk4_real part_3 = s->v + (0.025f * part_2);
