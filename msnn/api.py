@@ -167,11 +167,10 @@ def validate(
     `data` as in `train`. Raises SpecError.
     """
     from msnn import validation
-    from msnn.weights_file import known_weights
 
     dataset = _measured(model, data, data_root, "validation")
+    known = _known(model, weights)
     with _sources_of(model):
-        known = known_weights(model.program, weights)
         report = validation.validate(model.program, dataset, model.spec.checks, known)
         return replace(report, warnings=(*dataset.warnings, *report.warnings))
 
@@ -248,8 +247,8 @@ def read_data(
         raise SpecError([no_data_section(purpose)])
     folder = model.folder if data_root is None else Path(data_root)
     with _sources_of(model):
-        filters = row_filters(model.spec)
-        return load_data(program or model.program, model.spec.data, folder, filters)
+        signals = program or model.program
+        return load_data(signals, model.spec.data, folder, row_filters(model.spec))
 
 
 def _options(
@@ -264,6 +263,8 @@ def _options(
         tensorboard=tensorboard,
         device=find_device(device),
         spec_text=model.text,
+        spec_file=str(model.path),
+        settings=model.settings,
         parts=model.parts,
         redrawn=lambda draw: redrawn_weights(model, draw),
     )

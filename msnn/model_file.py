@@ -43,6 +43,8 @@ class Model:
     """Its sub-models, those of sub-models too."""
     part_weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, FloatArray]])
     """The arrays that their `weights:` have; empty for a program file."""
+    settings: tuple[str, ...] = ()
+    """Values of its workflow that were replaced: `train.0.epochs=5`."""
 
     @property
     def name(self) -> str:
@@ -68,8 +70,10 @@ def load_model(
     if path.name.endswith(PROGRAM_SUFFIX):
         from msnn.compiled_file import read_program_file
 
-        return read_program_file(path, settings)
-    return _compiled(read_spec(path, settings=settings), path, settings, strict_units)
+        model = read_program_file(path, settings)
+    else:
+        model = _compiled(read_spec(path, settings=settings), path, settings, strict_units)
+    return replace(model, settings=tuple(settings))
 
 
 def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Model:

@@ -1,4 +1,4 @@
-"""Draws simulations and validations; only here matplotlib is needed, an optional extra."""
+"""Draws simulations, validations and losses; only here matplotlib is needed, an optional extra."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from compiler.program import Program
 from msnn.failures import MissingExtraError
 from msnn.measurement import Measurement
 from msnn.simulation import Simulation
+from msnn.training.progress import EpochEnd
 from msnn.validation_report import rollout_text
 from spec_schema.units import Unit
 
@@ -76,6 +77,24 @@ def plot_validation(path: Path, measurements: Sequence[Measurement]) -> Path:
             row[1].grid(alpha=0.3)
         elif columns == 2:
             row[1].set_axis_off()
+    return _saved(figure, path)
+
+
+def plot_losses(path: Path, stages: Sequence[Sequence[EpochEnd]]) -> Path:
+    """Draws the weighted total and the monitor over the epochs of every stage that has begun."""
+    figure = _figure(len(stages))
+    axes: Any = figure.subplots(max(len(stages), 1), 1, squeeze=False)[:, 0]
+    for axis, epochs in zip(axes, stages, strict=False):
+        numbers = [event.epoch for event in epochs]
+        axis.plot(numbers, [event.total for event in epochs], label="loss, training")
+        axis.plot(numbers, [event.monitor for event in epochs], label="monitor")
+        axis.axvline(epochs[-1].best_epoch, color="black", linewidth=0.8, label="best")
+        if all(event.total > 0 and event.monitor > 0 for event in epochs):
+            axis.set_yscale("log")
+        axis.set_title(epochs[-1].stage, fontsize="medium", loc="left")
+        axis.set_xlabel("epoch")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize="small")
     return _saved(figure, path)
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from compiler.program import Parameter, Program
+from compiler.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.tables import table_text
 from msnn.training.parameters_record import parameters_record
@@ -26,7 +24,7 @@ class Recorded:
 
     def __init__(self, shown: Progress) -> None:
         self.shown = shown
-        self.stages: list[tuple[StageEnd, dict[str, float]]] = []
+        self.stages: list[tuple[StageEnd, Mapping[str, float]]] = []
         self._losses: dict[int, dict[str, float]] = {}
 
     def stage_started(self, event: StageStart) -> None:
@@ -45,9 +43,9 @@ class Recorded:
         self.shown.warned(diagnostic)
 
 
-def stages_table(recorded: Recorded) -> str:
+def stages_table(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> str:
     """One row a stage: the best total on what is watched, the last losses on the training data."""
-    losses = list(dict.fromkeys(name for _, found in recorded.stages for name in found))
+    losses = list(dict.fromkeys(name for _, found in stages for name in found))
     rows = [
         (
             end.stage,
@@ -57,39 +55,42 @@ def stages_table(recorded: Recorded) -> str:
             *(f"{found[name]:.6g}" if name in found else "" for name in losses),
             end.reason,
         )
-        for end, found in recorded.stages
+        for end, found in stages
     ]
     header = ("stage", "epochs", "best total", "at epoch", *(f"last {n}" for n in losses), "ended")
     return table_text(header, rows, numbers=range(1, len(header) - 1))
 
 
-def parameters_table(
-    program: Program, weights: Mapping[str, FloatArray], found: StandardErrors | None = None
-) -> str:
-    """One row a parameter: where it began, what it is now, how sure that is, all in its unit."""
-    errors: Mapping[str, FloatArray] = {} if found is None else found.errors
+def parameters_table(record: Mapping[str, Any]) -> str:
+    """One row a parameter: where it began, what it is now, how sure that is, all in its unit.
+
+    `record` is that of `parameters_record`.
+    """
     rows = [
         (
-            parameter.name,
-            "" if parameter.unit is None else parameter.unit.text,
-            _values(parameter.initial),
-            _values(weights[parameter.name].ravel().tolist()),
-            _errors(errors.get(parameter.name)),
-            _remark(parameter, weights[parameter.name], errors.get(parameter.name)),
+            found["name"],
+            found["unit"] or "",
+            _values(found["initial"]),
+            _values(found["values"]),
+            _errors(found["standard_errors"]),
+            _remark(found),
         )
-        for parameter in program.parameters
+        for found in record["parameters"]
     ]
     header = ("parameter", "unit", "initial", "learned", "std. error", "remark")
     return table_text(header, rows)
 
 
-def errors_note(found: StandardErrors) -> str:
-    """What the standard errors rest on, or why there are none."""
-    if found.reason is not None:
-        return f"no standard errors: {found.reason}"
-    noise = ", ".join(f"{name} {sigma:.3g}" for name, sigma in found.noise.items())
+def errors_note(record: Mapping[str, Any]) -> str | None:
+    """What the standard errors rest on, or why there are none; None where nobody looked."""
+    found = record.get("standard_errors")
+    if found is None:
+        return None
+    if found["reason"] is not None:
+        return f"no standard errors: {found['reason']}"
+    noise = ", ".join(f"{name} {sigma:.3g}" for name, sigma in found["noise"].items())
     return (
-        f"standard errors from {found.residuals} residuals taken as white (σ: {noise}); "
+        f"standard errors from {found['residuals']} residuals taken as white (σ: {noise}); "
         "correlated residuals make the true ones larger"
     )
 
@@ -135,22 +136,22 @@ def training_record(
     }
 
 
-def _values(values: tuple[float, ...] | list[float]) -> str:
-    if len(values) > _MOST_SHOWN:
-        return f"{len(values)} numbers, {min(values):.4g} … {max(values):.4g}"
-    return ", ".join(f"{value:.6g}" for value in values)
+def _values(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    if len(values) > _MOST_SHOWN and known:
+        return f"{len(values)} numbers, {min(known):.4g} … {max(known):.4g}"
+    return ", ".join("–" if value is None else f"{value:.6g}" for value in values)
 
 
-def _errors(errors: FloatArray | None) -> str:
-    if errors is None or errors.size > _MOST_SHOWN or np.isnan(errors).all():
+def _errors(errors: Sequence[float | None] | None) -> str:
+    if errors is None or len(errors) > _MOST_SHOWN or not any(e is not None for e in errors):
         return ""
-    return ", ".join("–" if np.isnan(e) else f"{e:.2g}" for e in errors.ravel().tolist())
+    return ", ".join("–" if e is None else f"{e:.2g}" for e in errors)
 
 
-def _remark(parameter: Parameter, value: FloatArray, errors: FloatArray | None) -> str:
-    if not parameter.learn:
+def _remark(found: Mapping[str, Any]) -> str:
+    if not found["learn"]:
         return "fixed"
-    held = is_at_bound(parameter, value)
-    if held.any():
+    if found["at_bound"]:
         return "at its bound"
-    return "" if errors is None or not np.isnan(errors).any() else "not identifiable"
+    return "not identifiable" if None in (found["standard_errors"] or ()) else ""

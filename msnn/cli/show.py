@@ -1,13 +1,14 @@
-"""`msnn show`: what a model exchanges with its surroundings, and what it is made of."""
+"""`msnn show`: what a model exchanges with its surroundings and is made of; what a run reached."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from msnn.cli.arguments import OutputFormat, ResultFormat, SpecFile
+from msnn.cli.arguments import OutputFormat, PlotFile, ResultFormat, refuse_undrawable
 
 
 class GraphFormat(StrEnum):
@@ -17,7 +18,10 @@ class GraphFormat(StrEnum):
 
 
 def show(
-    spec: SpecFile,
+    spec: Annotated[
+        Path,
+        typer.Argument(metavar="SPEC|RUN", help="A spec or program file, or the folder of a run."),
+    ],
     program: Annotated[
         bool, typer.Option("--program", help="Print the compiled program instead.")
     ] = False,
@@ -34,11 +38,14 @@ def show(
         GraphFormat | None, typer.Option("--graph", help="Print signals and formulas as a graph.")
     ] = None,
     latex: Annotated[bool, typer.Option("--latex", help="Print the equations as LaTeX.")] = False,
+    plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Print interface and parameters, or another view of a model.
+    """Print interface and parameters, another view of a model, or what a run has reached.
 
-    Inputs with unit and window, outputs, states, parameters, dimensions, losses.
+    Of a model: inputs with unit and window, outputs, states, parameters, dimensions, losses. Of the
+    folder of a run: stages with their losses, learned parameters with standard errors, warnings,
+    how to go on; --plot draws the losses.
     """
     from msnn.cli.console import json_result, report, result
     from msnn.model_file import load_model
@@ -47,6 +54,14 @@ def show(
     if sum(views) > 1:
         message = "choose one of --program, --windows, --resolved, --interface, --graph, --latex"
         raise typer.BadParameter(message)
+    if spec.is_dir():
+        if any(views):
+            message = "the views of a model take a spec; of a run there is --format and --plot"
+            raise typer.BadParameter(message)
+        _show_run(spec, plot, format)
+        return
+    if plot is not None:
+        raise typer.BadParameter("takes the folder of a run", param_hint="'--plot'")
     model = load_model(spec)
     report(model.warnings, model.sources)
     if format is ResultFormat.JSON:
@@ -82,3 +97,19 @@ def show(
         from msnn.show import interface_text
 
         result(interface_text(model.program))
+
+
+def _show_run(folder: Path, plot: Path | None, format: ResultFormat) -> None:
+    from msnn.cli.console import json_result, note, result
+    from msnn.run_summary import read_run, run_record, run_text
+
+    refuse_undrawable(plot)
+    run = read_run(folder)
+    if format is ResultFormat.JSON:
+        json_result("show", run_record(run))
+    else:
+        result(run_text(run))
+    if plot is not None:
+        from msnn.plotting import plot_losses
+
+        note(f"drawn: {plot_losses(plot, [stage.epochs for stage in run.stages])}")

@@ -120,15 +120,16 @@ def train(
         raise typer.Exit(ExitCode.INTERRUPTED) from None
     errors = found.standard_errors
     report(parameter_warnings(model.program, found.weights, errors), model.sources)
+    record = training_record(model.program, found.weights, progress, errors)
     if format is ResultFormat.JSON:
-        record = training_record(model.program, found.weights, progress, errors)
         json_result("train", {**record, "folder": str(found.folder)})
         return
-    result(stages_table(progress))
+    result(stages_table(progress.stages))
     result("")
-    result(parameters_table(model.program, found.weights, errors))
-    if errors is not None:
-        result(errors_note(errors))
+    result(parameters_table(record))
+    said = errors_note(record)
+    if said is not None:
+        result(said)
     result("")
     result(f"kept in {found.folder}")
 

@@ -8,7 +8,7 @@ from typing import Any
 from compiler.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.training.run_folder import finite
-from msnn.training.standard_errors import StandardErrors
+from msnn.training.standard_errors import StandardErrors, at_bound
 
 
 def parameters_record(
@@ -26,7 +26,11 @@ def parameters_record(
                 "name": parameter.name,
                 "unit": parameter.unit and parameter.unit.text,
                 "shape": [axis.size for axis in parameter.axes],
-                "values": weights[parameter.name].ravel().tolist(),
+                "initial": finite(list(parameter.initial)),
+                "values": finite(weights[parameter.name].ravel().tolist()),
+                "learn": parameter.learn,
+                "at_bound": parameter.learn
+                and bool(at_bound(parameter, weights[parameter.name]).any()),
                 "standard_errors": finite(errors[parameter.name].ravel().tolist())
                 if parameter.name in errors
                 else None,

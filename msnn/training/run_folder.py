@@ -21,6 +21,8 @@ LATEST = "latest"
 WEIGHTS = "weights.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
 METRICS = "metrics.jsonl"
+PARAMETERS = "parameters.json"
+SPEC = "spec.msnn.yaml"
 DESCRIPTION = "run.json"
 
 
@@ -68,7 +70,7 @@ class RunFolder:
     def write_parameters(self, record: Mapping[str, Any]) -> None:
         """Writes `parameters.json`: the learned values with their standard errors."""
         text = json.dumps(finite(record), ensure_ascii=False, indent=2)
-        write_text(self.path / "parameters.json", text + "\n")
+        write_text(self.path / PARAMETERS, text + "\n")
 
     def write_description(
         self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[Part] = ()
@@ -76,17 +78,32 @@ class RunFolder:
         """Writes `run.json` (resolved stages, data), the spec and its sub-models as they were."""
         write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
         if spec_text is not None:
-            write_text(self.path / "spec.msnn.yaml", spec_text)
+            write_text(self.path / SPEC, spec_text)
         for part in parts:
             write_text(self.path / "parts" / f"{part.name}.msnn.yaml", part.text)
 
     def description(self) -> dict[str, Any]:
         """What `write_description` has written; empty where it cannot be read."""
-        try:
-            found = json.loads((self.path / DESCRIPTION).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return {}
+        return read_description(self.path)
+
+    def end(self) -> dict[str, Any]:
+        """What `write_end` has written when the run was interrupted; empty before."""
+        found = self.description().get("end", {})
         return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+
+    def write_end(self, end: Mapping[str, Any]) -> None:
+        """Adds to `run.json` how the run ended."""
+        record = {**self.description(), "end": dict(end)}
+        write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+
+
+def read_description(folder: Path) -> dict[str, Any]:
+    """The content of `run.json`; empty where it cannot be read."""
+    try:
+        found = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
 
 
 def new_run_folder(program: Program, runs: Path) -> RunFolder:

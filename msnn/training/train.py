@@ -6,24 +6,23 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from compiler.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.spec_hash import Part
-from msnn.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from msnn.training.devices import CPU, Device, on_device
+from msnn.training.checkpoint import Checkpoint, write_checkpoint
+from msnn.training.devices import on_device
 from msnn.training.divergence import explain_divergence
 from msnn.training.engine import Engine, NonFiniteLossError
 from msnn.training.engines import open_engine, try_optimizers
 from msnn.training.first_weights import first_weights
 from msnn.training.interrupts import end_on_interrupt
+from msnn.training.kept_run import NotedProgress, open_run
 from msnn.training.parameters_record import parameters_record
 from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
-from msnn.training.run_folder import RunFolder, fold_folder, interrupted_run, new_run_folder
-from msnn.training.run_record import differences, run_record
+from msnn.training.run_folder import RunFolder
+from msnn.training.run_record import run_record
 from msnn.training.stage_attempts import StageAttempts
 from msnn.training.stage_data import StageData, stage_data
 from msnn.training.stage_plan import StagePlan, plan_stages
@@ -31,32 +30,13 @@ from msnn.training.stage_result import StageResult
 from msnn.training.stage_run import Interrupted, StageRun
 from msnn.training.standard_errors import StandardErrors, standard_errors
 from msnn.training.tensorboard_curves import Curves, require_tensorboard
+from msnn.training.training_options import TrainingOptions
+from msnn.training_summary import parameter_warnings
 from msnn.weights_file import initial_weights
-from spec_schema.diagnostics import Diagnostic, Findings, SpecError
-from spec_schema.errors import stages as stage_errors
+from spec_schema.diagnostics import Diagnostic, Findings
 from spec_schema.errors import training as errors
 from spec_schema.errors import weights as weight_errors
 from spec_schema.training import Stage
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingOptions:
-    """How a run is kept: `runs` None writes no files; `resume` goes on with the last one there."""
-
-    runs: Path | None = Path("runs")
-    resume: bool = False
-    fold: Path | None = None
-    """The folder to make for one fold of a run, instead of a fresh one in `runs`."""
-    spec_text: str | None = None
-    """The text of the spec, to be kept beside the weights."""
-    tensorboard: bool = False
-    """Curves for TensorBoard beside the weights."""
-    parts: tuple[Part, ...] = ()
-    """Its sub-models, to be kept with it."""
-    device: Device = CPU
-    """Where torch computes."""
-    redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
-    """Other initial values, by number, for the further runs of a stage with `starts:`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,13 +94,15 @@ def train(
     datas = [stage_data(plan, data, findings) for plan in plans]
     findings.raise_errors()
     try_optimizers(program, plans)
-    for warning in (*data.warnings, *findings.in_order):
-        progress.warned(warning)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
     first = dict(weights or first_weights(program, data))
-    folder, checkpoint = _folder(program, options, run_record(program, plans, data, options.parts))
+    record = run_record(program, plans, data, options.parts)
+    folder, checkpoint = open_run(program, options, record)
+    noted = NotedProgress(progress, folder)
+    for warning in (*data.warnings, *findings.in_order):
+        noted.warned(warning)
     curves = Curves(folder.path) if folder is not None and options.tensorboard else None
-    run = _Run(program, data, ready, folder, curves, progress, findings.in_order, options.redrawn)
+    run = _Run(program, data, ready, folder, curves, noted, findings.in_order, options.redrawn)
     try:
         with end_on_interrupt() as stop_asked:
             return run.through(first, checkpoint, stop_asked)
@@ -136,7 +118,7 @@ class _Run:
     stages: Sequence[tuple[StagePlan, StageData]]
     folder: RunFolder | None
     curves: Curves | None
-    progress: Progress
+    progress: NotedProgress
     warnings: tuple[Diagnostic, ...]
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None
 
@@ -161,11 +143,13 @@ class _Run:
                 if self.folder is not None and self.folder.latest is not None:
                     write_checkpoint(self.folder.checkpoint, event.checkpoint)
                     self.folder.become_latest()
+                self.progress.run_ended("interrupted")
                 found = self._result(stage.best or weights, done)
                 raise TrainingInterruptedError(found) from None
             except NonFiniteLossError as fault:
                 self._keep(stage.best or weights)
                 diagnostic = self._explained(stage.current, fault)
+                self.progress.run_ended("diverged", [diagnostic])
                 found = self._result(stage.best or weights, done)
                 latest = self.folder is not None and self.folder.is_latest
                 raise TrainingDivergedError(diagnostic, found, is_latest=latest) from None
@@ -179,6 +163,7 @@ class _Run:
         self.folder.become_latest()
         errors = standard_errors(self.stages[-1][0], self.data, weights)
         self.folder.write_parameters(parameters_record(self.program, weights, errors))
+        self.progress.run_ended("finished", parameter_warnings(self.program, weights, errors))
         return replace(self._result(weights, done), standard_errors=errors)
 
     def _attempts(
@@ -274,28 +259,3 @@ def _stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
         result.seconds,
         result.reason,
     )
-
-
-def _folder(
-    program: Program, options: TrainingOptions, record: Mapping[str, Any]
-) -> tuple[RunFolder | None, Checkpoint | None]:
-    """A fresh folder that says what it is of, or that of an interrupted run of the same."""
-    if options.runs is None:
-        return None, None
-    if not options.resume:
-        folder = (
-            new_run_folder(program, options.runs)
-            if options.fold is None
-            else fold_folder(program, options.fold)
-        )
-        folder.write_description(record, options.spec_text, options.parts)
-        return folder, None
-    folder = interrupted_run(program, options.runs)
-    if folder is None:
-        place = str(options.runs / program.name)
-        raise SpecError((errors.no_checkpoint(place),))
-    checkpoint = read_checkpoint(folder.checkpoint)
-    changes = differences(folder.description(), record)
-    if changes:
-        raise SpecError((stage_errors.another_run(str(folder.path), changes),))
-    return folder, checkpoint

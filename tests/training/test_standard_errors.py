@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import FloatArray
+from msnn.training.parameters_record import parameters_record
 from msnn.training.stage_plan import StagePlan, plan_stages
 from msnn.training.standard_errors import StandardErrors, standard_errors
 from msnn.training.train import TrainingOptions, train
@@ -138,7 +139,9 @@ def test_what_the_data_do_not_determine_is_named() -> None:
     warnings = parameter_warnings(program, weights, found)
     assert [w.code for w in warnings] == ["W0930", "W0930"]
     assert any("a +1, b -0.5" in w.notes[0] for w in warnings)
-    assert parameters_table(program, weights, found).count("not identifiable") == 3
+    assert (
+        parameters_table(parameters_record(program, weights, found)).count("not identifiable") == 3
+    )
 
 
 def test_overlapping_rollouts_count_a_row_once() -> None:
@@ -163,7 +166,10 @@ def test_too_many_numbers_and_losses_without_squares_say_so() -> None:
     weights = {"a": np.array(0.7), "b": np.array(2.0)}
     none = standard_errors(planned(text), data, weights)
     assert none.errors == {}
-    assert "no loss is a sum of squares" in errors_note(none)
+    program, _ = compiled(text)
+    assert "no loss is a sum of squares" in str(
+        errors_note(parameters_record(program, weights, none))
+    )
 
 
 def test_a_run_keeps_values_with_errors(tmp_path: Path) -> None:

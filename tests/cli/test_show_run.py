@@ -1,0 +1,158 @@
+"""`msnn show RUN`: what a training reached, read from its files without trust."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from msnn import api
+from msnn.training.progress import EpochEnd, Silent
+from msnn.training.train import TrainingInterruptedError
+from tests.cli.command_line import CommandLine
+from tests.cli.test_check import SPEC, change
+
+LATEST = Path("runs/plant/latest")
+
+
+@pytest.fixture
+def run(msnn: CommandLine, project: Path) -> Path:
+    """The folder of a short training."""
+    assert msnn("train", SPEC, "--set", "train.0.epochs=4").code == 0
+    return LATEST.parent / LATEST.readlink()
+
+
+def test_a_finished_run(msnn: CommandLine, run: Path):
+    said = msnn("show", "runs/plant/latest")
+    assert (said.code, said.err) == (0, "")
+    head, stages, parameters, commands = said.out.rstrip().split("\n\n")
+    facts = dict(line.split("  ", 1) for line in head.splitlines())
+    assert facts["run"].strip() == str(run)
+    assert facts["model"].strip() == "plant: finished"
+    assert facts["spec"].strip().startswith(f"{SPEC}, --set train.0.epochs=4, sha256 ")
+    assert facts["data"].strip() == "10 records, rows: train 1200, test 400, val 400"
+    assert stages.splitlines()[1].split()[:2] == ["fit", "4"]
+    assert "std. error" in parameters.splitlines()[0]
+    assert "N*s/m" in parameters
+    assert "resume" not in commands
+    for line in commands.splitlines()[1:]:
+        verb, *words = shlex.split(line)
+        assert words[:3] == ["msnn", verb, SPEC]
+        assert msnn(*words[1:], "--data-root" if verb == "validate" else "--out", ".").code in (
+            0,
+            3,
+        )
+
+
+def test_as_json(msnn: CommandLine, run: Path):
+    record = json.loads(msnn("show", str(run), "--format", "json").out)
+    assert (record["state"], record["warnings"]) == ("finished", [])
+    (stage,) = record["stages"]
+    assert (stage["stage"], stage["epochs"], stage["reason"]) == ("fit", 4, "done")
+    assert stage["losses"]["x_next"] > 0
+    c = record["parameters"][0]
+    assert (c["name"], c["unit"], c["initial"], c["learn"], c["at_bound"]) == (
+        ("c", "N*s/m", [2.0], True, False)
+    )
+    assert len(c["standard_errors"]) == 1
+    assert record["run"]["settings"] == ["train.0.epochs=4"]
+
+
+def test_drawn(msnn: CommandLine, run: Path):
+    assert msnn("show", str(run), "--plot", "loss.svg").code == 0
+    assert Path("loss.svg").read_bytes().startswith(b"<?xml")
+
+
+def test_a_spec_that_has_changed_is_said(msnn: CommandLine, project: Path, run: Path):
+    change(project, "doc: stiffness", "doc: how stiff")
+    assert "the file has changed since" in msnn("show", str(run)).out
+
+
+class Interrupting(Silent):
+    """Sends Ctrl-C to this process after the second epoch."""
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        if event.epoch == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_an_interrupted_run_says_how_it_goes_on(msnn: CommandLine, project: Path):
+    model = api.load(SPEC, ["train.0.epochs=5"])
+    with pytest.raises(TrainingInterruptedError):
+        api.train(model, runs="other runs", progress=Interrupting())
+    record = json.loads(msnn("show", "other runs/plant/latest", "--format", "json").out)
+    assert record["state"] == "interrupted"
+    assert record["stages"][0]["reason"] == "at epoch 2 of 5"
+    words = shlex.split(record["commands"]["resume"])
+    assert words[1:] == ["train", SPEC, "--resume", *words[4:6], "--out", "other runs"]
+    assert msnn(*words[1:]).code == 0
+    said = msnn("show", "other runs/plant/latest").out
+    assert "plant: finished" in said
+    assert "resume" not in said
+
+
+def test_why_a_run_diverged_is_kept(msnn: CommandLine, project: Path):
+    change(project, "a: (F - c*v - k*x) / m  ", "a: (F - c*v - k*x) / m + 1e9*exp(1e3*x*x)")
+    assert msnn("train", SPEC).code == 4
+    (run,) = Path("runs/plant").glob("2*")
+    record = json.loads(msnn("show", str(run), "--format", "json").out)
+    assert record["state"] == "diverged"
+    assert "error[E0" in record["warnings"][-1]
+    assert "not finite" in record["warnings"][-1]
+
+
+def test_a_folder_that_is_no_run_says_which_are(msnn: CommandLine, run: Path):
+    said = msnn("show", "runs/plant")
+    assert said.code == 1
+    assert said.err == (
+        "error[E0980]: runs/plant is no training run: there is no run.json\n"
+        f" = help: there are runs in it: {run}\n"
+    )
+    assert "a run is in `runs/NAME/TIME`" in msnn("show", "data").err
+
+
+def cut(path: Path) -> None:
+    path.write_text(path.read_text()[:-20])
+
+
+def emptied(path: Path) -> None:
+    path.write_text("{}\n")
+
+
+def other_types(path: Path) -> None:
+    path.write_text('{"parameters": 3, "format": 1}\n')
+
+
+@pytest.mark.parametrize("name", ["run.json", "metrics.jsonl", "parameters.json"])
+@pytest.mark.parametrize("spoil", [cut, emptied, other_types])
+def test_spoiled_files_are_no_bug(
+    name: str, spoil: Callable[[Path], None], msnn: CommandLine, run: Path
+):
+    spoil(run / name)
+    said = msnn("show", str(run))
+    assert said.code == 1
+    assert "error[E098" in said.err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("runs/plant/latest", "--program"),
+        (SPEC, "--plot", "a.png"),
+        ("runs/plant/latest", "--plot", "a.xyz"),
+    ],
+)
+def test_what_does_not_fit_is_a_usage_error(words: tuple[str, ...], msnn: CommandLine, run: Path):
+    assert msnn("show", *words).code == 2
+
+
+def test_a_parameter_at_its_bound_is_among_the_warnings(msnn: CommandLine, project: Path):
+    change(project, "k: {init: 10,", "k: {init: 10, max: 10.001,")
+    msnn("train", SPEC)
+    said = msnn("show", "runs/plant/latest").out
+    assert "warning[W0904]: `k` ended at its bound" in said
