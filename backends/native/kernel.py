@@ -61,6 +61,7 @@ class Kernel:
     ) -> None:
         self._threads = threads
         self._kept_bytes = kept_bytes
+        self._memory = np.zeros(0, np.uint8)
         self.source: KernelSource = kernel_source(training_step(program), dtype)
         self.program = program
         self.dtype = np.dtype(dtype)
@@ -74,11 +75,34 @@ class Kernel:
 
     def groups(self, starts: Rows, steps: Rows) -> Groups:
         """Lane groups of rollouts that begin at rows `starts`; each group has one length."""
-        return lane_groups(self.group_type, starts, steps, [len(starts)])[0]
+        return self.batches(starts, steps, len(starts))[0]
 
-    def batches(self, starts: Rows, steps: Rows, sizes: Sequence[int]) -> tuple[Groups, Rows]:
-        """Groups of several batches one after the other, and the bounds that `train` takes."""
-        return lane_groups(self.group_type, starts, steps, sizes)
+    def batches(self, starts: Rows, steps: Rows, size: int) -> tuple[Groups, Rows]:
+        """Groups of batches of `size` one after the other, and the bounds that `train` takes."""
+        count = len(starts)
+        if (steps != steps[0]).any():
+            sizes = [min(size, count - begin) for begin in range(0, count, size)]
+            return lane_groups(self.group_type, starts, steps, sizes)
+        whole, rest = divmod(count, size)
+        a_batch, in_rest = -(-size // self.lanes), -(-rest // self.lanes)
+        groups = np.empty(whole * a_batch + in_rest, self.group_type)
+        starts = np.ascontiguousarray(starts, np.int64)
+        self._library.msnn_groups(
+            pointer(starts),
+            ctypes.c_int64(count),
+            ctypes.c_int64(size),
+            ctypes.c_int64(int(steps[0])),
+            pointer(groups),
+        )
+        bounds = np.arange(whole + 1 + (rest > 0), dtype=np.int64) * a_batch
+        bounds[-1] = len(groups)
+        return groups, bounds
+
+    def shuffled(self, count: int, key: int) -> Rows:
+        """The numbers 0 … count−1 in the order that a key of 64 bits decides."""
+        order = np.empty(count, np.int64)
+        self._library.msnn_shuffled(ctypes.c_uint64(key), ctypes.c_int64(count), pointer(order))
+        return order
 
     def data(
         self,
@@ -89,16 +113,18 @@ class Kernel:
         """The logs as the kernel reads them."""
         return Data(self.source, self.dtype, series, skip, scored)
 
-    def _work(self, groups: Groups, largest: int) -> _Work:
-        """Memory for a call whose batches have at most so many groups."""
+    def _work(self, groups: Groups, largest: int) -> WorkStruct:
+        """Memory for a call whose batches have at most so many groups; later calls use it again."""
         steps = int(groups["steps"].max())
         alone = WorkStruct(None, steps, 0, 1, 1)
         kept = self._library.msnn_work_bytes(ctypes.byref(alone)) <= self._kept_bytes
         threads = min(self._threads, max(largest, 1))
         struct = WorkStruct(None, steps, largest, int(kept), threads)
-        memory = aligned(self._library.msnn_work_bytes(ctypes.byref(struct)))
-        struct.memory = memory.ctypes.data
-        return _Work(struct, memory)
+        size = self._library.msnn_work_bytes(ctypes.byref(struct))
+        if size > len(self._memory):
+            self._memory = aligned(size)
+        struct.memory = self._memory.ctypes.data
+        return struct
 
     def losses(
         self,
@@ -123,7 +149,7 @@ class Kernel:
             pointer(theta),
             pointer(scale),
             ctypes.c_int(data.missing),
-            ctypes.byref(work.struct),
+            ctypes.byref(work),
             pointer(slope) if gradient else None,
             pointer(sums),
             pointer(counts),
@@ -155,7 +181,7 @@ class Kernel:
             ctypes.byref(variables.addresses),
             ctypes.byref(variables.optimizer),
             pointer(scale),
-            ctypes.byref(work.struct),
+            ctypes.byref(work),
             pointer(sums),
             pointer(counts),
         )
@@ -164,14 +190,6 @@ class Kernel:
     def fill_in_physical(self, variables: Variables) -> None:
         """Fills in the physical values of the raw variables that move."""
         self._library.msnn_physical(ctypes.byref(variables.addresses))
-
-
-@dataclass(frozen=True, slots=True)
-class _Work:
-    """The memory of a call, alive as long as what points to it."""
-
-    struct: WorkStruct
-    memory: NDArray[np.uint8]
 
 
 class Data:

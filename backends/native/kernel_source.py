@@ -68,7 +68,7 @@ def kernel_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
     ]
     echoes = [Rows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
     group = rendered("group.c.j2", made, **forward_arrays(memory), echoes=echoes)
-    loops = (group, *map(_text, ("threads.c", "optimizers.c", "batches.c")))
+    loops = (group, *map(_text, ("threads.c", "optimizers.c", "batches.c", "epochs.c")))
     return whole_source(memory, dtype, functions, made, tables, loops)
 
 

@@ -29,12 +29,6 @@ def lane_groups(
     Lanes that are left over repeat the last rollout of their group and are marked as not used.
     """
     lanes = type["start"].shape[0]
-    if (steps == steps[0]).all() and not any(size % lanes for size in sizes):
-        groups = np.zeros(len(starts) // lanes, type)
-        groups["steps"] = steps[0]
-        groups["start"] = starts.reshape(-1, lanes)
-        groups["used"] = -1
-        return groups, np.cumsum([0, *(size // lanes for size in sizes)])
     batch = np.repeat(np.arange(len(sizes)), sizes)
     order = np.lexsort((-steps, batch))
     batch, sorted_steps = batch[order], steps[order]

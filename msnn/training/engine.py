@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from msnn.data.dataset import FloatArray
+from msnn.data.dataset import FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.rollout import LossSum
 
@@ -49,6 +49,10 @@ class Engine(Protocol):
 
         The same however often it is asked.
         """
+        ...
+
+    def order(self, count: int, key: int) -> IntArray:
+        """The order of an epoch of `count` rollouts: that of `epoch_order.shuffled`."""
         ...
 
     batches_a_call: int

@@ -15,9 +15,10 @@ import numpy as np
 from backends.products import Products
 from backends.raw_parameters import physical_slope, physical_value, raw_value
 from compiler.program import Parameter
-from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.epoch_order import shuffled
 from msnn.training.squares import Squares, loss_sums_of
 from msnn.training.stage_plan import StagePlan
 from spec_schema.optimizers import LevenbergMarquardt
@@ -95,6 +96,10 @@ class LevenbergMarquardtEngine:
             raise NonFiniteLossError(runs)
         self._descend(in_order, model)
         return loss_sums_of(products)
+
+    def order(self, count: int, key: int) -> IntArray:
+        """As `epoch_order.shuffled`."""
+        return shuffled(count, key)
 
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of these rollouts at the current weights, on the rows that count."""

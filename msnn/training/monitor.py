@@ -4,26 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-import numpy as np
-
 from compiler.program import Measure
 from msnn.data.starts import Runs
-from msnn.rollout import LossSum, entry_value
+from msnn.rollout import entry_value
 from msnn.training.engine import LossSums
 from msnn.training.stage_plan import TOTAL, StagePlan
-
-EVALUATION_BATCH = 4096
-"""Rollouts that the monitor runs side by side; bounds its memory."""
 
 
 def monitor(plan: StagePlan, evaluate: Callable[[Runs], LossSums], watched: Runs) -> float:
     """The monitored loss at the weights at which `evaluate` computes."""
-    sums: LossSums = {}
-    for start in range(0, len(watched), EVALUATION_BATCH):
-        members = np.arange(start, min(start + EVALUATION_BATCH, len(watched)))
-        for name, value in evaluate(watched.take(members)).items():
-            sums[name] = sums.get(name, LossSum(0.0, 0)) + value
-    values = loss_values(plan, sums)
+    values = loss_values(plan, evaluate(watched))
     if plan.monitor == TOTAL:
         return weighted_total(plan, values)
     return entry_value(plan.rollout.program, plan.monitor, values)

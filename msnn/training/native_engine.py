@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from backends.native.kernel import Kernel, Method, Rule, Variables
-from msnn.data.dataset import BoolArray, FloatArray
+from backends.native.lane_groups import Groups
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.rollout import LossSum
 from msnn.training.dropout_masks import factors_of, with_all_kept
@@ -51,6 +52,8 @@ class NativeEngine:
         names = self._kernel.source.losses
         self._loss_weights = [plan.loss_weights[name] for name in names]
         self._series = series
+        self._evaluated: tuple[Runs, Groups] | None = None
+        """The rollouts of the last evaluation in their groups: mostly those of the next."""
 
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
@@ -69,21 +72,26 @@ class NativeEngine:
         if not self._kernel.built.is_checked:
             check_kernel(self._kernel, self._series, self._plan.rollout.skip, runs, self.weights())
             self._kernel.built.mark_checked()
-        sizes = [min(size, len(runs) - start) for start in range(0, len(runs), size)]
-        groups, bounds = self._kernel.batches(runs.t0, runs.steps, sizes)
+        groups, bounds = self._kernel.batches(runs.t0, runs.steps, size)
         done, sums, counts = self._kernel.train(
             self._train, groups, bounds, self._variables, self._loss_weights
         )
-        if done < len(sizes):
-            fatal = np.arange(done * size, done * size + sizes[done])
+        if done < len(bounds) - 1:
+            fatal = np.arange(done * size, min((done + 1) * size, len(runs)))
             raise NonFiniteLossError(runs.take(fatal))
         return self._named(sums, counts)
 
+    def order(self, count: int, key: int) -> IntArray:
+        """As `epoch_order.shuffled`."""
+        return self._kernel.shuffled(count, key)
+
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of these rollouts at the current weights, on the rows that count."""
+        if self._evaluated is None or self._evaluated[0] is not runs:
+            self._evaluated = runs, self._kernel.groups(runs.t0, runs.steps)
         found = self._kernel.losses(
             self._evaluation,
-            self._kernel.groups(runs.t0, runs.steps),
+            self._evaluated[1],
             self._variables.physical,
             self._loss_weights,
             gradient=False,

@@ -19,7 +19,7 @@ from msnn.training.dropout_masks import with_all_kept
 from msnn.training.engine import LossSums
 from msnn.training.kernel_check import check_kernel
 from msnn.training.stage_plan import StagePlan
-from msnn.training.torch_losses import TorchLossSum, batch_losses, scoring
+from msnn.training.torch_losses import batch_losses, evaluated, scoring
 
 RowsByLoss = Mapping[str, BoolArray]
 
@@ -79,12 +79,12 @@ class TorchObjective:
             for name, weight in self._plan.loss_weights.items()
             if weight
         ]
-        return Scored(torch.stack(terms).sum(), _numbers(sums))
+        numbers = {name: found.numbers() for name, found in sums.items()}
+        return Scored(torch.stack(terms).sum(), numbers)
 
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of rollouts on the rows that are watched, without slopes."""
-        with torch.no_grad():
-            return _numbers(batch_losses(self._model, self._evaluation, runs))
+        return evaluated(self._model, self._evaluation, runs)
 
 
 class KernelObjective:
@@ -184,7 +184,3 @@ class _KernelTotal(torch.autograd.Function):
 
 def _measures(plan: StagePlan) -> dict[str, Measure]:
     return {loss.name: loss.measure for loss in plan.program.losses}
-
-
-def _numbers(sums: Mapping[str, TorchLossSum]) -> LossSums:
-    return {name: LossSum(s.total.item(), s.count) for name, s in sums.items()}

@@ -15,12 +15,12 @@ from msnn.data.starts import Runs
 from msnn.training.devices import CPU, Device, on_device
 from msnn.training.dropout_masks import factors_of
 from msnn.training.engine import LossSums, batches_of
+from msnn.training.epoch_order import order_key, shuffled
 from msnn.training.first_weights import first_weights
 from msnn.training.monitor import loss_values, monitor
 from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.stage_data import StageData, stage_data
 from msnn.training.stage_plan import StagePlan, plan_stages
-from msnn.training.stage_run import shuffled
 from spec_schema.diagnostics import Findings, SpecError
 from spec_schema.errors import training as errors
 from spec_schema.training import Stage
@@ -86,7 +86,7 @@ class StageLoss(nn.Module):
         plan = self.plan
         self._objective.write(factors_of(plan, self._data.series, epoch))
         runs = self._runs.in_epoch(epoch)
-        order = shuffled(len(runs), plan.seed, plan.index, epoch)
+        order = shuffled(len(runs), order_key(plan.seed, plan.index, epoch))
         yield from batches_of(runs.take(order), plan.batch or len(order))
 
     def forward(self, batch: Runs) -> Tensor:

@@ -12,6 +12,7 @@ from msnn.data.starts import Runs
 from msnn.rollout import LossSum
 from msnn.training.checkpoint import Checkpoint
 from msnn.training.engine import Engine, LossSums
+from msnn.training.epoch_order import order_key
 from msnn.training.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
 from msnn.training.monitor import loss_values, monitor, weighted_total
 from msnn.training.progress import EpochEnd
@@ -115,7 +116,8 @@ class StageRun:
         return rate_factor(plan.schedule, self.epoch, plan.epochs, self.reductions)
 
     def _run_epoch(self, runs: Runs, rate: float) -> LossSums:
-        order = shuffled(len(runs), self.plan.seed, self.plan.index, self.epoch, self.attempt)
+        key = order_key(self.plan.seed, self.plan.index, self.epoch, self.attempt)
+        order = self.engine.order(len(runs), key)
         self.engine.begin_epoch(self.epoch, rate)
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
@@ -157,11 +159,3 @@ class StageRun:
                 seconds=seconds,
             )
         )
-
-
-def shuffled(
-    count: int, seed: int, stage: int, epoch: int, attempt: int = 0
-) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """The order of an epoch's starts: a counter decides it, so that a resumed run has the same."""
-    source = np.random.Philox(np.random.SeedSequence([seed, stage, epoch, attempt]))
-    return np.random.Generator(source).permutation(count)

@@ -10,10 +10,11 @@ import torch
 from torch import Tensor
 
 from backends.torch_module import build_module
-from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.dropout_masks import factors_of
 from msnn.training.engine import EngineState, LossSums, NonFiniteLossError, batches_of
+from msnn.training.epoch_order import shuffled
 from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.optimizer_state import flattened, placed_like, rebuilt
 from msnn.training.stage_plan import StagePlan
@@ -107,6 +108,10 @@ class TorchEngine:
             # its annotation says float, its code takes the tensor
             self._optimizer.step(closure)  # pyright: ignore[reportArgumentType, reportCallIssue]
         return before
+
+    def order(self, count: int, key: int) -> IntArray:
+        """As `epoch_order.shuffled`."""
+        return shuffled(count, key)
 
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of these rollouts at the current weights, on the rows that count."""

@@ -13,7 +13,11 @@ from backends.torch_module import Frame, TorchModel, Windows
 from compiler.program import Extent, Measure, Program, extents
 from msnn.data.dataset import BoolArray
 from msnn.data.starts import Runs
-from msnn.rollout import longest_first
+from msnn.rollout import LossSum, longest_first
+from msnn.training.engine import LossSums, batches_of
+
+EVALUATION_BATCH = 4096
+"""Rollouts that are evaluated side by side; bounds the memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,10 @@ class TorchLossSum:
         if measure is Measure.RMSE and mean.item() > 0:  # the root has no slope at 0
             return mean.sqrt()
         return mean
+
+    def numbers(self) -> LossSum:
+        """The same without the graph that torch differentiates."""
+        return LossSum(self.total.item(), self.count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +79,18 @@ def batch_losses(
     return {
         loss.name: _summed(loss.measure, scored[loss.name], model) for loss in model.program.losses
     }
+
+
+def evaluated(
+    model: TorchModel, data: TorchScoring, runs: Runs, frame: Frame | None = None
+) -> LossSums:
+    """Every loss over any number of rollouts as numbers, without slopes."""
+    sums: LossSums = {}
+    with torch.no_grad():
+        for part in batches_of(runs, EVALUATION_BATCH):
+            for name, found in batch_losses(model, data, part, frame).items():
+                sums[name] = sums.get(name, LossSum(0.0, 0)) + found.numbers()
+    return sums
 
 
 @dataclass(frozen=True, slots=True)

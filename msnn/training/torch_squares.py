@@ -16,13 +16,12 @@ from compiler.program import Loss, Measure
 from compiler.sums_of_squares import with_compared_squares
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
-from msnn.rollout import LossSum
 from msnn.training.engine import LossSums, batches_of
 from msnn.training.stage_plan import StagePlan
 from msnn.training.torch_losses import (
     TorchScoring,
-    batch_losses,
     cost,
+    evaluated,
     scored_values,
     scoring,
 )
@@ -105,9 +104,7 @@ class TorchSquares:
 
     def _costs(self, data: TorchScoring, runs: Runs, weights: Weights) -> LossSums:
         values = self._tensors(weights)
-        with torch.no_grad():
-            sums = batch_losses(self._model, data, runs, self._model.frame_of(values))
-        return {name: LossSum(s.total.item(), s.count) for name, s in sums.items()}
+        return evaluated(self._model, data, runs, self._model.frame_of(values))
 
 
 def _products(loss: Loss, error: Tensor, slopes: Tensor) -> Products:

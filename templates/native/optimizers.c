@@ -62,10 +62,25 @@ static double slope(const struct variables *v, int i)
     }
 }
 
+/* Powers of β by which Adam corrects its moments, those of the step before first. */
+struct decays {
+    double first;
+    double second;
+};
+
+static struct decays decays_at(const struct optimizer *o)
+{
+    const double steps = (double)o->steps;
+    return (struct decays){pow(o->beta1, steps), pow(o->beta2, steps)};
+}
+
 /* One step of the optimiser along the gradient in raw variables; numbers of rate 0 stay. */
-static void move(struct variables *v, struct optimizer *o, const real *restrict gradient)
+static void move(struct variables *v, struct optimizer *o, struct decays *decays,
+                 const real *restrict gradient)
 {
     o->steps += 1;
+    decays->first *= o->beta1;
+    decays->second *= o->beta2;
     const real *restrict const rate = v->rate;
     real *restrict const raw = v->raw;
     real *restrict const first = v->first;
@@ -86,8 +101,8 @@ static void move(struct variables *v, struct optimizer *o, const real *restrict 
     }
     const real shrunk = o->method == ADAMW ? decay : 0;
     const real added = o->method == ADAMW ? 0 : decay;
-    const real rate_scale = (real)(1.0 / (1.0 - pow(o->beta1, (double)o->steps)));
-    const real size_scale = (real)(1.0 / sqrt(1.0 - pow(o->beta2, (double)o->steps)));
+    const real rate_scale = (real)(1.0 / (1.0 - decays->first));
+    const real size_scale = (real)(1.0 / sqrt(1.0 - decays->second));
     const real epsilon = (real)o->epsilon;
     for (int i = 0; i < PARAMETERS; i++) {
         const real from = raw[i] - rate[i] * shrunk * raw[i];

@@ -146,6 +146,16 @@ def test_first_batch_losses_agree(model: str) -> None:
             assert ours == pytest.approx(theirs, rel=tolerance)
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_evaluation_is_of_the_rollouts_it_is_given(engine: str) -> None:
+    require_tool("gcc", install="apt install gcc")
+    program, plan = planned(MODELS["arm"][0], "rollout: 8, dtype: float64")
+    opened = ENGINES[engine](plan, log_of(program), initial(program), None, None)
+    some, others = first_batch(8), first_batch(5)
+    found = [opened.evaluate(runs) for runs in (some, others, some, first_batch(8))]
+    assert found[0] == found[2] == found[3] != found[1]
+
+
 def test_frozen_parameters_and_factors_of_the_learning_rate() -> None:
     require_tool("gcc", install="apt install gcc")
     text, _ = MODELS["fir"]

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from msnn.data.dataset import IntArray
 from msnn.data.starts import Runs
 from msnn.rollout import LossSum
 from msnn.training.engine import EngineState, batches_of
+from msnn.training.epoch_order import order_key, shuffled
 from msnn.training.progress import EpochEnd, StageEnd, StageStart
 from msnn.training.stage_data import StageData
 from msnn.training.stage_plan import plan_stages
-from msnn.training.stage_run import StageRun, shuffled
+from msnn.training.stage_run import StageRun
 from msnn.training.train import TrainingOptions, TrainingResult, train
 from msnn.weights_file import read_weights
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
@@ -149,9 +152,16 @@ def test_r12_the_same_seed_gives_the_same_weights_and_another_does_not() -> None
 
 
 def test_r12_starts_are_shuffled_anew_each_epoch() -> None:
-    orders = [shuffled(20, 0, 0, epoch).tolist() for epoch in range(3)]
+    orders = [shuffled(20, order_key(0, 0, epoch)).tolist() for epoch in range(3)]
     assert all(sorted(order) == list(range(20)) for order in orders)
     assert orders[0] != orders[1] != orders[2]
+
+
+def test_r12_every_order_is_as_likely_as_any_other() -> None:
+    counts = Counter(tuple(shuffled(4, key).tolist()) for key in range(24_000))
+    assert len(counts) == 24
+    squares = sum((count - 1000) ** 2 / 1000 for count in counts.values())
+    assert squares < 49.7  # χ² of 23 degrees of freedom exceeds it once in a thousand times
 
 
 class Counting:
@@ -172,6 +182,9 @@ class Counting:
     def train_batches(self, runs: Runs, size: int) -> dict[str, LossSum]:
         self.batches += [batch.t0.tolist() for batch in batches_of(runs, size)]
         return {"x_next": LossSum(float(len(runs)), len(runs))}
+
+    def order(self, count: int, key: int) -> IntArray:
+        return shuffled(count, key)
 
     def evaluate(self, runs: Runs) -> dict[str, LossSum]:
         return {"x_next": LossSum(0.0, len(runs))}

@@ -47,7 +47,7 @@ class MsnnEngine(Contender):
         first, starts = settings["first"], settings["starts"]
         t0 = np.arange(first, first + starts)
         self.runs = Runs(t0, np.full(starts, settings["horizon"]), 0, len(t0))
-        self._random = np.random.default_rng(0)
+        self._shuffles = 0
         self._engine = self._opened(plan, initial_weights(program))
         size = self.settings["batch"]
         first = self.runs.take(self.order(fixed=True)[:size])
@@ -80,7 +80,8 @@ class MsnnEngine(Contender):
     def order(self, fixed: bool) -> NDArray[np.int64]:
         """The starts of an epoch: whole batches only, as the peer takes them."""
         starts = len(self.runs)
-        order = np.arange(starts) if fixed else self._random.permutation(starts)
+        self._shuffles += 1
+        order = np.arange(starts) if fixed else self._engine.order(starts, self._shuffles)
         return order[: starts - starts % self.settings["batch"]]
 
     def gradient(self, weights: dict[str, list[float]]) -> dict[str, list[float]]:

@@ -38,8 +38,7 @@ class MsnnKernel(MsnnEngine):
 
     def epoch(self, fixed: bool) -> float:
         runs = self.runs.take(self.order(fixed))
-        sizes = [self.settings["batch"]] * (len(runs) // self.settings["batch"])
-        groups, bounds = self._kernel.batches(runs.t0, runs.steps, sizes)
+        groups, bounds = self._kernel.batches(runs.t0, runs.steps, self.settings["batch"])
         _, sums, counts = self._kernel.train(self._data, groups, bounds, self._variables, [1.0])
         return float(sums[0] / counts[0])
 

@@ -1,0 +1,33 @@
+/* The order of an epoch and the groups of its batches: what takes longer in Python than small models
+   take to train. */
+
+/* The numbers 0 … count−1 as `shuffled` of msnn/training/epoch_order.py has them. */
+void msnn_shuffled(uint64_t key, int64_t count, int64_t *restrict order)
+{
+    for (int64_t i = 0; i < count; i++) {
+        uint64_t bits = key + (uint64_t)(i + 1) * UINT64_C(0x9e3779b97f4a7c15);
+        bits = (bits ^ (bits >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
+        bits = (bits ^ (bits >> 27)) * UINT64_C(0x94d049bb133111eb);
+        bits ^= bits >> 31;
+        const uint64_t j = ((bits >> 32) * (uint64_t)(i + 1)) >> 32;
+        order[i] = order[j];
+        order[j] = i;
+    }
+}
+
+/* Groups of batches of rollouts of one length, as `lane_groups` of backends/native has them. */
+void msnn_groups(const int64_t *restrict starts, int64_t count, int64_t batch, int64_t steps,
+                 struct group *restrict groups)
+{
+    for (int64_t begin = 0; begin < count; begin += batch) {
+        const int64_t end = begin + batch < count ? begin + batch : count;
+        for (int64_t first = begin; first < end; first += LANES, groups++) {
+            groups->steps = steps;
+            for (int64_t l = 0; l < LANES; l++) {
+                const int64_t member = first + l;
+                groups->start[l] = starts[member < end ? member : end - 1];
+                groups->used[l] = member < end ? -1 : 0;
+            }
+        }
+    }
+}
