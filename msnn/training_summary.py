@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -104,10 +105,36 @@ def parameter_warnings(
         for parameter in program.parameters
         if parameter.learn and is_at_bound(parameter, weights[parameter.name]).any()
     ]
-    for change in () if found is None else found.unidentified:
-        first = program.parameter(next(iter(change)).partition("[")[0])
-        warnings.append(not_identifiable(change, first.span))
+    for changes in [] if found is None else _together(found.unidentified):
+        numbers = Counter(_owner(name) for name in {name for change in changes for name in change})
+        concerned = {
+            p.name: (numbers[p.name], weights[p.name].size)
+            for p in program.parameters
+            if numbers[p.name]
+        }
+        first = program.parameter(next(iter(concerned)))
+        warnings.append(not_identifiable(changes, concerned, first.span))
     return warnings
+
+
+def _owner(number: str) -> str:
+    """The parameter that a number belongs to."""
+    return number.partition("[")[0]
+
+
+def _together(changes: Sequence[Mapping[str, float]]) -> list[list[Mapping[str, float]]]:
+    """The changes in groups that have no parameter in common."""
+    groups: list[tuple[set[str], list[Mapping[str, float]]]] = []
+    for change in changes:
+        owners, members = {_owner(name) for name in change}, [change]
+        apart: list[tuple[set[str], list[Mapping[str, float]]]] = []
+        for group in groups:
+            if group[0] & owners:
+                owners, members = owners | group[0], group[1] + members
+            else:
+                apart.append(group)
+        groups = [*apart, (owners, members)]
+    return [members for _, members in groups]
 
 
 def training_record(

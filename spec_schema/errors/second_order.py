@@ -1,9 +1,12 @@
 """E0930-E0939: second-order training, and what it says of the learned parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from spec_schema.diagnostics import Diagnostic
 from spec_schema.source import Span
+
+_SHOWN = 6
+"""Numbers of a change that are named, the largest first."""
 
 
 def no_sum_of_squares(
@@ -34,17 +37,39 @@ def not_of_second_order(key: str, reason: str, span: Span) -> Diagnostic:
     )
 
 
-def not_identifiable(change: Mapping[str, float], span: Span | None) -> Diagnostic:
-    """W0930: learned numbers that can change together without a change of any residual."""
-    names = " and ".join(f"`{name}`" for name in change)
-    moves = ", ".join(f"{name} {factor:+.3g}" for name, factor in change.items())
-    only = "does not show" if len(change) == 1 else "show only in combination"
+def not_identifiable(
+    changes: Sequence[Mapping[str, float]],
+    concerned: Mapping[str, tuple[int, int]],
+    span: Span | None,
+) -> Diagnostic:
+    """W0930: learned numbers that can change together without a change of any residual.
+
+    `changes` have the numbers by name; `concerned` says of each parameter how many of its numbers
+    are among them, and how many it has.
+    """
+    named = " and ".join(
+        f"`{name}`" if size == 1 else f"{count} of the {size} numbers of `{name}`"
+        for name, (count, size) in concerned.items()
+    )
+    alone = all(len(change) == 1 for change in changes)
+    many = sum(count for count, _ in concerned.values()) > 1
+    verb = ("do not show" if many else "does not show") if alone else "show only in combination"
+    first = sorted(changes[0].items(), key=lambda item: -abs(item[1]))
+    moves = ", ".join(f"{name} {factor:+.3g}" for name, factor in first[:_SHOWN])
+    if len(first) > _SHOWN:
+        moves += f" and {len(first) - _SHOWN} smaller ones"
+    said = (
+        f"this change leaves every residual as it is: {moves}"
+        if len(changes) == 1
+        else f"{len(changes)} changes leave every residual as it is, one of them: {moves}"
+    )
     return Diagnostic(
         "W0930",
         "warning",
-        f"{names} {only} in the training data",
+        f"{named} {verb} in the training data",
         span,
         "not identifiable",
-        notes=(f"this change leaves every residual as it is: {moves}",),
-        help="hold one of them at a known value with `learn: false`, or record data that excite it",
+        notes=(said,),
+        help="hold some at known values with `learn: false`, shorten windows, or record data that "
+        "excite them",
     )

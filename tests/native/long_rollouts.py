@@ -45,7 +45,7 @@ def main() -> None:
         rates = {parameter.name: 1e-4 for parameter in program.parameters}
         variables = Variables(kernel, Rule(Method.ADAM, 0.9, 0.999, 1e-8), calm(program), rates)
         t0 = np.arange(10, 26)
-        groups, bounds = kernel.batches(t0, np.full(len(t0), STEPS), [len(t0)])
+        groups, bounds = kernel.batches(t0, np.full(len(t0), STEPS), len(t0))
         data = kernel.data(log_of(program, STEPS + 50))
         done, _, _ = kernel.train(data, groups, bounds, variables, [1.0] * len(program.losses))
         assert done == 1

@@ -37,7 +37,7 @@ def trained(program: Program, dtype: Dtype, threads: int) -> tuple[NDArray[np.fl
     variables = Variables(kernel, Rule(Method.ADAM, 0.9, 0.999, 1e-8), initial(program), rates)
     t0 = np.arange(10, 510)
     steps = 3 + t0 % 5
-    groups, bounds = kernel.batches(t0, steps, [300, 200])
+    groups, bounds = kernel.batches(t0, steps, 300)
     data = kernel.data(log)
     weights = [1.0] * len(program.losses)
     found = [kernel.train(data, groups, bounds, variables, weights) for _ in range(2)]

@@ -139,9 +139,30 @@ def test_what_the_data_do_not_determine_is_named() -> None:
     warnings = parameter_warnings(program, weights, found)
     assert [w.code for w in warnings] == ["W0930", "W0930"]
     assert any("a +1, b -0.5" in w.notes[0] for w in warnings)
+    assert {w.message for w in warnings} == {
+        "`a` and `b` show only in combination in the training data",
+        "`c` does not show in the training data",
+    }
     assert (
         parameters_table(parameters_record(program, weights, found)).count("not identifiable") == 3
     )
+
+
+def test_what_a_long_window_cannot_tell_apart_is_one_warning() -> None:
+    text = (
+        "msnn: 1\nname: long\nsample_time: 1 s\ninputs: {u: 1}\ntargets: {y: 1}\n"
+        "layers: {h: {fir: {window: 20}}}\noutputs: {z: {expr: h(u)}}\nlosses: {fit: 'mse(z, y)'}\n"
+        "train: [{engine: torch, epochs: 1}]\n"
+    )
+    u = np.sin(0.7 * np.arange(80)) + np.sin(0.2 * np.arange(80))  # four numbers describe it
+    plan = planned(text)
+    program = plan.rollout.program
+    weights = {p.name: np.full(20, 0.1) for p in program.parameters}
+    found = standard_errors(plan, dataset({"u": u, "y": u}, train=[80]), weights)
+    (warning,) = parameter_warnings(program, weights, found)
+    assert warning.message.startswith("20 of the 20 numbers of `h.weight` show only in combination")
+    assert warning.notes[0].startswith("16 changes leave every residual as it is, one of them: h.w")
+    assert warning.notes[0].count("h.weight[") == 6
 
 
 def test_overlapping_rollouts_count_a_row_once() -> None:
