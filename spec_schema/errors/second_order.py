@@ -42,11 +42,8 @@ def not_identifiable(
     concerned: Mapping[str, tuple[int, int]],
     span: Span | None,
 ) -> Diagnostic:
-    """W0930: learned numbers that can change together without a change of any residual.
-
-    `changes` have the numbers by name; `concerned` says of each parameter how many of its numbers
-    are among them, and how many it has.
-    """
+    """W0930: learned numbers that can change together without a change of any residual."""
+    # of each parameter: how many of its numbers are in the changes, and how many it has
     named = " and ".join(
         f"`{name}`" if size == 1 else f"{count} of the {size} numbers of `{name}`"
         for name, (count, size) in concerned.items()

@@ -21,7 +21,7 @@ class MsnnKernel(MsnnEngine):
 
     def __init__(self, settings: dict[str, Any]) -> None:
         super().__init__("native", settings)
-        self._kernel = Kernel(self.plan.rollout.program, "float32")
+        self._kernel = Kernel(self.plan.rollout.program, "float32", settings.get("threads", 1))
         self._data = self._kernel.data(self.series)
         self._begin()
 
