@@ -13,24 +13,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from backends.c.c_literals import Dtype
 from backends.native.compile_kernel import compiled_kernel
+from backends.native.kernel_data import Data
 from backends.native.kernel_source import KernelSource, kernel_source
 from backends.native.kernel_structs import (
     OptimizerStruct,
-    ProblemStruct,
     VariablesStruct,
     WorkStruct,
     aligned,
     pointer,
-    pointers,
 )
-from backends.native.lane_groups import Groups, Rows, group_type, lane_groups
+from backends.native.lane_groups import LANES, Groups, Rows, group_type, lane_groups
 from backends.raw_parameters import mapping_of, raw_value
 from compiler.program import Parameter, Program
 from compiler.training_step import training_step
 
 FloatArray = NDArray[np.float64]
-
-LANES = {"float32": 16, "float64": 8}
 
 KEPT_BYTES = 32 << 20
 """A thread keeps all rows of a rollout up to here; beyond it computes a segment at a time again."""
@@ -73,25 +70,36 @@ class Kernel:
         self._library.msnn_work_bytes.restype = ctypes.c_int64
         self._library.msnn_train.restype = ctypes.c_int64
 
-    def groups(self, starts: Rows, steps: Rows) -> Groups:
+    def groups(self, starts: Rows, steps: Rows | int) -> Groups:
         """Lane groups of rollouts that begin at rows `starts`; each group has one length."""
         return self.batches(starts, steps, len(starts))[0]
 
-    def batches(self, starts: Rows, steps: Rows, size: int) -> tuple[Groups, Rows]:
-        """Groups of batches of `size` one after the other, and the bounds that `train` takes."""
-        count = len(starts)
-        if (steps != steps[0]).any():
+    def batches(
+        self, starts: Rows, steps: Rows | int, size: int, members: Rows | None = None
+    ) -> tuple[Groups, Rows]:
+        """Groups of batches of `size` one after the other, and the bounds that `train` takes.
+
+        `steps` is one number where all rollouts are as long. `members` says which rollouts the
+        batches are made of and in which order; by default all as they stand.
+        """
+        if members is None:
+            members = np.arange(len(starts), dtype=np.int64)
+        count = len(members)
+        if not isinstance(steps, int) and (steps == steps[0]).all():
+            steps = int(steps[0])
+        if not isinstance(steps, int):
             sizes = [min(size, count - begin) for begin in range(0, count, size)]
-            return lane_groups(self.group_type, starts, steps, sizes)
+            return lane_groups(self.group_type, starts[members], steps[members], sizes)
         whole, rest = divmod(count, size)
         a_batch, in_rest = -(-size // self.lanes), -(-rest // self.lanes)
         groups = np.empty(whole * a_batch + in_rest, self.group_type)
-        starts = np.ascontiguousarray(starts, np.int64)
+        starts, members = (np.ascontiguousarray(rows, np.int64) for rows in (starts, members))
         self._library.msnn_groups(
             pointer(starts),
+            pointer(members),
             ctypes.c_int64(count),
             ctypes.c_int64(size),
-            ctypes.c_int64(int(steps[0])),
+            ctypes.c_int64(steps),
             pointer(groups),
         )
         bounds = np.arange(whole + 1 + (rest > 0), dtype=np.int64) * a_batch
@@ -190,40 +198,6 @@ class Kernel:
     def fill_in_physical(self, variables: Variables) -> None:
         """Fills in the physical values of the raw variables that move."""
         self._library.msnn_physical(ctypes.byref(variables.addresses))
-
-
-class Data:
-    """Series, and which of their rows count, kept alive for the kernel's pointers."""
-
-    def __init__(
-        self,
-        source: KernelSource,
-        dtype: np.dtype[Any],
-        series: Mapping[str, FloatArray],
-        skip: int,
-        scored: Mapping[str, NDArray[np.bool_]] | None,
-    ) -> None:
-        self._names = source.signals
-        self._series = [np.ascontiguousarray(series[name], dtype) for name in self._names]
-        self._scored: list[NDArray[np.uint8]] = []
-        self.missing = scored is not None or any(bool(np.isnan(s).any()) for s in self._series)
-        table = None
-        if scored is not None:
-            self._scored = [np.ascontiguousarray(scored[name], np.uint8) for name in source.losses]
-            table = pointers(self._scored)
-        self._tables = (pointers(self._series), table)
-        rows = len(self._series[0]) if self._series else 0
-        self.problem = ProblemStruct(
-            ctypes.cast(self._tables[0], ctypes.c_void_p),
-            rows,
-            None if table is None else ctypes.cast(table, ctypes.c_void_p),
-            skip,
-        )
-
-    def write(self, series: Mapping[str, FloatArray]) -> None:
-        """Replaces the numbers of some series, which must be this object's own."""
-        for name, values in series.items():
-            self._series[self._names.index(name)][...] = values
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,9 @@ Rows = NDArray[np.int64]
 Groups = NDArray[Any]
 """An array of `struct group`."""
 
+LANES = {"float32": 16, "float64": 8}
+"""Rollouts side by side, as the kernels' prelude has them."""
+
 
 def group_type(lanes: int, dtype: np.dtype[Any]) -> np.dtype[Any]:
     """`struct group` of the kernels: steps, rows of the starts, a mask of lanes in use."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.native.compile_kernel import compiled_kernel
-from backends.native.kernel import LANES, Data
+from backends.native.kernel_data import Data
 from backends.native.kernel_structs import aligned, pointer
-from backends.native.lane_groups import Rows, group_type, lane_groups
+from backends.native.lane_groups import LANES, Rows, group_type, lane_groups
 from backends.native.sensitivity_source import sensitivity_source
 from backends.products import Products
 from compiler.sensitivities import Sensitivities

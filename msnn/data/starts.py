@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -38,6 +38,11 @@ class Runs:
     """Episodes that are too short for one rollout."""
     longest: int
     """Rows of the longest episode."""
+    uniform: bool = field(init=False, repr=False, compare=False)
+    """Whether all have as many steps."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "uniform", not np.any(self.steps != self.steps[:1]))
 
     def __len__(self) -> int:
         return len(self.t0)

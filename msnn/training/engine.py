@@ -58,9 +58,10 @@ class Engine(Protocol):
     batches_a_call: int
     """Batches that `train_batches` is given at once; the stage can be stopped between two calls."""
 
-    def train_batches(self, runs: Runs, size: int) -> LossSums:
+    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
         """One optimiser step on each `size` of the rollouts in order, the last ones fewer.
 
+        `members` are those that are trained on, in that order; by default all as they stand.
         Returns the losses before each step, summed. Raises NonFiniteLossError.
         """
         ...

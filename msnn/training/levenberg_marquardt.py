@@ -84,8 +84,9 @@ class LevenbergMarquardtEngine:
     def begin_epoch(self, epoch: int, rate: float) -> None:
         """Nothing: it leaves nothing out, as its steps compare totals, and has no rate."""
 
-    def train_batches(self, runs: Runs, size: int) -> LossSums:
+    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
         """One step from all rollouts; the losses before it. Raises NonFiniteLossError."""
+        runs = runs if members is None else runs.take(members)
         assert size >= len(runs), "every step takes all rollouts"
         if self.finished is not None:  # with other rollouts it goes on
             self.finished, self._damping, self._growth = None, self._options.damping, 2.0

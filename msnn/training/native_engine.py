@@ -67,18 +67,19 @@ class NativeEngine:
         self._train.write(factors_of(self._plan, self._series, epoch))
         self._variables.scale_rates(rate)
 
-    def train_batches(self, runs: Runs, size: int) -> LossSums:
+    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
         """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""
         if not self._kernel.built.is_checked:
             check_kernel(self._kernel, self._series, self._plan.rollout.skip, runs, self.weights())
             self._kernel.built.mark_checked()
-        groups, bounds = self._kernel.batches(runs.t0, runs.steps, size)
+        steps = int(runs.steps[0]) if runs.uniform else runs.steps
+        groups, bounds = self._kernel.batches(runs.t0, steps, size, members)
         done, sums, counts = self._kernel.train(
             self._train, groups, bounds, self._variables, self._loss_weights
         )
         if done < len(bounds) - 1:
-            fatal = np.arange(done * size, min((done + 1) * size, len(runs)))
-            raise NonFiniteLossError(runs.take(fatal))
+            order = np.arange(len(runs)) if members is None else members
+            raise NonFiniteLossError(runs.take(order[done * size : (done + 1) * size]))
         return self._named(sums, counts)
 
     def order(self, count: int, key: int) -> IntArray:

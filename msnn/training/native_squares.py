@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from backends.native.kernel import Data, Kernel, flat
+from backends.native.kernel import Kernel, flat
+from backends.native.kernel_data import Data
 from backends.native.sensitivity_kernel import SensitivityKernel
 from backends.products import Products
 from compiler.sensitivities import sensitivities

@@ -9,7 +9,8 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from backends.native.kernel import Data, Kernel
+from backends.native.kernel import Kernel
+from backends.native.kernel_data import Data
 from backends.torch_module import TorchModel
 from compiler.program import Measure
 from msnn.data.dataset import BoolArray, FloatArray

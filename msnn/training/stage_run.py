@@ -126,7 +126,7 @@ class StageRun:
         while self.batch < count:
             several = min(self.engine.batches_a_call, count - self.batch)
             members = order[self.batch * size : (self.batch + several) * size]
-            found = self.engine.train_batches(runs.take(members), size)
+            found = self.engine.train_batches(runs, size, members)
             sums = {name: sums.get(name, LossSum(0.0, 0)) + value for name, value in found.items()}
             self.batch, self.sums = self.batch + several, sums
             if self.stop_asked():

@@ -76,8 +76,8 @@ static void run_block(void *context, int64_t number, int seat)
         run_group(b->problem, &b->groups[k], b->theta, b->scale, b->work->kept, rest,
                   b->slopes_wanted ? collected : NULL, sums, counts);
     }
-    for (int i = 0; b->slopes_wanted && i < PARAMETERS; i++) {
-        b->slopes[number * PARAMETERS + i] = sum_lanes(collected[i]);
+    if (b->slopes_wanted) {
+        sums_over_lanes(collected, PARAMETERS, b->slopes + number * PARAMETERS);
     }
 }
 

@@ -15,18 +15,23 @@ void msnn_shuffled(uint64_t key, int64_t count, int64_t *restrict order)
     }
 }
 
-/* Groups of batches of rollouts of one length, as `lane_groups` of backends/native has them. */
-void msnn_groups(const int64_t *restrict starts, int64_t count, int64_t batch, int64_t steps,
-                 struct group *restrict groups)
+/* Groups of batches of the members, rollouts of one length, as `lane_groups` of backends/native has
+   them. */
+void msnn_groups(const int64_t *restrict starts, const int64_t *restrict members, int64_t count,
+                 int64_t batch, int64_t steps, struct group *restrict groups)
 {
     for (int64_t begin = 0; begin < count; begin += batch) {
         const int64_t end = begin + batch < count ? begin + batch : count;
         for (int64_t first = begin; first < end; first += LANES, groups++) {
+            const int64_t own = end - first < LANES ? end - first : LANES;
             groups->steps = steps;
-            for (int64_t l = 0; l < LANES; l++) {
-                const int64_t member = first + l;
-                groups->start[l] = starts[member < end ? member : end - 1];
-                groups->used[l] = member < end ? -1 : 0;
+            for (int64_t l = 0; l < own; l++) {
+                groups->start[l] = starts[members[first + l]];
+                groups->used[l] = -1;
+            }
+            for (int64_t l = own; l < LANES; l++) {
+                groups->start[l] = starts[members[end - 1]];
+                groups->used[l] = 0;
             }
         }
     }

@@ -117,6 +117,58 @@ inline_function real sum_lanes(lanes x)
 #endif
 }
 
+#if defined(__has_builtin)
+#if __has_builtin(__builtin_shufflevector)
+#define HAS_SHUFFLE 1
+#endif
+#endif
+
+/* The sum over the lanes of each of `count` vectors, all by the tree of `sum_lanes`. */
+#if defined(HAS_SHUFFLE) && !MSNN_DOUBLE
+#define FIRST_HALVES 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23
+#define LAST_HALVES 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31
+#define FIRST_QUARTERS 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27
+#define LAST_QUARTERS 4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31
+#define FIRST_PAIRS 0, 1, 4, 5, 8, 9, 12, 13, 16, 17, 20, 21, 24, 25, 28, 29
+#define LAST_PAIRS 2, 3, 6, 7, 10, 11, 14, 15, 18, 19, 22, 23, 26, 27, 30, 31
+#define EVEN 0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30
+#define ODD 1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31
+#define folded(a, b, FIRST, LAST) \
+    (__builtin_shufflevector(a, b, FIRST) + __builtin_shufflevector(a, b, LAST))
+
+/* Of two vectors, one with half as many partial sums of each. */
+inline_function lanes halved(const lanes *x) { return folded(x[0], x[1], FIRST_HALVES, LAST_HALVES); }
+
+inline_function lanes quartered(const lanes *x)
+{
+    return folded(halved(x), halved(x + 2), FIRST_QUARTERS, LAST_QUARTERS);
+}
+
+inline_function lanes paired(const lanes *x)
+{
+    return folded(quartered(x), quartered(x + 4), FIRST_PAIRS, LAST_PAIRS);
+}
+
+static void sums_over_lanes(const lanes *x, int count, real *sums)
+{
+    int i = 0;
+    for (; i + LANES <= count; i += LANES) {
+        const lanes found = folded(paired(x + i), paired(x + i + 8), EVEN, ODD);
+        memcpy(sums + i, &found, sizeof found);
+    }
+    for (; i < count; i++) {
+        sums[i] = sum_lanes(x[i]);
+    }
+}
+#else
+static void sums_over_lanes(const lanes *x, int count, real *sums)
+{
+    for (int i = 0; i < count; i++) {
+        sums[i] = sum_lanes(x[i]);
+    }
+}
+#endif
+
 /* An entry a lane; lanes that a kernel does not use may hold any index. */
 #define LOOK_UP(name, vector, scalar)                                        \
     inline_function vector name(const scalar *table, uint32_t n, words index) \
@@ -135,11 +187,6 @@ LOOK_UP(look_up_wide, wides, uint64_t)
 #define TILE (16 / (int)sizeof(real))
 typedef real part1 __attribute__((vector_size(16), aligned(sizeof(real))));
 typedef real part2 __attribute__((vector_size(32)));
-#if defined(__has_builtin)
-#if __has_builtin(__builtin_shufflevector)
-#define HAS_SHUFFLE 1
-#endif
-#endif
 #if !defined(HAS_SHUFFLE)
 inline_function void transpose(const real *const *from, int64_t at, lanes *out)
 {

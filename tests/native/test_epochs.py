@@ -35,10 +35,12 @@ def test_orders(kernel: Kernel, count: int, key: int) -> None:
 @pytest.mark.parametrize("count", [1, 15, 16, 17, 64, 100])
 @pytest.mark.parametrize("size", [1, 8, 16, 24, 100, 1000])
 def test_groups_of_rollouts_of_one_length(kernel: Kernel, count: int, size: int) -> None:
-    starts, steps = np.random.default_rng(1).integers(0, 1000, count), np.full(count, 7)
+    random = np.random.default_rng(1)
+    starts, members = random.integers(0, 1000, 130), random.permutation(130)[:count]
     sizes = [min(size, count - begin) for begin in range(0, count, size)]
-    expected, expected_bounds = lane_groups(kernel.group_type, starts, steps, sizes)
-    groups, bounds = kernel.batches(starts, steps, size)
+    steps = np.full(count, 7)
+    expected, expected_bounds = lane_groups(kernel.group_type, starts[members], steps, sizes)
+    groups, bounds = kernel.batches(starts, 7, size, members)
     assert bounds.tolist() == expected_bounds.tolist()
     for field in ("steps", "start", "used"):
         assert (groups[field] == expected[field]).all()

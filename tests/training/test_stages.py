@@ -179,7 +179,11 @@ class Counting:
     def begin_epoch(self, epoch: int, rate: float) -> None:
         del epoch, rate
 
-    def train_batches(self, runs: Runs, size: int) -> dict[str, LossSum]:
+    def train_batches(
+        self, runs: Runs, size: int, members: IntArray | None = None
+    ) -> dict[str, LossSum]:
+        assert members is not None
+        runs = runs.take(members)
         self.batches += [batch.t0.tolist() for batch in batches_of(runs, size)]
         return {"x_next": LossSum(float(len(runs)), len(runs))}
 

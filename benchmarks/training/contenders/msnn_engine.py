@@ -73,8 +73,8 @@ class MsnnEngine(Contender):
         return time.perf_counter() - started, losses
 
     def epoch(self, fixed: bool) -> float:
-        runs = self.runs.take(self.order(fixed))
-        (summed,) = self._engine.train_batches(runs, self.settings["batch"]).values()
+        order = self.order(fixed)
+        (summed,) = self._engine.train_batches(self.runs, self.settings["batch"], order).values()
         return summed.total / summed.count
 
     def order(self, fixed: bool) -> NDArray[np.int64]:

@@ -37,8 +37,8 @@ class MsnnKernel(MsnnEngine):
             self._begin()
 
     def epoch(self, fixed: bool) -> float:
-        runs = self.runs.take(self.order(fixed))
-        groups, bounds = self._kernel.batches(runs.t0, runs.steps, self.settings["batch"])
+        runs, order, batch = self.runs, self.order(fixed), self.settings["batch"]
+        groups, bounds = self._kernel.batches(runs.t0, int(runs.steps[0]), batch, order)
         _, sums, counts = self._kernel.train(self._data, groups, bounds, self._variables, [1.0])
         return float(sums[0] / counts[0])
 

@@ -1,0 +1,49 @@
+"""The logs as a kernel reads them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.native.kernel_source import KernelSource
+from backends.native.kernel_structs import ProblemStruct, pointers
+
+FloatArray = NDArray[np.float64]
+
+
+class Data:
+    """Series, and which of their rows count, kept alive for the kernel's pointers."""
+
+    def __init__(
+        self,
+        source: KernelSource,
+        dtype: np.dtype[Any],
+        series: Mapping[str, FloatArray],
+        skip: int,
+        scored: Mapping[str, NDArray[np.bool_]] | None,
+    ) -> None:
+        self._names = source.signals
+        self._series = [np.ascontiguousarray(series[name], dtype) for name in self._names]
+        self._scored: list[NDArray[np.uint8]] = []
+        self.missing = scored is not None or any(bool(np.isnan(s).any()) for s in self._series)
+        table = None
+        if scored is not None:
+            self._scored = [np.ascontiguousarray(scored[name], np.uint8) for name in source.losses]
+            table = pointers(self._scored)
+        self._tables = (pointers(self._series), table)
+        rows = len(self._series[0]) if self._series else 0
+        self.problem = ProblemStruct(
+            ctypes.cast(self._tables[0], ctypes.c_void_p),
+            rows,
+            None if table is None else ctypes.cast(table, ctypes.c_void_p),
+            skip,
+        )
+
+    def write(self, series: Mapping[str, FloatArray]) -> None:
+        """Replaces the numbers of some series, which must be this object's own."""
+        for name, values in series.items():
+            self._series[self._names.index(name)][...] = values
