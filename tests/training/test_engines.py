@@ -201,7 +201,9 @@ def test_a_kernel_that_is_wrong_never_trains(
 
     def wrong(step: TrainingStep, dtype: Dtype) -> KernelSource:
         made = right(step, dtype)
-        text = made.text.replace("collected[i]);", "collected[i]) * (real)0.8;")
+        text = made.text.replace(
+            "gradient[i] += slopes[i];", "gradient[i] += slopes[i] * (real)0.8;"
+        )
         assert text != made.text
         return replace(made, text=text)
 
