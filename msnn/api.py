@@ -164,15 +164,22 @@ def validate(
         report = msnn.validate(model, result.weights)
         assert report.passed
 
-    `data` as in `train`. Raises SpecError.
+    `data` as in `train`; entries with `files:` are measured on these all the same. Raises
+    SpecError.
     """
     from msnn import validation
+    from msnn.data.file_sets import load_file_sets
 
-    dataset = _measured(model, data, data_root, "validation")
+    checks, dataset = model.spec.checks, None
+    if not checks or any(check.files is None for check in checks):
+        dataset = _measured(model, data, data_root, "validation")
     known = _known(model, weights)
     with _sources_of(model):
-        report = validation.validate(model.program, dataset, model.spec.checks, known)
-        return replace(report, warnings=(*dataset.warnings, *report.warnings))
+        files = load_file_sets(model.program, model.spec, _data_folder(model, data_root))
+        report = validation.validate(model.program, dataset, checks, known, files=files)
+        read = [*([] if dataset is None else [dataset]), *files.values()]
+        warnings = [warning for one in read for warning in one.warnings]
+        return replace(report, warnings=(*warnings, *report.warnings))
 
 
 def simulate(
@@ -245,10 +252,14 @@ def read_data(
 
     if model.spec.data is None:
         raise SpecError([no_data_section(purpose)])
-    folder = model.folder if data_root is None else Path(data_root)
+    folder = _data_folder(model, data_root)
     with _sources_of(model):
         signals = program or model.program
         return load_data(signals, model.spec.data, folder, row_filters(model.spec))
+
+
+def _data_folder(model: Model, data_root: str | Path | None) -> Path:
+    return model.folder if data_root is None else Path(data_root)
 
 
 def _options(

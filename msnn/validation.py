@@ -74,42 +74,48 @@ class ValidationReport:
 
 def validate(
     program: Program,
-    data: Dataset,
+    data: Dataset | None,
     checks: Sequence[Check],
     weights: Weights | None = None,
     *,
     on: str | None = None,
+    files: Mapping[str, Dataset] | None = None,
 ) -> ValidationReport:
     """Measures every entry of the `validate` section with the interpreter in float64.
 
-    `on` is a set to measure all of them on, whatever set they name. Rollouts start a horizon apart,
-    so that each row is scored once; a last shorter one covers the rest. Raises SpecError where an
-    entry and the data do not fit.
+    `on` is a set to measure all of them on, whatever set or files they name; `files` are the data
+    of entries with files, by set. `data` may be None where every entry has files. Rollouts start a
+    horizon apart, so that each row is scored once; a last shorter one covers the rest. Raises
+    SpecError where an entry and the data do not fit.
     """
     findings = Findings()
     plans = plan_checks(program, checks, findings)
-    ready: list[tuple[CheckPlan, str, Runs]] = []
+    ready: list[tuple[CheckPlan, str, Runs, Dataset]] = []
     for plan in plans:
-        name = on or plan.data or default_set(data)
+        measured = (files or {})[plan.data] if plan.from_files and plan.data and not on else data
+        assert measured is not None, "only entries with files do without data"
+        name = on or plan.data or default_set(measured)
         wanted_by = f"the metric of `{plan.of}`"
         stride = None if plan.rollout.stride == plan.rollout.horizon else plan.rollout.stride
         ahead = plan.target.ahead if plan.target is not None else 0
         also = Extent(min(ahead, 0), max(ahead, 0))
-        runs = set_rollouts(plan.rollout, data, name, stride, wanted_by, plan.span, findings, also)
+        runs = set_rollouts(
+            plan.rollout, measured, name, stride, wanted_by, plan.span, findings, also
+        )
         if runs is not None:
-            ready.append((plan, name, runs))
+            ready.append((plan, name, runs, measured))
     findings.raise_errors()
     rows: list[MetricRow] = []
     found: dict[object, Measurement] = {}
-    for plan, name, runs in ready:
+    for plan, name, runs, measured in ready:
         if plan.metric is None:
-            rows.append(_loss_row(plan, name, runs, data, weights))
+            rows.append(_loss_row(plan, name, runs, measured, weights))
             continue
         rollout = plan.rollout  # entries that differ in metric and limits only are one simulation
         way = (plan.of, plan.target, name, rollout.horizon, rollout.stride, rollout.skip)
-        key = (*way, rollout.closed)
+        key = (*way, rollout.closed, plan.from_files)
         if key not in found:
-            found[key] = _measurement(plan, name, runs, data, weights)
+            found[key] = _measurement(plan, name, runs, measured, weights)
         rows.append(_row(plan, found[key]))
     return ValidationReport(tuple(rows), tuple(found.values()), findings.in_order)
 

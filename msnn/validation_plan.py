@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 from compiler.program import Output, Prediction, Program
 from msnn.data.dataset import Dataset
+from msnn.data.file_sets import file_sets, set_of
 from msnn.durations import samples
 from msnn.rollout_plan import RolloutPlan, plan_rollout
 from spec_schema.checks import Check, Metric
+from spec_schema.data_section import Source
 from spec_schema.diagnostics import Findings
 from spec_schema.errors import stages as stage_errors
 from spec_schema.errors import training as errors
@@ -33,6 +35,8 @@ class CheckPlan:
     rollout: RolloutPlan
     data: str | None
     """The set; None for `default_set`."""
+    from_files: bool
+    """Whether the set is of `files:` of the entry, not one of the data section."""
     unit: Unit | None
     """Of the metric or loss."""
     output_unit: Unit | None
@@ -55,6 +59,7 @@ def plan_checks(program: Program, checks: Sequence[Check], findings: Findings) -
                 target=output.predicts,
                 rollout=one_step,
                 data=None,
+                from_files=False,
                 unit=_unit(program, output),
                 output_unit=_unit(program, output),
                 minimum=None,
@@ -64,7 +69,8 @@ def plan_checks(program: Program, checks: Sequence[Check], findings: Findings) -
             for output in program.outputs
             if output.predicts is not None
         ]
-    plans = (_planned(program, check, findings) for check in checks)
+    sets = file_sets(checks)
+    plans = (_planned(program, check, sets, findings) for check in checks)
     return [plan for plan in plans if plan is not None]
 
 
@@ -73,7 +79,9 @@ def default_set(data: Dataset) -> str:
     return next((name for name in ("test", "val", "train") if data.has(name)), "test")
 
 
-def _planned(program: Program, check: Check, findings: Findings) -> CheckPlan | None:
+def _planned(
+    program: Program, check: Check, sets: dict[str, Source], findings: Findings
+) -> CheckPlan | None:
     outputs: Mapping[str, Output] = {output.name: output for output in program.outputs}
     losses = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
     if check.rollout is not None and check.rollout.curriculum is not None:
@@ -106,9 +114,20 @@ def _planned(program: Program, check: Check, findings: Findings) -> CheckPlan | 
     if rollout is None or missing:
         return None
     data = None if check.data is None else check.data.value
-    place = check.place.value
+    if check.files is not None:
+        data = set_of(check.files, sets)
     return CheckPlan(
-        name, metric, target, rollout, data, unit, output_unit, minimum, maximum, place
+        name,
+        metric,
+        target,
+        rollout,
+        data,
+        check.files is not None,
+        unit,
+        output_unit,
+        minimum,
+        maximum,
+        check.place.value,
     )
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from msnn.data.file_sets import file_sections
 from msnn.data.formats import format_of
 from msnn.model_file import Model, load_model
 from spec_schema.columns import Column
@@ -48,13 +49,16 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
         from msnn.validation_plan import plan_checks
 
         plan_checks(model.program, spec.checks, findings)
+    sections = [*([] if spec.data is None else [spec.data]), *file_sections(spec).values()]
+    _columns(model, sections, findings)
+    for section in sections:
+        _readers(section, findings)
+        _filters(spec, section, findings)
     if spec.data is not None:
-        _columns(model, spec.data, findings)
         _sets(model, spec.data, findings)
-        _readers(spec.data, findings)
-        _filters(spec, spec.data, findings)
     else:
-        for name, entries in (("train", spec.train), ("validate", spec.checks)):
+        measured = [check for check in spec.checks if check.files is None]
+        for name, entries in (("train", spec.train), ("validate", measured)):
             if entries:
                 findings.report(errors.needless_data(name, entries[0].place.key))
     if spec.export is not None:
@@ -74,13 +78,13 @@ def set_names(data: Data) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*data.source, *split)))
 
 
-def _columns(model: Model, data: Data, findings: Findings) -> None:
+def _columns(model: Model, sections: Sequence[Data], findings: Findings) -> None:
     spec = model.spec
     # an input that nothing reads is no signal of the program any more, and yet no mistake here
     known = tuple(dict.fromkeys((*spec.inputs, *spec.targets, *spec.states)))
-    sections: list[Mapping[str, Column]] = [data.columns]
-    sections += [source.columns for source in data.source.values()]
-    for columns in sections:
+    named: list[Mapping[str, Column]] = [] if spec.data is None else [spec.data.columns]
+    named += [source.columns for data in sections for source in data.source.values()]
+    for columns in named:
         for name, column in columns.items():
             if name.removesuffix(_LOG_SUFFIX) not in known:
                 findings.report(errors.unknown_signal(name, column.place.key, known))
@@ -103,7 +107,7 @@ def _filters(spec: Spec, data: Data, findings: Findings) -> None:
     from msnn.data.row_filter import row_filters
 
     try:
-        row_filters(spec)
+        row_filters(spec.model_copy(update={"data": data}))
     except SpecError as error:
         findings.report(*error.diagnostics)
 

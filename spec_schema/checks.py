@@ -2,7 +2,11 @@
 
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from spec_schema.entry import Entry
+from pydantic import ValidationInfo, model_validator
+
+from spec_schema.data_section import Source
+from spec_schema.entry import Entry, findings_of
+from spec_schema.errors import schema as errors
 from spec_schema.expression_fields import ExpressionField
 from spec_schema.plain_fields import Reference, choice
 from spec_schema.quantity_fields import QuantityField
@@ -12,15 +16,26 @@ Metric: TypeAlias = Literal["rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic"]
 
 
 class Check(Entry):
-    """A metric of an output or loss over a set of the data; `max` and `min` are its limits."""
+    """A metric of an output or loss; `max` and `min` are its limits.
+
+    It is measured over a set of the data, `data`, or over `files` of its own, for which the
+    defaults of `data:` hold.
+    """
 
     noun: ClassVar[str] = "a validate entry"
-    later: ClassVar[frozenset[str]] = frozenset({"files"})
 
     of: Reference
     metric: Annotated[Metric, choice("rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic")] = "rmse"
     target: ExpressionField | None = None
     rollout: Rollout | None = None
     data: Reference | None = None
+    files: Source | None = None
     max: QuantityField | None = None
     min: QuantityField | None = None
+
+    @model_validator(mode="after")
+    def _has_one_set(self, info: ValidationInfo) -> "Check":
+        if self.data is not None and self.files is not None:
+            place = self.files.place.key
+            findings_of(info).report(errors.excluded_key("files", "data", place, self.noun))
+        return self

@@ -236,6 +236,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "target": "Logged sample it is compared with; by default that of `predicts`.",
         "rollout": "How far predictions are fed back; one step by default.",
         "data": "Set of the data; `test` by default.",
+        "files": "Other files to measure on, in place of a set of the data.",
         "max": "Limit that the metric must not exceed.",
         "min": "Limit that the metric must reach.",
     },

@@ -39,10 +39,11 @@ def spec_data(spec: Spec) -> dict[str, Any]:
 
     Keys stand in the order of the grammar; what is empty or says nothing is left out.
     """
-    return _entry(spec)
+    return entry_data(spec)
 
 
-def _entry(entry: Entry) -> dict[str, Any]:
+def entry_data(entry: Entry) -> dict[str, Any]:
+    """The same of a part of a spec."""
     values: dict[str, Any] = {}
     for name, field in type(entry).model_fields.items():
         value = getattr(entry, name)
@@ -64,7 +65,7 @@ def _plain(value: Any) -> Any:
         case float():
             return int(value) if value.is_integer() and abs(value) < _EXACT else value
         case Entry():
-            return _entry(value)
+            return entry_data(value)
         case Freeze(patterns=patterns):
             listed = [pattern.value for pattern in patterns]
             return "all" if listed == ["*"] else listed or "none"
