@@ -11,7 +11,17 @@ from numpy.typing import ArrayLike
 
 from backends.step_interface import Port, PortNames, StepInterface
 from compiler.interpreter import physical_weights
-from compiler.program import Declared, History, Origin, Output, Parameter, Program, State, Tape
+from compiler.program import (
+    Declared,
+    History,
+    Memory,
+    Origin,
+    Output,
+    Parameter,
+    Program,
+    State,
+    Tape,
+)
 from compiler.types import Axis
 from spec_schema.units import Unit
 from spec_schema.version import __version__
@@ -94,6 +104,8 @@ def _origin(origin: Origin) -> dict[str, Any]:
     match origin:
         case Declared():
             return {"kind": "declared"}
+        case Memory():
+            return {"kind": "memory"}
         case History(source):
             return {"kind": "history", "source": source}
         case Tape(signal, ahead):

@@ -106,6 +106,14 @@ class Declared:
 
 
 @dataclass(frozen=True, slots=True)
+class Memory:
+    """What a layer or a call such as `integral` keeps between steps."""
+
+    of_run: bool = False
+    """Whether it starts alike wherever a run begins, as that there was no step before."""
+
+
+@dataclass(frozen=True, slots=True)
 class History:
     """A buffer of the last samples of a signal or value, made by the compiler."""
 
@@ -121,7 +129,7 @@ class Tape:
     ahead: int
 
 
-Origin = Declared | History | Tape
+Origin = Declared | Memory | History | Tape
 
 
 @dataclass(frozen=True, slots=True)

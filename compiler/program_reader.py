@@ -27,6 +27,7 @@ from compiler.program import (
     InvalidPolicy,
     Loss,
     Measure,
+    Memory,
     Node,
     Origin,
     Output,
@@ -50,6 +51,7 @@ _OPS: dict[str, type[Op]] = {op.__name__: op for op in get_args(Op)}
 _KINDS: dict[str, Kind] = {"real": "real", "bool": "bool"}
 _STATISTICS: dict[str, Literal["mean", "std"]] = {"mean": "mean", "std": "std"}
 _FITTED: dict[str, Literal["iir", "state_space"]] = {"iir": "iir", "state_space": "state_space"}
+_MEMORIES = {"of the run": True, "of the past": False}
 _POLICIES: dict[str, InvalidPolicy] = {
     "clamp": "clamp",
     "hold": "hold",
@@ -275,6 +277,8 @@ def _prediction(record: Record, key: str) -> Prediction:
 
 
 def _origin(record: Record) -> Origin:
+    if record.has("memory"):
+        return Memory(_chosen(record.text("memory"), record.place, _MEMORIES))
     if record.has("history"):
         return History(record.text("history"))
     if record.has("tape"):

@@ -36,6 +36,7 @@ from compiler.program import (
     Graph,
     History,
     Loss,
+    Memory,
     Node,
     Output,
     Parameter,
@@ -115,6 +116,8 @@ def _state(state: State) -> str:
     match state.origin:
         case Declared():
             origin = ""
+        case Memory():
+            origin = ", memory"
         case History(source):
             origin = f", history of {source}"
         case Tape(signal, ahead):

@@ -15,6 +15,7 @@ from compiler.program import (
     Graph,
     History,
     Loss,
+    Memory,
     Node,
     Origin,
     Output,
@@ -122,6 +123,8 @@ def _origin(origin: Origin) -> Data:
     match origin:
         case Declared():
             return {}
+        case Memory(of_run):
+            return {"memory": "of the run" if of_run else "of the past"}
         case History(source):
             return {"history": source}
         case Tape(signal, ahead):

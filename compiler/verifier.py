@@ -19,6 +19,7 @@ from compiler.program import (
     Graph,
     History,
     Loss,
+    Memory,
     Node,
     NodeId,
     Parameter,
@@ -167,7 +168,7 @@ def _check_state(program: Program, state: State) -> None:
     _check_range(what, state.range)
     windowed = Type(state.axes).window is not None
     match state.origin:
-        case Declared():
+        case Declared() | Memory():
             pass
         case History():
             _require(windowed, f"{what} is a buffer without a window")

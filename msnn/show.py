@@ -13,6 +13,7 @@ from compiler.program import (
     Declared,
     Extent,
     History,
+    Memory,
     Output,
     Parameter,
     Program,
@@ -177,6 +178,8 @@ def _origin(state: State) -> str:
     match state.origin:
         case Declared():
             return "declared in the spec"
+        case Memory():
+            return "the memory of a layer or call"
         case History(source):
             return f"the past of {source}"
         case Tape(signal, _):

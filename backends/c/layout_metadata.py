@@ -13,7 +13,7 @@ from backends.c.status import MEANING, status_macro
 from backends.c.structs import StructField, structs
 from backends.interface_metadata import interface_metadata, json_range
 from backends.step_interface import PortNames, step_interface
-from compiler.program import Declared, History, Program, Tape
+from compiler.program import Declared, History, Memory, Program, Tape
 
 
 def layout_metadata(
@@ -92,7 +92,7 @@ def _ranges(program: Program, interface: Interface) -> _Ranges:
     for memory in interface.states:
         state = memory.state
         match state.origin:
-            case Declared():
+            case Declared() | Memory():
                 kept = state.range
             case History(source):
                 kept = state.range or declared.get(source)

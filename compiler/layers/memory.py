@@ -9,7 +9,8 @@ from compiler.layers.layer_context import LayerContext
 from compiler.layers.layer_rule import Arguments
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
-from compiler.program import Declared, NodeId, State
+from compiler.program import Memory as MemoryOrigin
+from compiler.program import NodeId, State
 from compiler.types import Axis, Type, describe_axes
 from spec_schema.entry import Entry
 from spec_schema.errors import names, shapes, time
@@ -60,7 +61,7 @@ class Memory:
             name=self.name,
             axes=axes,
             unit=self.type.unit,
-            origin=Declared(),
+            origin=MemoryOrigin(),
             next=context.builder.broadcast(following, axes),
             start=starting(context).builder.broadcast(start, axes),
             doc=doc,

@@ -8,7 +8,7 @@ from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.ops import Relation
-from compiler.program import Declared, NodeId, State
+from compiler.program import Memory, NodeId, State
 from compiler.types import Type
 from spec_schema.errors import calculus, names
 from spec_schema.expression import Call
@@ -67,13 +67,20 @@ def one_sample(model: Model, call: Call, environment: Environment) -> NodeId:
 
 
 def keep(
-    model: Model, call: Call, name: str, following: NodeId, start: NodeId, environment: Environment
+    model: Model,
+    call: Call,
+    name: str,
+    following: NodeId,
+    start: NodeId,
+    environment: Environment,
+    *,
+    of_run: bool = False,
 ) -> None:
     """Makes the state that a call keeps; `start` is a node of the start graph."""
     type = model.builder(environment).type(following)
     doc = f"memory of {expression_text(call)}"
     model.memories.keep(
-        State(name, type.axes, type.unit, Declared(), following, start, None, doc, call.span)
+        State(name, type.axes, type.unit, Memory(of_run), following, start, None, doc, call.span)
     )
 
 
@@ -85,14 +92,14 @@ def _remembered(model: Model, call: Call, environment: Environment) -> NodeId:
     type = builder.type(now)
     name = model.memories.name("previous", (now,))
     zero = start.broadcast(start.constant(0.0, unit=type.unit), type.axes)
-    keep(model, call, name, now, zero, environment)
+    keep(model, call, name, now, zero, environment, of_run=True)
     first = model.memories.name("first_step", ())
     model.memories.keep(
         State(
             first,
             (),
             None,
-            Declared(),
+            Memory(of_run=True),
             builder.constant(0.0, unit=None),
             start.constant(1.0, unit=None),
             None,

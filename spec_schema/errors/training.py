@@ -222,16 +222,21 @@ def metric_of_loss(metric: str, name: str, span: Span) -> Diagnostic:
     )
 
 
-def starts_elsewhere(stage: str, state: str, span: Span | None) -> Diagnostic:
+def starts_elsewhere(stage: str, state: str, span: Span | None, *, of_call: bool) -> Diagnostic:
     """W0901: an initial value that holds for the first row of a record, used at other rows."""
+    what = f"value with which `{state}` begins" if of_call else f"`init` of `{state}`"
+    start = (
+        "`skip:` of the rollout, or `init=` of an integral"
+        if of_call
+        else f"or an `init` that reads the log such as `{state}.meas`"
+    )
     return Diagnostic(
         "W0901",
         "warning",
-        f"stage `{stage}` starts rollouts inside records, where the fixed `init` of `{state}` "
-        "need not hold",
+        f"stage `{stage}` starts rollouts inside records, where the fixed {what} need not hold",
         span,
         "reads no log",
-        help=f"`rollout: record`, or an `init` that reads the log such as `{state}.meas`",
+        help=f"`rollout: record`, {start}",
     )
 
 

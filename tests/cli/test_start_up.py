@@ -93,7 +93,7 @@ _MODULES = {
         "validation_plan",
         "workflow_checks",
     },
-    "msnn.data": {"dataset", "formats", "reads", "starts"},
+    "msnn.data": {"dataset", "file_sets", "formats", "reads", "starts"},
     "msnn.training": {
         "curriculum",
         "learning_rate",

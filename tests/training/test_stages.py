@@ -289,6 +289,33 @@ def test_r7_fixed_starts_inside_a_record_are_a_warning() -> None:
     assert [(w.code, "stage_1" in w.message) for w in recorder.warnings] == [("W0901", True)]
 
 
+@pytest.mark.parametrize(
+    ("value", "losses", "states"),
+    [
+        ("u", "l2(integral(y.meas - z))", []),
+        ("u + area", "mse(z, y)", ["integral.state"]),
+        ("u + area", "mse(z, y) + 0.1 * l2(integral(u))", ["integral.state"]),
+        ("u + der(u - 1)", "mse(z, y)", []),
+        ("h(u)", "mse(z, y)", ["h.state"]),
+    ],
+)
+def test_r7_what_is_of_the_run_alone_starts_anywhere(
+    value: str, losses: str, states: list[str]
+) -> None:
+    text = (
+        "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\ntargets: {y: 1}\n"
+        "parameters: {a: 0.5}\nlayers: {h: {iir: {num: 1, den: 1}}}\n"
+        f'equations: {{area: integral(u)}}\noutputs: {{z: "a * ({value})"}}\n'
+        f'losses: {{fit: "{losses}"}}\ntrain: [{{epochs: 1, rollout: 3}}]\n'
+    )
+    program, spec = compiled(text)
+    recorder = Recorder()
+    data = dataset({"u": np.ones(20), "y": np.ones(20)}, train=[20])
+    train(program, data, spec.train, IN_MEMORY, recorder)
+    said = [w.message.split("`")[3] for w in recorder.warnings if w.code == "W0901"]
+    assert said == states
+
+
 def test_a_run_is_kept_with_its_metrics_weights_and_spec(tmp_path: Path) -> None:
     program, spec = gain(f"  - {{name: only, epochs: 3, {FAST}}}\n")
     data = dataset(gain_series(100), train=[60], val=[40])
