@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from compiler.builder import GraphBuilder
 from compiler.differentiate import gradients
 from compiler.graph_copy import copy_node
 from compiler.ops import Reshape
 from compiler.passes.guard_untaken import guarded
 from compiler.program import NodeId
+from compiler.scalar_functions import Array
 from compiler.unit_rules import quotient_unit
 
 
@@ -21,34 +24,49 @@ def gradient_nodes(
     It has the axes of w and the unit of value / w. Only what the value is made of is looked at, its
     untaken branches are guarded first, and the nodes of it that are in the graph are used again.
     """
-    graph, copies = guarded(builder.graph(), [value])
-    draft = GraphBuilder(graph)
-    one = draft.broadcast(draft.constant(1.0), builder.type(value).axes)
-    present = [node for node in wanted if node in copies]
-    found = gradients(draft, {copies[value]: one}, [copies[node] for node in present])
-    slopes = dict(zip(present, found, strict=True))
-    copied = _Copied(builder, draft, len(graph))
-    results: list[NodeId | None] = []
-    for node in wanted:
-        slope = slopes.get(node)
-        results.append(None if slope is None else copied.result(slope, value, node))
-    return results
+    return _Differentiated(builder, value).gradients(np.ones(()), wanted)
 
 
-class _Copied:
-    """The nodes of a draft, copied into the graph where they are needed."""
+def element_gradients(
+    builder: GraphBuilder, value: NodeId, wanted: Sequence[NodeId]
+) -> list[list[NodeId | None]]:
+    """The same for each element of the value alone, in C order: the rows of a Jacobian."""
+    differentiated = _Differentiated(builder, value)
+    rows = np.eye(builder.type(value).size)
+    return [differentiated.gradients(row, wanted) for row in rows]
 
-    def __init__(self, builder: GraphBuilder, draft: GraphBuilder, given: int) -> None:
+
+class _Differentiated:
+    """What a value is made of, guarded, with its gradients; copied to the graph where needed."""
+
+    def __init__(self, builder: GraphBuilder, value: NodeId) -> None:
         self._builder = builder
-        self._draft = draft
-        self._given = given
+        self._value = value
+        self._draft, self._guarded = guarded(builder.graph(), [value])
         self._copies: dict[NodeId, NodeId] = {}
 
-    def result(self, slope: NodeId, value: NodeId, node: NodeId) -> NodeId:
+    def gradients(self, weights: Array, wanted: Sequence[NodeId]) -> list[NodeId | None]:
+        """Σ weight · ∂value/∂w over the elements of the value; one weight counts for all."""
+        draft, type = self._draft, self._builder.type(self._value)
+        if weights.ndim == 0:
+            adjoint = draft.broadcast(draft.constant(weights), type.axes)
+        else:
+            adjoint = draft.constant(weights, type.axes)
+        present = [node for node in wanted if node in self._guarded]
+        inner = [self._guarded[node] for node in present]
+        found = gradients(draft, {self._guarded[self._value]: adjoint}, inner)
+        slopes = dict(zip(present, found, strict=True))
+        results: list[NodeId | None] = []
+        for node in wanted:
+            slope = slopes.get(node)
+            results.append(None if slope is None else self._result(slope, node))
+        return results
+
+    def _result(self, slope: NodeId, node: NodeId) -> NodeId:
         builder = self._builder
         self._copy(slope)
         copied = self._copies[slope]
-        unit = quotient_unit(builder.type(value).unit, builder.type(node).unit)
+        unit = quotient_unit(builder.type(self._value).unit, builder.type(node).unit)
         type = builder.type(copied)
         if unit is None or type.unit == unit:
             return copied

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from compiler.liveness import needed, states_beside_the_log
-from compiler.node_evaluators import Array, Evaluator, Surroundings, evaluator
+from compiler.node_evaluators import NOWHERE, Array, Evaluator, Surroundings, evaluator
 from compiler.ops import ReadLog, ReadSignal, ReadState, Window
 from compiler.program import Extent, Graph, NodeId, Program
 
@@ -173,7 +173,6 @@ class _Plan:
         dtype: np.dtype[Any],
     ) -> None:
         live = needed(graph, wanted)
-        nowhere = Surroundings({}, np.zeros(1, np.int64), {})
         self._known: list[Any] = [None] * len(graph)
         self._steps: list[tuple[NodeId, Evaluator]] = []
         self._extents: dict[str, Extent] = {}
@@ -190,7 +189,7 @@ class _Plan:
             if outside or any(self._known[arg] is None for arg in node.args):
                 self._steps.append((index, evaluate))
             else:
-                self._known[index] = evaluate(self._known, nowhere)
+                self._known[index] = evaluate(self._known, NOWHERE)
 
     def run(self, around: Surroundings) -> list[Array]:
         self._check_rows(around)

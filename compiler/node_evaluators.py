@@ -63,6 +63,9 @@ class Surroundings:
     states: Mapping[str, Array]
 
 
+NOWHERE = Surroundings({}, np.zeros(1, np.int64), {})
+"""Around what depends on constants only."""
+
 Evaluator = Callable[[list[Array], Surroundings], Array]
 
 _RELATIONS: dict[Relation, Callable[[Array, Array], Array]] = {

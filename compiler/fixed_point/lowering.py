@@ -17,7 +17,7 @@ from compiler.fixed_point.integer_builder import CannotFitError
 from compiler.fixed_point.integer_program import Width
 from compiler.fixed_point.settle import Ramp, Settler
 from compiler.fuzzy_support import CompactSets, compact_sets
-from compiler.node_evaluators import Surroundings, evaluator
+from compiler.node_evaluators import NOWHERE, evaluator
 from compiler.ops import (
     Add,
     Apply,
@@ -167,7 +167,7 @@ class Lowering(Elementwise):
         types = tuple(self.graph[arg].type for arg in node.args)
         evaluate = evaluator(node, types, {}, np.dtype(np.object_))
         values: Any = self._values
-        return evaluate(values, _NOWHERE)
+        return evaluate(values, NOWHERE)
 
     def shortened(self, form: Form) -> Form:
         return self.form(self.node(form)) if len(form.terms) > _LONGEST else form
@@ -196,9 +196,6 @@ class Lowering(Elementwise):
         ends = [self.number(1.0), *ramps, self.number(0.0)]
         degrees = [before - after for before, after in pairwise(ends)]
         return _elements(degrees, self.graph[index].type.shape)
-
-
-_NOWHERE = Surroundings({}, np.zeros(1, np.int64), {})
 
 
 def _square(form: Form) -> Form:

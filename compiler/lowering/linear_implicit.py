@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from compiler.builder import GraphBuilder
-from compiler.constant_value import constant_value
-from compiler.gradient_nodes import gradient_nodes
-from compiler.graph_copy import copy_node
-from compiler.ops import Constant, ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.gradient_nodes import element_gradients
+from compiler.nonzero_elements import nonzero_elements
+from compiler.ops import Constant
 from compiler.program import NodeId
 from compiler.types import UNNAMED, Axis
 from spec_schema.unit_parser import parse_unit
@@ -32,9 +33,10 @@ def increments(
     matrix: list[Row] = []
     right: list[NodeId] = []
     for name in values:
-        for slope in _scalars(builder, slopes[name]):
-            matrix.append(_row(builder, len(matrix), slope, values, h))
-            right.append(builder.multiply(h, slope))
+        slope = slopes[name]
+        matrix += _rows(builder, len(matrix), slope, values, h)
+        for index in range(builder.type(slope).size):
+            right.append(builder.multiply(h, _scalar(builder, slope, index)))
     solution = _solved(builder, matrix, right)
     found: dict[str, NodeId] = {}
     for name, value in values.items():
@@ -47,46 +49,32 @@ def increments(
     return found
 
 
-def _scalars(builder: GraphBuilder, value: NodeId) -> list[NodeId]:
-    size = builder.type(value).size
-    flat = builder.reshape(value, (Axis(UNNAMED, size),))
-    return [builder.element(flat, UNNAMED, index) for index in range(size)]
+def _scalar(builder: GraphBuilder, value: NodeId, index: int) -> NodeId:
+    """One element of a value, counted in C order."""
+    flat = builder.reshape(value, (Axis(UNNAMED, builder.type(value).size),))
+    return builder.element(flat, UNNAMED, index)
 
 
-def _row(
+def _rows(
     builder: GraphBuilder, number: int, slope: NodeId, values: Mapping[str, NodeId], h: NodeId
-) -> Row:
-    """A row of I − h J."""
-    row: Row = {number: builder.constant(1.0)}
-    column = 0
-    gradients = gradient_nodes(builder, slope, list(values.values()))
-    for value, gradient in zip(values.values(), gradients, strict=True):
-        size = builder.type(value).size
-        elements = () if gradient is None else _scalars(builder, gradient)
-        for index, element in enumerate(elements):
-            if not _is_zero(builder, element):
-                scaled = builder.multiply(h, element)
-                row[column + index] = _difference(builder, row.get(column + index), scaled)
-        column += size
-    return row
-
-
-def _is_zero(builder: GraphBuilder, node: NodeId) -> bool:
-    """Whether a value is 0 by the structure of the formula: it depends on constants only."""
-    draft = GraphBuilder()
-    copies: dict[NodeId, NodeId] = {}
-    waiting = [node]
-    while waiting:
-        index = waiting[-1]
-        found = builder.node(index)
-        if isinstance(found.op, ReadParameter | ReadSignal | ReadLog | ReadState | Window):
-            return False
-        missing = [arg for arg in found.args if arg not in copies]
-        waiting += missing
-        if not missing:
-            waiting.pop()
-            copies[index] = copy_node(draft, found, tuple(copies[arg] for arg in found.args))
-    return not constant_value(draft.graph(), copies[node]).any()
+) -> list[Row]:
+    """The rows of I − h J that belong to the elements of a slope; `number` is that of the first."""
+    rows: list[Row] = []
+    found = element_gradients(builder, slope, list(values.values()))
+    nodes = [gradient for gradients in found for gradient in gradients if gradient is not None]
+    nonzero = nonzero_elements(builder.graph(), nodes)
+    for gradients in found:
+        row: Row = {number + len(rows): builder.constant(1.0)}
+        column = 0
+        for value, gradient in zip(values.values(), gradients, strict=True):
+            if gradient is not None:
+                for index in np.flatnonzero(nonzero[gradient]).tolist():
+                    scaled = builder.multiply(h, _scalar(builder, gradient, index))
+                    before = row.get(column + index)
+                    row[column + index] = _difference(builder, before, scaled)
+            column += builder.type(value).size
+        rows.append(row)
+    return rows
 
 
 def _solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> list[NodeId]:

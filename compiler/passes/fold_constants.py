@@ -8,7 +8,7 @@ import numpy as np
 
 from compiler.builder import GraphBuilder
 from compiler.graph_copy import copy_node, with_start, with_step
-from compiler.node_evaluators import Array, Surroundings, evaluator
+from compiler.node_evaluators import NOWHERE, Array, evaluator
 from compiler.ops import (
     Broadcast,
     Constant,
@@ -72,10 +72,7 @@ def _value(graph: Graph, node: Node, known: list[Any]) -> Array | None:
     types = tuple(graph[arg].type for arg in node.args)
     evaluate = evaluator(node, types, {}, np.dtype(np.float64))
     with np.errstate(all="ignore"):
-        return evaluate(known, _NOWHERE)
-
-
-_NOWHERE = Surroundings({}, np.zeros(1, np.int64), {})
+        return evaluate(known, NOWHERE)
 
 
 def _chosen(node: Node, known: list[Any]) -> NodeId | None:

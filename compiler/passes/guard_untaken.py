@@ -46,11 +46,13 @@ def guard_untaken(program: Program) -> Program:
     roots += [state.next for state in program.states]
     roots += [loss.prediction for loss in program.losses]
     roots += [loss.target for loss in program.losses if loss.target is not None]
-    program = with_step(program, *guarded(program.step, roots))
-    return with_start(program, *guarded(program.start, [s.start for s in program.states]))
+    step, copies = guarded(program.step, roots)
+    program = with_step(program, step.graph(), copies)
+    start, copies = guarded(program.start, [state.start for state in program.states])
+    return with_start(program, start.graph(), copies)
 
 
-def guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[Graph, dict[NodeId, NodeId]]:
+def guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
     """The guarded nodes that the roots are made of, and where each of them is now."""
     roots = list(roots)
     guards = _guards(graph, roots)
@@ -63,7 +65,7 @@ def guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[Graph, dict[NodeId, 
             conditions = [(copies[condition.node], condition.holds) for condition in guard]
             args = _harmless(builder, node, args, conditions)
         copies[index] = copy_node(builder, node, args)
-    return builder.graph(), copies
+    return builder, copies
 
 
 def _harmless(

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.language.compiled import Array, simulated
+from tests.language.compiled import Array, compiled, simulated
 
 F = np.sin(np.arange(60.0) / 7)
 MASS_SPRING_DAMPER = """
@@ -219,6 +219,24 @@ def test_r6_linear_implicit_is_linear_algebra() -> None:
             J[2:4, 4] = -0.2 * w
             J[4] = [1, 1, 0, 0, -3]
             x = x + np.linalg.solve(np.eye(5) - h * J, h * f)
+
+
+def test_r6_linear_implicit_computes_no_zeros_of_the_jacobian() -> None:
+    """Of joints that do not feel each other each brings as many operations as the others."""
+
+    def operations(joints: int) -> int:
+        program = compiled(f"""
+            dims: {{joint: {joints}}}
+            inputs: {{u: {{dims: joint}}}}
+            states:
+              q: {{dims: joint, der: w}}
+              w: {{dims: joint, der: "u - where(q > 0, sin(q) / q, 1) - exp(-w) * w"}}
+            integrator: linear_implicit
+            outputs: {{y: q}}
+            """)
+        return len(program.step)
+
+    assert operations(8) - operations(6) == operations(4) - operations(2) > 0
 
 
 def test_r6_linear_implicit_stays_stable_on_a_stiff_system() -> None:
