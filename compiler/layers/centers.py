@@ -15,7 +15,7 @@ from spec_schema.units import Unit
 
 def ascending(context: LayerContext, expression: Expression, layer: str, what: str) -> Array:
     """The numbers of an option, known at compile time; refused unless they ascend."""
-    values = context.model.arrays.evaluate(expression).values.ravel()
+    values = context.model.constants.evaluate(expression).values.ravel()
     if np.any(np.diff(values) <= 0) or not np.all(np.isfinite(values)):
         context.refuse(names.unfit_setting(layer, f"the {what} must ascend", expression.span))
     return values

@@ -33,7 +33,7 @@ def interpolation(context: LayerContext, settings: Interpolation, arguments: Arg
     axes = tuple(
         context.own_axis(f"knot{number}", len(values)) for number, values in enumerate(knots, 1)
     )
-    table = context.model.arrays.evaluate(settings.y)
+    table = context.model.constants.evaluate(settings.y)
     shape = tuple(len(values) for values in knots)
     if table.values.shape != shape:
         wanted, found = list(shape), list(table.values.shape)

@@ -54,7 +54,7 @@ def _numbers(
     """Mean and standard deviation with the axes of the value."""
     mean, std = settings.mean, settings.std
     signal = _signal(context, settings, inverse) if "data" in (mean, std) else ""
-    if std != "data" and np.any(context.model.arrays.evaluate(std).values <= 0):
+    if std != "data" and np.any(context.model.constants.evaluate(std).values <= 0):
         context.refuse(names.unfit_setting("normalize", "`std` must be above 0", std.span))
     if mean == "data":
         mean_node = _measured(context, "mean", signal, value)
@@ -125,7 +125,7 @@ def _constant(
     context: LayerContext, expression: Expression, value: NodeId, unit: Unit | None
 ) -> NodeId:
     builder = context.builder
-    found = context.model.arrays.evaluate(expression)
+    found = context.model.constants.evaluate(expression)
     axes: tuple[Axis, ...] = ()
     if found.values.ndim:
         axes = context.elements(value)[-1:]

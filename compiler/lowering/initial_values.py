@@ -86,14 +86,16 @@ def _profile(shaped: Shaped, count: int) -> Array:
 
 def _of_index(model: Model, name: str, expression: Expression, axes: tuple[Axis, ...]) -> Array:
     """A list fills the array in its order; a formula of the index aligns by name."""
-    found = model.arrays.evaluate_in(expression, _with_indices(model, name, axes, expression.span))
+    found = model.constants.evaluate_in(
+        expression, _with_indices(model, name, axes, expression.span)
+    )
     if axes and found.axes and set(found.axes) <= set(axes):
         order = [found.axes.index(axis) for axis in axes if axis in found.axes]
         shape = [axis.size if axis in found.axes else 1 for axis in axes]
         values = found.values.transpose(order).reshape(shape)
         full = np.broadcast_to(values, [axis.size for axis in axes])
-        return model.arrays.fitted(name, full, axes, expression.span)
-    return model.arrays.fitted(name, found.values, axes, expression.span)
+        return model.constants.fitted(name, full, axes, expression.span)
+    return model.constants.fitted(name, found.values, axes, expression.span)
 
 
 def _with_indices(model: Model, array: str, axes: tuple[Axis, ...], span: Span) -> Environment:

@@ -68,7 +68,7 @@ def terms_of(model: Model, expression: Expression, functions: frozenset[str]) ->
 
 
 def _number(model: Model, expression: Expression) -> float:
-    return model.arrays.number(expression, "the factor of a loss")
+    return model.constants.number(expression, "the factor of a loss")
 
 
 def _scaled(factor: float, terms: list[Term]) -> list[Term]:

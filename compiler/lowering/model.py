@@ -9,6 +9,7 @@ from compiler.linking.given_weights import GivenWeights
 from compiler.linking.link import Linked
 from compiler.lowering.arrays import Arrays
 from compiler.lowering.builtins import BUILTINS, lower_builtin
+from compiler.lowering.constants import Constants
 from compiler.lowering.entries import Entries
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
@@ -55,6 +56,7 @@ class Model:
         self.sampling = Sampling(seconds, findings)
         self._builders = {Part.START: GraphBuilder(), Part.CONSTANT: GraphBuilder()}
         self._step = GraphBuilder()
+        self.constants = Constants(self)
         self.arrays = Arrays(self)
         self.states = States(self)
         self.histories = Histories(self, known.buffers)
@@ -106,7 +108,7 @@ class Model:
                 logged = declared.kind is Kind.TARGET or environment.part is not Part.STEP
                 return self._signal(name.name, signal, name.span, environment, logged=logged)
             case Constant() as constant:
-                array = self.arrays.constant(name.name, constant)
+                array = self.constants.value(name.name, constant)
                 return builder.constant(array.values, array.axes, array.unit)
             case Parameter() as parameter:
                 self._forbid_in_constant(name.name, name.span, environment)
@@ -205,7 +207,7 @@ class Model:
     def number(self, expression: Expression, environment: Environment, what: str) -> float:
         """The number of an expression that must be known at compile time."""
         del environment
-        return self.arrays.number(expression, what)
+        return self.constants.number(expression, what)
 
     def whole_number(self, expression: Expression, environment: Environment, what: str) -> int:
         """A whole number known at compile time."""
