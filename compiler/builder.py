@@ -1,14 +1,13 @@
-"""Builds a graph of typed nodes: equal ones are made once, operands are aligned by name."""
+"""Builds a graph of typed nodes out of operations; operands are aligned by name."""
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from compiler.alignment import align, contracted
+from compiler.node_store import NodeStore
 from compiler.ops import (
     Add,
     Apply,
@@ -37,7 +36,7 @@ from compiler.ops import (
     Sum,
     Window,
 )
-from compiler.program import Graph, Node, NodeId
+from compiler.program import Graph, NodeId
 from compiler.scalar_functions import SCALAR_FUNCTIONS, Array
 from compiler.types import WINDOW, Axis, Type, in_order
 from compiler.unit_rules import (
@@ -47,60 +46,17 @@ from compiler.unit_rules import (
     quotient_unit,
     sum_unit,
 )
-from spec_schema.source import Span
 from spec_schema.units import ONE as ONE
 from spec_schema.units import Unit
 
 
-class GraphBuilder:
+class GraphBuilder(NodeStore):
     """Grows a `Graph`. Methods take and return node ids and raise AxisConflict."""
 
     def __init__(self, graph: Graph | None = None) -> None:
-        self._nodes: list[Node] = list(graph.nodes) if graph else []
-        self._known: dict[_Key, NodeId] = {}
-        for index, node in enumerate(self._nodes):
-            self._known.setdefault(_key(node.op, node.args, node.type), index)
-        self._span: Span | None = None
+        super().__init__(graph)
         self.conflicts: list[UnitConflict] = []
         """Units that did not fit since the caller last looked; the caller knows the place."""
-
-    def graph(self) -> Graph:
-        return Graph(tuple(self._nodes))
-
-    def type(self, node: NodeId) -> Type:
-        return self._nodes[node].type
-
-    def node(self, node: NodeId) -> Node:
-        return self._nodes[node]
-
-    @contextmanager
-    def at(self, span: Span | None) -> Generator[None]:
-        """Nodes made inside carry this place of the spec."""
-        previous, self._span = self._span, span or self._span
-        try:
-            yield
-        finally:
-            self._span = previous
-
-    def name(self, node: NodeId, label: str) -> None:
-        """Remember what the spec calls this value; the first name stays."""
-        if self._nodes[node].label is None:
-            self._nodes[node] = replace(self._nodes[node], label=label)
-
-    def set_unit(self, node: NodeId, unit: Unit | None) -> None:
-        """Give a value whose unit was not known the one that the spec declares for it."""
-        found = self._nodes[node]
-        if found.type.unit is None:
-            self._nodes[node] = replace(found, type=found.type.with_unit(unit))
-
-    def emit(self, op: Op, args: tuple[NodeId, ...], type: Type) -> NodeId:
-        """The node with this operation, operands and type, made if there is none yet."""
-        key = _key(op, args, type)
-        known = self._known.get(key)
-        if known is None:
-            known = self._known[key] = len(self._nodes)
-            self._nodes.append(Node(op, args, type, self._span))
-        return known
 
     # ---- leaves
 
@@ -306,7 +262,7 @@ class GraphBuilder:
 
     def _term_unit(self, value: NodeId) -> Unit | None:
         """Unit in a sum: a literal 0 fits every unit."""
-        node = self._nodes[value]
+        node = self.node(value)
         if isinstance(node.op, Constant) and not any(node.op.values):
             return None
         return node.type.unit
@@ -317,12 +273,3 @@ class GraphBuilder:
     def _binary(self, op: Op, left: NodeId, right: NodeId, unit: Unit | None) -> NodeId:
         left, right, axes = self.aligned(left, right)
         return self.emit(op, (left, right), Type(axes, unit))
-
-
-_Key = tuple[Op, tuple[NodeId, ...], Type, bytes]
-
-
-def _key(op: Op, args: tuple[NodeId, ...], type: Type) -> _Key:
-    """What makes two nodes the same; 0.0 == -0.0, but the constants are different numbers."""
-    bits = np.array(op.values).tobytes() if isinstance(op, Constant) else b""
-    return op, args, type, bits
