@@ -33,7 +33,6 @@ from compiler.program import (
     Program,
     State,
 )
-from compiler.verifier import verify
 from spec_schema import signals
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import time as times
@@ -117,7 +116,6 @@ def compile_linked(
         doc=spec.doc or "",
         spec_hash=spec_hash,
     )
-    verify(program)
     program = run_passes(program)
     return Compiled(program, spec, (*diagnostics, *never_finite(program)))
 

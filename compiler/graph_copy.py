@@ -12,8 +12,7 @@ from compiler.types import WINDOW
 
 def copy_node(builder: GraphBuilder, node: Node, args: tuple[NodeId, ...]) -> NodeId:
     """The node with new operands, its type, place and name kept; an equal one is used again."""
-    with builder.at(node.span):
-        copied = builder.emit(node.op, args, node.type)
+    copied = builder.emit(node.op, args, node.type, node.span)
     if node.label is not None:
         builder.name(copied, node.label)
     return copied

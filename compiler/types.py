@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from spec_schema.units import Unit
@@ -60,10 +60,10 @@ class Type:
         return self.axis_names.index(name)
 
     def with_unit(self, unit: Unit | None) -> Type:
-        return replace(self, unit=unit)
+        return Type(self.axes, unit, self.kind)
 
     def with_axes(self, axes: tuple[Axis, ...]) -> Type:
-        return replace(self, axes=axes)
+        return Type(axes, self.unit, self.kind)
 
 
 def in_order(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:

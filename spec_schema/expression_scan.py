@@ -94,7 +94,6 @@ class _Scanner:
 
     def _token(self, found: re.Match[str]) -> None:
         text, start, end = found.group(), found.start(), found.end()
-        span = self._span(start, end)
         clean = text
         is_operand = False
         match found.lastgroup:
@@ -105,24 +104,24 @@ class _Scanner:
                 is_operand = True
                 duration = duration_of(found, self.positions, start)
                 if duration is None:
-                    self._report(errors.huge_number(text, span))
+                    self._report(errors.huge_number(text, self._span(start, end)))
                 else:
                     self.durations[start] = duration
                 clean = "_" * len(text)
             case "literal":
                 is_operand = True
                 if _LEADING_ZEROS.fullmatch(text):
-                    self._report(errors.malformed_number(text, span))
+                    self._report(errors.malformed_number(text, self._span(start, end)))
             case "word":
-                is_operand = self._word(text, span)
+                is_operand = self._word(text, start)
             case "text":
-                self._report(errors.text_in_expression(span))
+                self._report(errors.text_in_expression(self._span(start, end)))
             case "caret":
-                self._report(errors.caret(span))
+                self._report(errors.caret(self._span(start, end)))
             case "equality":
-                self._report(errors.equality(text, span))
+                self._report(errors.equality(text, self._span(start, end)))
             case "foreign":
-                self._report(errors.foreign_operator(text, span))
+                self._report(errors.foreign_operator(text, self._span(start, end)))
             case "open":
                 self._open(text, start)
             case "close":
@@ -137,16 +136,16 @@ class _Scanner:
             self._report(errors.missing_operator(left, text, self._span(first, end), is_unit))
         self.operand = (start, end) if is_operand or found.lastgroup == "close" else None
 
-    def _word(self, word: str, span: Span) -> bool:
+    def _word(self, word: str, start: int) -> bool:
         """Whether the word is an operand."""
-        name = normalised(word)
+        name, end = normalised(word), start + len(word)
         if name in _BOOLEAN_WORDS:
-            self._report(errors.boolean_word(name, span))
+            self._report(errors.boolean_word(name, self._span(start, end)))
         elif is_python_word(name):
-            self._report(errors.python_word(name, span))
+            self._report(errors.python_word(name, self._span(start, end)))
         else:
             if not is_name(word):
-                self._report(errors.malformed_word(word, span))
+                self._report(errors.malformed_word(word, self._span(start, end)))
             return True
         return False
 

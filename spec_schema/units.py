@@ -7,9 +7,12 @@ from typing import TypeAlias
 
 from spec_schema.unit_table import BASE_SYMBOLS, PREFIXES, UNIT_ROWS, UnitRow
 
-Exponents: TypeAlias = tuple[Fraction, ...]
+Rational: TypeAlias = int | Fraction
+"""An integer where it is one: adding these is far faster."""
+
+Exponents: TypeAlias = tuple[Rational, ...]
 _ANGLE = BASE_SYMBOLS.index("rad")
-_NO_EXPONENTS: Exponents = tuple(Fraction(0) for _ in BASE_SYMBOLS)
+_NO_EXPONENTS: Exponents = (0,) * len(BASE_SYMBOLS)
 # Products of float scales reach the same unit by different roads (km/h, m/s); one part in 1e12 is
 # far above their rounding and far below any two units that differ.
 _SCALE_TOLERANCE = 1e-12
@@ -38,7 +41,7 @@ class Unit:
     exponents: Exponents
     scale: float
     offset: float = 0.0
-    factors: tuple[tuple[str, Fraction], ...] = field(default=(), compare=False)
+    factors: tuple[tuple[str, Rational], ...] = field(default=(), compare=False)
 
     @property
     def text(self) -> str:
@@ -55,17 +58,20 @@ class Unit:
         return hash((self.scale, self.offset))
 
     def __mul__(self, other: "Unit") -> "Unit":
-        exponents = tuple(a + b for a, b in zip(self.exponents, other.exponents, strict=True))
+        both = zip(self.exponents, other.exponents, strict=True)
+        exponents = tuple(_reduced(a + b) for a, b in both)
         factors = _merge(self.factors + other.factors)
         return Unit(exponents, _within_floats(self.scale * other.scale), 0.0, factors)
 
     def __truediv__(self, other: "Unit") -> "Unit":
-        return self * other.power(Fraction(-1))
+        return self * other.power(-1)
 
-    def power(self, exponent: Fraction | int) -> "Unit":
+    def power(self, exponent: Rational) -> "Unit":
         """The unit raised to a rational power; a temperature loses its offset (degC^2 is K^2)."""
-        exponents = tuple(Fraction(e * exponent) for e in self.exponents)
-        factors = _merge(tuple((symbol, power * exponent) for symbol, power in self.factors))
+        exponents = tuple(_reduced(e * exponent) for e in self.exponents)
+        factors = _merge(
+            tuple((symbol, _reduced(power * exponent)) for symbol, power in self.factors)
+        )
         return Unit(exponents, _power(self.scale, float(exponent)), 0.0, factors)
 
     def root(self, degree: int) -> "Unit":
@@ -122,18 +128,22 @@ def unit_symbol(symbol: str) -> Unit | None:
 
 
 def _unit_of_row(symbol: str, row: UnitRow, prefix_scale: float) -> Unit:
-    exponents = tuple(Fraction(row.exponents.get(base, 0)) for base in BASE_SYMBOLS)
-    return Unit(exponents, prefix_scale * row.scale, row.offset, ((symbol, Fraction(1)),))
+    exponents = tuple(row.exponents.get(base, 0) for base in BASE_SYMBOLS)
+    return Unit(exponents, prefix_scale * row.scale, row.offset, ((symbol, 1),))
 
 
 def _without_angle(exponents: Exponents) -> Exponents:
     return exponents[:_ANGLE] + exponents[_ANGLE + 1 :]
 
 
-def _merge(factors: tuple[tuple[str, Fraction], ...]) -> tuple[tuple[str, Fraction], ...]:
-    powers: dict[str, Fraction] = {}
+def _reduced(number: Rational) -> Rational:
+    return number.numerator if number.denominator == 1 else number
+
+
+def _merge(factors: tuple[tuple[str, Rational], ...]) -> tuple[tuple[str, Rational], ...]:
+    powers: dict[str, Rational] = {}
     for symbol, power in factors:
-        powers[symbol] = powers.get(symbol, Fraction(0)) + power
+        powers[symbol] = _reduced(powers.get(symbol, 0) + power)
     return tuple((symbol, power) for symbol, power in powers.items() if power)
 
 
@@ -149,5 +159,5 @@ def _within_floats(scale: float) -> float:
     return min(max(scale, 1 / _LARGEST_SCALE), _LARGEST_SCALE)
 
 
-def _power_text(symbol: str, power: Fraction) -> str:
+def _power_text(symbol: str, power: Rational) -> str:
     return symbol if power == 1 else f"{symbol}^{power}"

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from compiler.builder import GraphBuilder
 from compiler.filter_fit import Fit
-from compiler.graph_copy import copy_node
 from compiler.liveness import needed, needed_over_time
 from compiler.ops import ReadLog, ReadSignal
-from compiler.program import Graph, NodeId, Output, Program, Role, parameters_read
+from compiler.program import Graph, Node, NodeId, Output, Program, Role, parameters_read
 
 
 def drop_unused(program: Program) -> Program:
@@ -79,12 +77,14 @@ def _live(program: Program) -> tuple[list[bool], set[str]]:
 
 
 def _kept(graph: Graph, live: list[bool]) -> tuple[Graph, dict[NodeId, NodeId]]:
-    builder = GraphBuilder()
-    copies: dict[NodeId, NodeId] = {}
+    kept: list[Node] = []
+    now: dict[NodeId, NodeId] = {}
     for index, node in graph:
         if live[index]:
-            copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
-    return builder.graph(), copies
+            now[index] = len(kept)
+            args = tuple(now[arg] for arg in node.args)
+            kept.append(Node(node.op, args, node.type, node.span, node.label))
+    return Graph(tuple(kept)), now
 
 
 def _signals_read(graph: Graph) -> set[str]:
