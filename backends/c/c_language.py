@@ -1,7 +1,7 @@
-"""The part of C that generated code uses, as a tree that the emitter builds for the printer.
+"""The part of C that generated code uses, as a tree that the emitters build for the printer.
 
-Real numbers have no size here: the printer gives every literal and declaration the type of the
-program (`float` or `double`), so that the two are never mixed.
+Numbers have no size here: the printer gives every literal and declaration the type of the program
+(`float` or `double`, in fixed point words and sums), so that two sizes are never mixed.
 """
 
 from __future__ import annotations
@@ -11,12 +11,16 @@ from enum import Enum
 
 
 class CType(Enum):
-    """Type of a scalar or of the elements of an array; REAL is the program's own."""
+    """Type of a scalar or of the elements of an array; REAL, and in fixed point WORD, SUM and the
+    unsigned type of a sum's size, BITS, are the program's own."""
 
     REAL = "real"
     BOOL = "bool"
     UNSIGNED = "uint32_t"
     STATUS = "status"
+    WORD = "word"
+    SUM = "sum"
+    BITS = "bits"
 
 
 # ---- expressions
@@ -34,6 +38,13 @@ class Real:
     """A literal of the program's real type, rounded to it; ±inf and NaN are allowed."""
 
     value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Integer:
+    """A literal of the type of sums in fixed point."""
+
+    value: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +106,10 @@ class Conditional:
 
 @dataclass(frozen=True, slots=True)
 class Convert:
-    """`(type)x` of a plain variable."""
+    """`(type)x` of a plain variable, an element, a literal or the result of a call."""
 
     type: CType
-    operand: Name
+    operand: Expression
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +123,7 @@ class Call:
 Expression = (
     Name
     | Real
+    | Integer
     | Unsigned
     | Truth
     | Member
@@ -141,7 +153,7 @@ class Declare:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A constant array, local to its function: REAL or UNSIGNED."""
+    """A constant array, local to its function, of numbers of its type."""
 
     name: str
     values: tuple[float, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import assert_never
+from typing import Literal, assert_never
 
 from backends.c.c_comments import comment_text
 from backends.c.c_language import (
@@ -23,6 +23,7 @@ from backends.c.c_language import (
     Expression,
     Function,
     If,
+    Integer,
     Loop,
     Member,
     Name,
@@ -43,10 +44,13 @@ _INDENT = "    "
 
 @dataclass(frozen=True, slots=True)
 class Printer:
-    """Prints for one program: its types are `<prefix>_real` and `<prefix>_status_t`."""
+    """Prints for one program: its types are `<prefix>_real` and `<prefix>_status_t`, in fixed point
+    `<prefix>_word_t` and `<prefix>_sum_t`."""
 
     prefix: str
-    dtype: Dtype
+    dtype: Dtype = "float32"
+    sum_bits: Literal[32, 64] = 32
+    """Size of a sum in fixed point."""
 
     @property
     def real(self) -> str:
@@ -56,8 +60,10 @@ class Printer:
         match type:
             case CType.REAL:
                 return self.real
-            case CType.STATUS:
-                return f"{self.prefix}_status_t"
+            case CType.STATUS | CType.WORD | CType.SUM:
+                return f"{self.prefix}_{type.value}_t"
+            case CType.BITS:
+                return f"uint{self.sum_bits}_t"
             case CType.BOOL | CType.UNSIGNED:
                 return type.value
             case _:
@@ -87,6 +93,8 @@ class Printer:
                 return text
             case Real(value):
                 return real_literal(value, self.dtype)
+            case Integer(value):
+                return str(value) if self.sum_bits == 32 else _wide_literal(value)
             case Unsigned(value):
                 return f"{value}U"
             case Truth(value):
@@ -103,7 +111,7 @@ class Printer:
                 chosen = f"{self.operand(then)} : {self.operand(otherwise)}"
                 return f"{self.operand(condition)} ? {chosen}"
             case Convert(type, operand):
-                return f"({self.type(type)}){operand.text}"
+                return f"({self.type(type)}){self.operand(operand)}"
             case Call(function, arguments):
                 return f"{function}({', '.join(self.expression(a) for a in arguments)})"
             case _:
@@ -115,18 +123,19 @@ class Printer:
         match expression:
             case Unary() | Binary() | Conditional() | Convert():
                 return f"({text})"
-            case Real() if text.startswith(("-", "(")):
+            case Real() | Integer() if text.startswith(("-", "(")):
                 return f"({text})"
             case _:
                 return text
 
     def table(self, table: Table) -> str:
         """The definition of a constant array, several numbers a line."""
-        if table.type is CType.UNSIGNED:
-            numbers = [f"{int(value)}U" for value in table.values]
-        else:
+        if table.type is CType.REAL:
             literal = hex_literal if table.hexadecimal else real_literal
             numbers = [literal(value, self.dtype) for value in table.values]
+        else:
+            ending = "U" if table.type is CType.UNSIGNED else ""
+            numbers = [f"{int(value)}{ending}" for value in table.values]
         head = f"static const {self.type(table.type)} {table.name}[{len(numbers)}]"
         return f"{head} = {self.braced(numbers)};"
 
@@ -195,6 +204,11 @@ class Printer:
                 yield "} else {"
                 yield from self._block(others, 1)
                 yield "}"
+
+
+def _wide_literal(value: int) -> str:
+    text = f"INT64_C({abs(value)})"
+    return f"-{text}" if value < 0 else text
 
 
 def _argument(argument: Argument) -> str:

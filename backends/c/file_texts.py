@@ -27,6 +27,8 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
     prefix, options = interface.prefix, interface.options
     table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
     model = Model(interface, weights, table)
+    every = program.sample_time
+    sample_time = None if every is None else real_literal(every, options.dtype)
     functions = {
         "init": init_function(program, model),
         "reset": reset_function(program, model),
@@ -40,7 +42,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
             selftest_steps=SELFTEST_STEPS,
             kernels=bool(table.kernels),
         ),
-        f"src/{prefix}_about.c": about_text(program, interface),
+        f"src/{prefix}_about.c": about_text(interface, program.spec_hash, sample_time),
         f"src/{prefix}.c": _source(interface, table, list(functions.values())),
         f"src/{prefix}_selftest.c": selftest_text(program, interface, weights, table.kernels),
         **test_texts(program, interface, weights),
@@ -52,8 +54,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         kernels = c_sources(table.kernels, real, prefix, constant_time=options.constant_time)
         files[f"src/{kernels.header_name}"] = kernels.header
         files[f"src/{kernels.source_name}"] = kernels.source
-    sources = sorted(name for name in files if name.startswith("src/") and name.endswith(".c"))
-    files |= package_texts(interface, sources)
+    files |= package_texts(interface, files)
     files[f"{prefix}_ffi.py"] = render("ffi.py.j2", interface, "")
     files["README.md"] = _readme(interface, files)
     files[f"{prefix}.json"] = metadata_text(layout_metadata(program, interface, weights))

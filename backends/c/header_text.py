@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from backends.c.c_comments import string_literal, string_size
 from backends.c.c_language import Function
@@ -10,7 +11,7 @@ from backends.c.c_layout import comment
 from backends.c.c_literals import real_literal
 from backends.c.c_printer import Printer
 from backends.c.interface import Interface
-from backends.c.rendering import render
+from backends.c.rendering import Generated, render
 from backends.c.status import MEANING, SelfTest, Status, status_macro
 from backends.c.status_bits import selftest_bits, step_bits
 from backends.c.structs import Struct, StructField, structs
@@ -33,13 +34,12 @@ def header_text(
         interface,
         "Interface",
         doc=comment(program.doc) if program.doc else "",
-        guard=f"{interface.prefix.upper()}_H",
-        made_by=_text(f"msnn {__version__}"),
-        spec_sha256=_text(program.spec_hash),
+        **origin(program.spec_hash),
         sample_time=program.sample_time and real_literal(program.sample_time, "float64"),
         c_real="float" if interface.options.dtype == "float32" else "double",
         status=[_bit(interface, bit) for bit in step_bits(interface)],
         selftest=[_bit(interface, bit) for bit in selftest_bits(has_kernels=kernels)],
+        selftest_checks=" and checks the arithmetic of this build",
         structs=[_struct(struct, printer) for struct in structs(interface)],
         takes_parameters=interface.takes_parameters,
         prototypes={name: printer.prototype(function) for name, function in functions.items()},
@@ -47,17 +47,17 @@ def header_text(
     )
 
 
-def about_text(program: Program, interface: Interface) -> str:
-    """`src/<prefix>_about.c`: where the code comes from, readable in the finished image."""
-    sample_time = program.sample_time
-    return render(
-        "about.c.j2",
-        interface,
-        "Origin",
-        made_by=_text(f"msnn {__version__}"),
-        spec_sha256=_text(program.spec_hash),
-        sample_time=sample_time and real_literal(sample_time, interface.options.dtype),
-    )
+def about_text(interface: Generated, spec_hash: str, sample_time: str | None) -> str:
+    """`src/<prefix>_about.c`: where the code comes from, readable in the finished image.
+
+    `sample_time` is a literal of the program's real type.
+    """
+    return render("about.c.j2", interface, "Origin", **origin(spec_hash), sample_time=sample_time)
+
+
+def origin(spec_hash: str) -> dict[str, Any]:
+    """The tool and the spec, as headers and `about_text` show them."""
+    return {"made_by": _text(f"msnn {__version__}"), "spec_sha256": _text(spec_hash)}
 
 
 def _text(text: str) -> dict[str, object]:

@@ -11,6 +11,7 @@ from backends.c.c_language import (
     Convert,
     Element,
     Expression,
+    Integer,
     Member,
     Name,
     Real,
@@ -86,7 +87,7 @@ def scalar_operation(
 def expression_size(expression: Expression) -> int:
     """Number of operations and calls in an expression; indexing counts nothing."""
     match expression:
-        case Name() | Real() | Unsigned() | Truth() | Member() | Element():
+        case Name() | Real() | Integer() | Unsigned() | Truth() | Member() | Element():
             return 0
         case Unary(_, operand) | Convert(_, operand):
             return 1 + expression_size(operand)

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from typing import Any
 
-from backends.c.interface import Interface
-from backends.c.rendering import render
+from backends.c.rendering import Generated, render
 from spec_schema.version import __version__
 
 
-def package_texts(interface: Interface, sources: Sequence[str]) -> dict[str, str]:
-    """Texts by path in the folder; `sources` are the paths of the C files in it."""
+def package_texts(
+    interface: Generated, paths: Iterable[str], *, in_reals: bool = True
+) -> dict[str, str]:
+    """Texts by path in the folder; `paths` are the other files in it.
+
+    `in_reals` is false for code that computes in integers alone.
+    """
+    named = sorted(paths)
+    facts: dict[str, Any] = {
+        "sources": [path for path in named if path.startswith("src/") and path.endswith(".c")],
+        "headers": [path for path in named if path.startswith("include/")],
+        "in_reals": in_reals,
+        "version": __version__,
+    }
     files = {
         "CMakeLists.txt": "CMakeLists.txt.j2",
         "zephyr/module.yml": "packages/zephyr_module.yml.j2",
@@ -20,6 +32,5 @@ def package_texts(interface: Interface, sources: Sequence[str]) -> dict[str, str
         f"src/{interface.prefix}.h": "packages/forward.h.j2",
     }
     return {
-        path: render(template, interface, "Interface", sources=sources, version=__version__)
-        for path, template in files.items()
+        path: render(template, interface, "Interface", **facts) for path, template in files.items()
     }

@@ -4,17 +4,33 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import jinja2
 
 import templates
 from backends.c.c_layout import comment, wrapped
-from backends.c.interface import Interface
 
 
-def render(template: str, interface: Interface, title: str, **facts: Any) -> str:
-    """The template of that name in `templates/c`, with the names that all of them use."""
+class Generated(Protocol):
+    """What every file of an export says: of which model it is, how its names begin."""
+
+    @property
+    def model(self) -> str:
+        """Name of the program."""
+        ...
+
+    @property
+    def prefix(self) -> str: ...
+
+    @property
+    def takes_parameters(self) -> bool:
+        """Whether functions take a pointer to parameters."""
+        ...
+
+
+def render(template: str, interface: Generated, title: str, folder: str = "c", **facts: Any) -> str:
+    """The template of that name in a folder of `templates`, with the names that all of them use."""
     prefix = interface.prefix
     banner = comment(f"{title} of the model `{interface.model}`. Made by msnn; do not edit.")
     common = {
@@ -23,7 +39,7 @@ def render(template: str, interface: Interface, title: str, **facts: Any) -> str
         "macro": prefix.upper(),
         "params": f", &{prefix}_params_default" if interface.takes_parameters else "",
     }
-    text = _environment().get_template(f"c/{template}").render(**common, **facts)
+    text = _environment().get_template(f"{folder}/{template}").render(**common, **facts)
     if not template.endswith((".c.j2", ".h.j2")):
         return text
     return "\n".join(part for line in text.split("\n") for part in _fitted(line))

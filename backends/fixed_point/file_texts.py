@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-import jinja2
-
-import templates
-from backends.c.c_comments import string_literal
-from backends.c.c_layout import comment, wrapped
+from backends.c.c_language import Function
+from backends.c.c_layout import comment
 from backends.c.c_printer import Printer
+from backends.c.header_text import about_text, origin
+from backends.c.package_texts import package_texts
+from backends.c.rendering import render
+from backends.c.status import MEANING, SelfTest, status_macro
 from backends.fixed_point.functions import FixedFunctions
-from backends.fixed_point.golden_text import expected_text, golden_facts
+from backends.fixed_point.golden_text import expected_text, golden_functions
 from backends.fixed_point.names import FixedNames, fixed_names
 from backends.fixed_point.structs import port_comment, structs
 from compiler.fixed_point.deviation import OutputError
-from compiler.fixed_point.golden import golden_run
+from compiler.fixed_point.golden import GoldenRun, golden_run
 from compiler.fixed_point.integer_program import IntegerProgram, WordPort
 from compiler.fixed_point.run_integers import FixedStatus
 from spec_schema.version import __version__
@@ -41,99 +41,98 @@ def file_texts(
 ) -> dict[str, str]:
     """Texts by path in the folder, the same bytes for the same program."""
     names = fixed_names(program, prefix)
-    prefix, bits = names.prefix, program.width.word
-    functions = FixedFunctions(program, names)
-    bodies = {"init": functions.init(), "reset": functions.reset(), "step": functions.step()}
-    all_bodies = "".join(bodies.values())
-    test_runs = [
-        golden_run(program, _STEPS, _SEED + run, from_init=run == _RUNS - 1) for run in range(_RUNS)
-    ]
+    prefix = names.prefix
+    writer = FixedFunctions(program, names)
+    functions = writer.all()
+    printer = _printer(program, names)
     ports = _ports(program, names)
-    made_by = f"msnn {__version__}"
     texts = {
         f"include/{prefix}.h": _filled(
             "header.h",
             names,
-            program,
             "Interface",
             doc=comment(program.doc) if program.doc else "",
-            word_type=f"int{bits}_t",
+            word_type=f"int{program.width.word}_t",
             sum_type=f"int{program.width.sum}_t",
-            made_by=string_literal(made_by),
-            spec_sha256=string_literal(program.spec_hash),
-            ports=ports,
-            status=[_bit(names, bit) for bit in FixedStatus],
+            **origin(program.spec_hash),
+            sample_time=None,
+            status=[_bit(names, bit) for bit in writer.status_bits()],
+            selftest=[_selftest_bit(names)],
             structs=structs(program, names),
+            prototypes={name: printer.prototype(made) for name, made in functions.items()},
             selftest_steps=SELFTEST_STEPS,
+            selftest_checks="",
+            takes_parameters=names.takes_parameters,
         ),
         f"include/{prefix}_real.h": _filled(
-            "real.h", names, program, "Physical numbers", ports=ports, **_real_type(program)
+            "real.h", names, "Physical numbers", ports=ports, **_real_type(program)
         ),
         f"src/{prefix}.c": _filled(
             "source.c",
             names,
-            program,
             "Step, init and reset",
-            tables=[_table(name, values, names) for values, name in functions.tables.items()],
-            uses_shift=f"{prefix}_shifted" in all_bodies or bool(functions.tables),
-            uses_limit=f"{prefix}_limited" in all_bodies,
-            **bodies,
+            functions=_printed(printer, [*writer.definitions(), *functions.values()]),
         ),
+        f"src/{prefix}_about.c": about_text(names, program.spec_hash, None),
         f"src/{prefix}_selftest.c": _filled(
             "selftest.c",
             names,
-            program,
             "Self-test",
             steps=SELFTEST_STEPS,
-            **golden_facts(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
+            functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
         ),
-        f"test/{prefix}_vectors.h": _filled(
-            "vectors.h",
-            names,
-            program,
-            "Golden vectors",
-            **golden_facts(program, names, test_runs),
-        ),
-        f"test/{prefix}_sil.c": _filled(
-            "main.c", names, program, "Test program", runs=_RUNS, steps=_STEPS
-        ),
-        f"test/{prefix}_expected.txt": expected_text(program, test_runs),
-        "CMakeLists.txt": _filled("CMakeLists.txt", names, program, ""),
+        **_test_texts(program, names),
         "README.md": _filled(
             "README.md",
             names,
-            program,
             "",
             dtype=program.width.name,
             ports=ports,
             errors=[_error_row(error) for error in errors],
             error_steps=errors[0].steps if errors else 0,
         ),
-        f"{prefix}.json": _metadata(program, names, errors, made_by),
+        f"{prefix}.json": _metadata(program, names, errors, writer.status_bits()),
     }
+    texts |= package_texts(names, texts, in_reals=False)
     return dict(sorted(texts.items()))
 
 
-def _filled(
-    template: str, names: FixedNames, program: IntegerProgram, title: str, **facts: Any
-) -> str:
-    banner = comment(f"{title} of the model `{program.name}`. Made by msnn; do not edit.")
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(templates.__path__[0])),
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        autoescape=False,  # noqa: S701  (C; texts of a spec arrive as safe comments and literals)
+def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
+    """`test/<prefix>_sil.c`, the vectors that it replays, and the words that it must answer."""
+    prefix = names.prefix
+    runs = [
+        golden_run(program, _STEPS, _SEED + run, from_init=run == _RUNS - 1) for run in range(_RUNS)
+    ]
+    vectors = render(
+        "vectors.h.j2",
+        names,
+        "Golden vectors",
+        guard=f"{names.macro}_VECTORS_H",
+        functions=_golden(program, names, runs),
     )
-    found = environment.get_template(f"fixed_point/{template}.j2")
-    text = found.render(banner=banner, prefix=names.prefix, macro=names.macro, **facts)
-    if not template.endswith((".c", ".h")):
-        return text
-    return "\n".join(
-        part
-        for line in text.split("\n")
-        for part in ([line] if line.startswith("#") else wrapped(line))
-    )
+    return {
+        f"test/{prefix}_vectors.h": vectors,
+        f"test/{prefix}_sil.c": render(
+            "main.c.j2", names, "Test program", runs=_RUNS, steps=_STEPS
+        ),
+        f"test/{prefix}_expected.txt": expected_text(program, runs),
+    }
+
+
+def _golden(program: IntegerProgram, names: FixedNames, runs: Sequence[GoldenRun]) -> list[str]:
+    return _printed(_printer(program, names), golden_functions(program, names, runs))
+
+
+def _printer(program: IntegerProgram, names: FixedNames) -> Printer:
+    return Printer(names.prefix, sum_bits=64 if program.width.sum == 64 else 32)
+
+
+def _printed(printer: Printer, functions: Iterable[Function]) -> list[str]:
+    return [printer.function(function) for function in functions]
+
+
+def _filled(template: str, names: FixedNames, title: str, **facts: Any) -> str:
+    return render(f"{template}.j2", names, title, "fixed_point", **facts)
 
 
 def _ports(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
@@ -174,14 +173,15 @@ def _real_type(program: IntegerProgram) -> dict[str, str]:
     return {"real": "double", "zero": "0.0", "half": "0.5"}
 
 
-def _bit(names: FixedNames, bit: FixedStatus) -> dict[str, object]:
-    macro = f"{names.macro}_STATUS_{bit.name}"
-    return {"comment": comment(_MEANING[bit]), "macro": macro, "value": int(bit)}
+def _bit(names: FixedNames, bit: FixedStatus) -> dict[str, str]:
+    definition = f"#define {names.status(bit)} {int(bit)}U"
+    return {"comment": comment(_MEANING[bit]), "definition": definition}
 
 
-def _table(name: str, values: tuple[int, ...], names: FixedNames) -> str:
-    text = Printer(names.prefix, "float32").braced([str(value) for value in values])
-    return f"static const {names.prefix}_word_t {name}[{len(values)}] = {text};"
+def _selftest_bit(names: FixedNames) -> dict[str, str]:
+    bit = SelfTest.STEP_DIFFERS
+    definition = f"#define {status_macro(names.prefix, bit)} {int(bit)}U"
+    return {"comment": comment(MEANING[bit]), "definition": definition}
 
 
 def _error_row(error: OutputError) -> dict[str, str]:
@@ -195,11 +195,14 @@ def _error_row(error: OutputError) -> dict[str, str]:
 
 
 def _metadata(
-    program: IntegerProgram, names: FixedNames, errors: Sequence[OutputError], made_by: str
+    program: IntegerProgram,
+    names: FixedNames,
+    errors: Sequence[OutputError],
+    bits: Sequence[FixedStatus],
 ) -> str:
     data = {
         "format": 1,
-        "made_by": made_by,
+        "made_by": f"msnn {__version__}",
         "model": program.name,
         "doc": program.doc,
         "spec_sha256": program.spec_hash,
@@ -209,7 +212,7 @@ def _metadata(
             "dtype": program.width.name,
             "exact": True,
             "takes_parameters": False,
-            "status": {f"{names.macro}_STATUS_{bit.name}": int(bit) for bit in FixedStatus},
+            "status": {names.status(bit): int(bit) for bit in bits},
             "structs": {
                 struct["name"]: [field["about"] for field in struct["fields"]]
                 for struct in structs(program, names)

@@ -1,260 +1,241 @@
-"""The bodies of `init`, `reset` and `step` in fixed point."""
+"""The functions `init`, `reset` and `step` in fixed point."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 
-from backends.c.c_layout import wrapped
+from backends.c.c_language import (
+    Argument,
+    Binary,
+    Convert,
+    CType,
+    Declare,
+    Discard,
+    Expression,
+    Function,
+    If,
+    Integer,
+    Member,
+    Name,
+    Return,
+    SetBits,
+    Statement,
+    Unsigned,
+)
+from backends.c.places import Index
+from backends.c.scope import LocalNames, Scope
+from backends.fixed_point.checked_words import check_input, check_window, word_of
+from backends.fixed_point.helpers import FixedHelpers
+from backends.fixed_point.integer_nodes import IntegerNodes, Surroundings
+from backends.fixed_point.memories import MemoryWriter, element
 from backends.fixed_point.names import FixedNames
-from backends.fixed_point.statements import Statements, literal
 from compiler.fixed_point.integer_program import (
-    CheckedInput,
     ExpectedWords,
     IntegerProgram,
     Memory,
     ReadMemory,
-    WordPort,
 )
-from compiler.fixed_point.run_integers import initial
+from compiler.fixed_point.run_integers import FixedStatus, initial
 
-_INDENT = "    "
+_FILLS, _WAITS = 1, 2
+"""Bits of the field `waiting`: buffers wait for their first sample, states for reset."""
 
 
 class FixedFunctions:
-    """Text of the functions of one program, with the tables that they share."""
+    """The functions of one program, with the helpers that they share."""
 
     def __init__(self, program: IntegerProgram, names: FixedNames) -> None:
-        self.program, self.names = program, names
-        self.tables: dict[tuple[int, ...], str] = {}
-        self.fills = [m for m in program.memories if m.first_fills is not None]
-        self.waits = any(m.from_record and m.first_fills is None for m in program.memories)
+        self._program, self._names = program, names
+        self._helpers = FixedHelpers(names.prefix)
+        self._fills = [m for m in program.memories if m.first_fills is not None]
+        self._waits = any(m.from_record and m.first_fills is None for m in program.memories)
 
-    def init(self) -> str:
-        state = initial(self.program)
-        lines: list[str] = []
-        for memory in self.program.memories:
-            lines += self._constants(memory.name, self.names.memories, state.memories[memory.name])
-        lines += self._held(state.held)
-        lines.append(f"s->{self.names.waiting} = {1 * bool(self.fills) + 2 * self.waits}U;")
-        return _body(lines)
+    def all(self) -> dict[str, Function]:
+        """By name; what they call is known afterwards."""
+        return {"init": self._init(), "reset": self._reset(), "step": self._step()}
 
-    def reset(self) -> str:
-        ports = {port.name: port for port in self.program.windows}
-        lines = [
-            line
-            for port in ports.values()
-            for line in self._checked_words(port, self.names.windows[port.name], "x0")
-        ]
-        statements = Statements(
-            self.program.width,
-            self.names.prefix,
-            self.program.start,
-            lambda port, index: _element(f"w_{self.names.windows[port]}", ports[port], index),
-            lambda memory, index: "",
-            self.tables,
-        )
-        lines += statements.lines()
-        for memory in self.program.memories:
-            for index, node in enumerate(memory.start):
-                found = self.program.start[node]
-                stored = self._stored(statements, node, memory, (found.low, found.high))
-                lines.append(f"{self._memory(memory, index)} = {stored};")
-        lines += self._held(initial(self.program).held)
-        lines.append(f"s->{self.names.waiting} = 0U;")
+    def definitions(self) -> tuple[Function, ...]:
+        """The helpers that they call."""
+        return self._helpers.definitions()
+
+    def status_bits(self) -> list[FixedStatus]:
+        """The bits that a step can return."""
+        bits = FixedStatus(0)
+        for entry in self._program.inputs:
+            bits |= _POLICY_BITS.get(entry.policy, FixedStatus.CLAMPED)
+        for memory in self._program.memories:
+            ends = [self._program.step[node] for node in memory.next]
+            if any(end.low < memory.low or end.high > memory.high for end in ends):
+                bits |= FixedStatus.STATE_SATURATED
+        if self._program.expected:
+            bits |= FixedStatus.EQUATION_OUT_OF_RANGE
+        return list(bits | FixedStatus.UNINITIALISED if self._waits else bits)
+
+    def _init(self) -> Function:
+        scope, state = self._scope(), initial(self._program)
+        for memory in self._program.memories:
+            self._memories(scope).set(memory, state.memories[memory.name])
+        self._set_held(scope, state.held)
+        waiting = (_FILLS if self._fills else 0) + (_WAITS if self._waits else 0)
+        scope.assign(self._waiting, Unsigned(waiting))
+        doc = "Before the first step, where no past is known."
+        return self._function("init", "void", (), scope, doc)
+
+    def _reset(self) -> Function:
+        scope, program = self._scope(), self._program
+        ports = {port.name: port for port in program.windows}
         if not ports:
-            lines.append("(void)x0;")
-        return _body(lines)
-
-    def step(self) -> str:
-        program, names = self.program, self.names
-        ports = {entry.port.name: entry.port for entry in program.inputs}
-        lines = [f"{names.prefix}_status_t status = {names.macro}_OK;"]
-        for entry in program.inputs:
-            lines += self._checked_input(entry)
-        if not ports:
-            lines.append("(void)u;")
-        lines += self._first_fill()
-        statements = Statements(
+            scope.add(Discard("x0"))
+        for port in program.windows:
+            check_window(port, self._names.windows[port.name], self._helpers, scope)
+        nodes = IntegerNodes(
+            program.start,
             program.width,
-            names.prefix,
-            program.step,
-            lambda port, index: _element(f"w_{names.inputs[port]}", ports[port], index),
-            lambda memory, index: self._memory(self._named(memory), index),
-            self.tables,
-            frozenset(memory.name for memory in program.memories if memory.wide),
-            self._loaded(),
+            Surroundings(
+                lambda name, at: word_of(ports[name], self._names.windows[name], at),
+                self._no_memory,
+            ),
+            self._helpers,
+            scope,
         )
-        lines += statements.lines()
-        for port, nodes in program.outputs:
-            for index, node in enumerate(nodes):
-                target = _element(f"y->{names.outputs[port.name]}", port, index)
-                lines.append(f"{target} = {statements.as_word(node)};")
-        for entry in program.expected:
-            lines += self._expected(entry, statements)
+        nodes.write()
         for memory in program.memories:
-            lines += self._commit(memory, statements)
+            self._memories(scope).start(memory, nodes)
+        self._set_held(scope, initial(program).held)
+        scope.assign(self._waiting, Unsigned(0))
+        arguments = (Argument(f"const {self._names.prefix}_init_t *", "x0"),)
+        doc = "Before the first step, from a known past."
+        return self._function("reset", "void", arguments, scope, doc)
+
+    def _step(self) -> Function:
+        program, names, scope = self._program, self._names, self._scope()
+        ports = {entry.port.name: entry.port for entry in program.inputs}
+        if not ports:
+            scope.add(Discard("u"))
+        if not program.outputs:
+            scope.add(Discard("y"))
         if not program.memories and not names.held:
-            lines.append("(void)s;")
-        lines.append("return status;")
-        return _body(lines)
+            scope.add(Discard("s"))
+        scope.add(Declare(CType.STATUS, "status", Name(f"{names.macro}_OK")))
+        for entry in program.inputs:
+            bits = _POLICY_BITS.get(entry.policy, FixedStatus.CLAMPED)
+            check_input(entry, names, self._bits(bits), self._helpers, scope)
+        self._first_step(scope)
+        memories = self._memories(scope)
+        nodes = IntegerNodes(
+            program.step,
+            program.width,
+            Surroundings(
+                lambda name, at: word_of(ports[name], names.inputs[name], at),
+                lambda name, at: memories.element(self._named(name), at),
+                frozenset(memory.name for memory in program.memories if memory.wide),
+                self._loaded(),
+            ),
+            self._helpers,
+            scope,
+        )
+        nodes.write()
+        for port, results in program.outputs:
+            for index, node in enumerate(results):
+                field = Member("y", names.outputs[port.name])
+                scope.assign(element(field, port.axes, Index(index)), nodes.as_word(node))
+        for entry in program.expected:
+            self._expected(entry, nodes, scope)
+        saturated = self._bits(FixedStatus.STATE_SATURATED)
+        for memory in program.memories:
+            memories.commit(memory, nodes, saturated)
+        scope.add(Return(Name("status")))
+        prefix = names.prefix
+        arguments = (Argument(f"const {prefix}_in_t *", "u"), Argument(f"{prefix}_out_t *", "y"))
+        doc = "One step: outputs of sample t, then the states of sample t+1."
+        return self._function("step", f"{prefix}_status_t", arguments, scope, doc)
 
-    # ---- inputs
-
-    def _checked_words(self, port: WordPort, field: str, base: str) -> Iterator[str]:
-        """`w_field`: the words of a window, moved into their range."""
-        prefix = self.names.prefix
-        limits = f"{self._literal(port.low)}, {self._literal(port.high)}"
-        if not port.axes:
-            call = f"{prefix}_limited(({prefix}_sum_t){base}->{field}, {limits})"
-            yield f"const {prefix}_word_t w_{field} = ({prefix}_word_t){call};"
-            return
-        yield f"{prefix}_word_t w_{field}[{port.size}];"
-        yield f"for (uint32_t i = 0U; i < {port.size}U; i++) {{"
-        call = f"{prefix}_limited(({prefix}_sum_t){base}->{field}[i], {limits})"
-        yield f"{_INDENT}w_{field}[i] = ({prefix}_word_t){call};"
-        yield "}"
-
-    def _checked_input(self, entry: CheckedInput) -> Iterator[str]:
-        names, port = self.names, entry.port
-        field = names.inputs[port.name]
-        index = "[i]" if port.axes else ""
-        word, raw, held = f"w_{field}{index}", f"u->{field}{index}", names.held.get(port.name)
-        inner: list[str] = []
-        type, wide = f"{names.prefix}_word_t", f"{names.prefix}_sum_t"
-        limits = f"{self._literal(port.low)}, {self._literal(port.high)}"
-        call = f"({type}){names.prefix}_limited(({wide}){raw}, {limits})"
-        if port.axes:
-            inner.append(f"{word} = {call};")
-        else:
-            yield f"{type} {word} = {call};"
-        bits = {
-            "hold": f"{names.macro}_STATUS_HELD",
-            "flag": f"{names.macro}_STATUS_OUT_OF_RANGE | {names.macro}_STATUS_CLAMPED",
-        }.get(entry.policy, f"{names.macro}_STATUS_CLAMPED")
-        inner.append(f"if ({word} != {raw}) {{")
-        if held is not None:
-            inner.append(f"{_INDENT}{word} = s->{held}{index};")
-        inner += [f"{_INDENT}status |= {bits};", "}"]
-        if held is not None:
-            inner.append(f"s->{held}{index} = {word};")
-        if port.axes:
-            yield f"{type} {word.removesuffix('[i]')}[{port.size}];"
-            yield f"for (uint32_t i = 0U; i < {port.size}U; i++) {{"
-            yield from (f"{_INDENT}{line}" for line in inner)
-            yield "}"
-        else:
-            yield from inner
-
-    def _first_fill(self) -> Iterator[str]:
+    def _first_step(self, scope: Scope) -> None:
         """Buffers that `init` could not fill take the first sample for all samples."""
-        names = self.names
-        if self.waits or self.fills:
-            yield f"if (s->{names.waiting} != 0U) {{"
-            if self.waits:
-                yield f"{_INDENT}if (s->{names.waiting} >= 2U) {{"
-                yield f"{_INDENT * 2}status |= {names.macro}_STATUS_UNINITIALISED;"
-                yield f"{_INDENT}}}"
-            if self.fills:
-                yield f"{_INDENT}if ((s->{names.waiting} & 1U) != 0U) {{"
-                for memory in self.fills:
-                    assert memory.first_fills is not None, "only those are here"
-                    port, elements = memory.first_fills
-                    source = next(e.port for e in self.program.inputs if e.port.name == port)
-                    samples = memory.size // len(elements)
-                    for row, element in enumerate(elements):
-                        word = _element(f"w_{names.inputs[port]}", source, element)
-                        begin, end = row * samples, (row + 1) * samples
-                        yield f"{_INDENT * 2}for (uint32_t i = {begin}U; i < {end}U; i++) {{"
-                        yield f"{_INDENT * 3}s->{names.memories[memory.name]}[i] = {word};"
-                        yield f"{_INDENT * 2}}}"
-                yield f"{_INDENT * 2}s->{names.waiting} &= 2U;"
-                yield f"{_INDENT}}}"
-            yield "}"
+        statements: list[Statement] = []
+        if self._waits:
+            waits = Binary(">=", self._waiting, Unsigned(_WAITS))
+            statements.append(If(waits, (self._bits(FixedStatus.UNINITIALISED),)))
+        if self._fills:
+            inner = scope.inner()
+            for memory in self._fills:
+                assert memory.first_fills is not None, "only those are here"
+                port, elements = memory.first_fills
+                source = next(e.port for e in self._program.inputs if e.port.name == port)
+                words = [
+                    word_of(source, self._names.inputs[port], Index(element))
+                    for element in elements
+                ]
+                self._memories(inner).fill(memory, words)
+            inner.assign(self._waiting, Binary("&", self._waiting, Unsigned(_WAITS)))
+            empty = Binary("!=", Binary("&", self._waiting, Unsigned(_FILLS)), Unsigned(0))
+            statements.append(If(empty, tuple(inner.statements)))
+        if statements:
+            scope.add(If(Binary("!=", self._waiting, Unsigned(0)), tuple(statements)))
 
-    def _expected(self, entry: ExpectedWords, statements: Statements) -> Iterator[str]:
+    def _expected(self, entry: ExpectedWords, nodes: IntegerNodes, scope: Scope) -> None:
         """Reports an equation that is outside its range; the step uses the end of the range."""
-        yield f"/* expected of {entry.name} */"
+        scope.note(f"expected of {entry.name}")
+        report = self._bits(FixedStatus.EQUATION_OUT_OF_RANGE)
         for node, low, high in zip(entry.nodes, entry.low, entry.high, strict=True):
-            value = statements.value(node)
-            below, above = f"{value} < {self._literal(low)}", f"{value} > {self._literal(high)}"
-            yield f"if (({below}) || ({above})) {{"
-            yield f"{_INDENT}status |= {self.names.macro}_STATUS_EQUATION_OUT_OF_RANGE;"
-            yield "}"
-
-    # ---- memories
+            value = nodes.value(node)
+            below, above = Binary("<", value, Integer(low)), Binary(">", value, Integer(high))
+            scope.add(If(Binary("||", below, above), (report,)))
 
     def _loaded(self) -> frozenset[int]:
         """Reads that the commits need, but for those that move a buffer by samples in place."""
         found: set[int] = set()
-        for memory in self.program.memories:
+        for memory in self._program.memories:
             for index, node in enumerate(memory.next):
-                op = self.program.step[node].op
+                op = self._program.step[node].op
                 in_place = isinstance(op, ReadMemory) and op.memory == memory.name
                 if isinstance(op, ReadMemory) and not (in_place and op.index > index):
                     found.add(node)
-        for _, nodes in self.program.outputs:
-            found.update(n for n in nodes if isinstance(self.program.step[n].op, ReadMemory))
+        for _, nodes in self._program.outputs:
+            found.update(n for n in nodes if isinstance(self._program.step[n].op, ReadMemory))
         return frozenset(found)
 
-    def _commit(self, memory: Memory, statements: Statements) -> Iterator[str]:
-        for index, node in enumerate(memory.next):
-            found = self.program.step[node]
-            target = self._memory(memory, index)
-            stored = self._stored(statements, node, memory, (found.low, found.high))
-            yield f"{target} = {stored};"
-            if found.low < memory.low or found.high > memory.high:
-                yield f"if ({target} != {statements.value(node)}) {{"
-                yield f"{_INDENT}status |= {self.names.macro}_STATUS_STATE_SATURATED;"
-                yield "}"
+    def _set_held(self, scope: Scope, values: Mapping[str, Sequence[int]]) -> None:
+        for name, words in values.items():
+            port = next(e.port for e in self._program.inputs if e.port.name == name)
+            for index, word in enumerate(words):
+                field = Member("s", self._names.held[name])
+                value = Convert(CType.WORD, Integer(word))
+                scope.assign(element(field, port.axes, Index(index)), value)
 
-    def _stored(
-        self, statements: Statements, node: int, memory: Memory, bounds: tuple[int, int]
-    ) -> str:
-        """A node as a memory keeps it: within its limits, in its type."""
-        if bounds[0] >= memory.low and bounds[1] <= memory.high:
-            return statements.value(node) if memory.wide else statements.as_word(node)
-        limits = f"{self._literal(memory.low)}, {self._literal(memory.high)}"
-        limited = f"{self.names.prefix}_limited({statements.value(node)}, {limits})"
-        return limited if memory.wide else f"({self.names.prefix}_word_t){limited}"
-
-    def _memory(self, memory: Memory, index: int) -> str:
-        field = f"s->{self.names.memories[memory.name]}"
-        return f"{field}[{index}]" if memory.axes else field
+    def _memories(self, scope: Scope) -> MemoryWriter:
+        return MemoryWriter(self._program, self._names, self._helpers, scope)
 
     def _named(self, name: str) -> Memory:
-        return next(memory for memory in self.program.memories if memory.name == name)
+        return next(memory for memory in self._program.memories if memory.name == name)
 
-    def _constants(self, name: str, fields: dict[str, str], values: list[int]) -> Iterator[str]:
-        field = f"s->{fields[name]}"
-        is_array = bool(self._named(name).axes)
-        if is_array and len(set(values)) == 1:
-            yield f"for (uint32_t i = 0U; i < {len(values)}U; i++) {{"
-            yield f"{_INDENT}{field}[i] = {self._initial(name, values[0])};"
-            yield "}"
-            return
-        for index, value in enumerate(values):
-            target = f"{field}[{index}]" if is_array else field
-            yield f"{target} = {self._initial(name, value)};"
+    def _no_memory(self, name: str, at: Index) -> Expression:
+        raise AssertionError("the start reads the record alone")
 
-    def _initial(self, name: str, value: int) -> str:
-        text = self._literal(value)
-        return text if self._named(name).wide else f"({self.names.prefix}_word_t){text}"
+    def _bits(self, bits: FixedStatus) -> Statement:
+        first, *others = (Name(self._names.status(bit)) for bit in bits)
+        value: Expression = first
+        for bit in others:
+            value = Binary("|", value, bit)
+        return SetBits(Name("status"), value)
 
-    def _held(self, values: dict[str, list[int]]) -> Iterator[str]:
-        for name, words in values.items():
-            port = next(e.port for e in self.program.inputs if e.port.name == name)
-            for index, word in enumerate(words):
-                field = f"s->{self.names.held[name]}"
-                target = f"{field}[{index}]" if port.axes else field
-                yield f"{target} = ({self.names.prefix}_word_t){self._literal(word)};"
+    @property
+    def _waiting(self) -> Member:
+        return Member("s", self._names.waiting)
 
-    def _literal(self, value: int) -> str:
-        return literal(value, self.program.width)
+    def _scope(self) -> Scope:
+        return Scope(LocalNames(self._names.prefix))
+
+    def _function(
+        self, name: str, result: str, structs: tuple[Argument, ...], scope: Scope, doc: str
+    ) -> Function:
+        prefix = self._names.prefix
+        arguments = (Argument(f"{prefix}_state_t *", "s"), *structs)
+        return Function(f"{prefix}_{name}", result, arguments, tuple(scope.statements), doc)
 
 
-def _element(name: str, port: WordPort, index: int) -> str:
-    return f"{name}[{index}]" if port.axes else name
-
-
-def _body(lines: list[str]) -> str:
-    return "\n".join(part for line in lines for part in wrapped(f"{_INDENT}{line}"))
+_POLICY_BITS = {
+    "hold": FixedStatus.HELD,
+    "flag": FixedStatus.OUT_OF_RANGE | FixedStatus.CLAMPED,
+}
+"""What an invalid input sets; by the other policies it is CLAMPED."""

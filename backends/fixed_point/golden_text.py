@@ -1,72 +1,52 @@
-"""Golden steps as C and as text: words that go in, and those that must come out."""
+"""Golden steps of fixed point as C and as text: words that go in, and those that must come out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
-from backends.c.c_printer import Printer
+import numpy as np
+
+from backends.c.c_language import Binary, CType, Expression, Function
+from backends.c.golden_tables import Array, Column, GoldenTables
+from backends.c.interface import Field
 from backends.fixed_point.names import FixedNames
 from compiler.fixed_point.golden import GoldenRun
 from compiler.fixed_point.integer_program import IntegerProgram, WordPort
 
+_UNROLL = 4
+"""Elements that are copied one by one."""
 
-def golden_facts(
+
+def golden_functions(
     program: IntegerProgram, names: FixedNames, runs: Sequence[GoldenRun]
-) -> dict[str, Any]:
-    """What `golden.j2` needs; steps are counted through all runs."""
-    tables: list[dict[str, object]] = []
-    word = f"{names.prefix}_word_t"
+) -> tuple[Function, ...]:
+    """What `GoldenTables` makes; words are equal or they are not."""
 
-    def table(name: str, values: list[int], type: str = word) -> str:
-        suffix = "U" if type == "uint32_t" else ""
-        numbers = [f"{value}{suffix}" for value in values]
-        text = Printer(names.prefix, "float32").braced(numbers)
-        tables.append({"name": name, "type": type, "size": len(values), "numbers": text})
-        return f"{names.prefix}_golden_{name}"
+    def differs(given: Expression, expected: Expression, values: Array) -> Expression:
+        return Binary("!=", given, expected)
 
-    starts = [
-        _copy(
-            f"x0->{names.windows[port.name]}",
-            table(
-                f"x0_{names.windows[port.name]}",
-                [word for run in runs for word in run.windows[port.name]],
-            ),
-            port,
-            "run",
-        )
-        for port in program.windows
-    ]
-    inputs = [
-        _copy(
-            f"u->{names.inputs[e.port.name]}",
-            table(
-                f"u_{names.inputs[e.port.name]}",
-                [word for run in runs for step in run.inputs for word in step[e.port.name]],
-            ),
-            e.port,
-            "step",
-        )
-        for e in program.inputs
-    ]
-    outputs = [
-        _compare(
-            f"y->{names.outputs[port.name]}",
-            table(
-                f"y_{names.outputs[port.name]}",
-                [word for run in runs for step in run.outputs for word in step[port.name]],
-            ),
-            port,
-        )
-        for port, _ in program.outputs
-    ]
-    table("status", [bits for run in runs for bits in run.status], "uint32_t")
-    return {
-        "tables": tables,
-        "starts": starts or ["(void)run;", "x0->reserved = 0U;"],
-        "inputs": inputs or ["(void)u;", "(void)step;"],
-        "outputs": outputs or ["(void)y;"],
-    }
+    steps = [step for run in runs for step in run.inputs]
+    answers = [step for run in runs for step in run.outputs]
+    tables = GoldenTables(
+        names.prefix,
+        CType.WORD,
+        _UNROLL,
+        len(runs),
+        [
+            _column(port, names.windows[port.name], (run.windows[port.name] for run in runs))
+            for port in program.windows
+        ],
+        [
+            _column(e.port, names.inputs[e.port.name], (step[e.port.name] for step in steps))
+            for e in program.inputs
+        ],
+        [
+            _column(port, names.outputs[port.name], (answer[port.name] for answer in answers))
+            for port, _ in program.outputs
+        ],
+        [int(bits) for run in runs for bits in run.status],
+    )
+    return tables.functions(differs)
 
 
 def expected_text(program: IntegerProgram, runs: Sequence[GoldenRun]) -> str:
@@ -83,16 +63,5 @@ def expected_text(program: IntegerProgram, runs: Sequence[GoldenRun]) -> str:
     return "\n".join(blocks)
 
 
-def _copy(field: str, table: str, port: WordPort, counter: str) -> str:
-    if not port.axes:
-        return f"{field} = {table}[{counter}];"
-    source = f"{table}[({counter} * {port.size}U) + i]"
-    return f"for (uint32_t i = 0U; i < {port.size}U; i++) {{ {field}[i] = {source}; }}"
-
-
-def _compare(field: str, table: str, port: WordPort) -> str:
-    if not port.axes:
-        return f"differing += ({field} != {table}[step]) ? 1U : 0U;"
-    test = f"({field}[i] != {table}[(step * {port.size}U) + i])"
-    count = f"differing += {test} ? 1U : 0U;"
-    return f"for (uint32_t i = 0U; i < {port.size}U; i++) {{ {count} }}"
+def _column(port: WordPort, field: str, rows: Iterable[Sequence[int]]) -> Column:
+    return Field(port.name, field, port.axes, port.unit, ""), np.array(list(rows), np.int64)

@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 from backends.identifiers import c_identifier
 from compiler.fixed_point.integer_program import IntegerProgram
+from compiler.fixed_point.run_integers import FixedStatus
 
 
 @dataclass(frozen=True, slots=True)
 class FixedNames:
     """Identifiers by the names of the spec; each dict is one struct."""
 
+    model: str
+    """Name of the program."""
     prefix: str
     inputs: dict[str, str]
     outputs: dict[str, str]
@@ -24,6 +27,16 @@ class FixedNames:
     def macro(self) -> str:
         return self.prefix.upper()
 
+    @property
+    def takes_parameters(self) -> bool:
+        """Weights are numbers in the code."""
+        return False
+
+    def status(self, bit: FixedStatus) -> str:
+        """The macro of a bit."""
+        assert bit.name is not None
+        return f"{self.macro}_STATUS_{bit.name}"
+
 
 def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
     """Names that neither C nor the headers use."""
@@ -31,6 +44,7 @@ def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
     ins, outs, wins, mems = (set[str]() for _ in range(4))
     waiting = c_identifier("waiting", mems)
     return FixedNames(
+        program.name,
         prefix,
         {e.port.name: c_identifier(e.port.name, ins) for e in program.inputs},
         {port.name: c_identifier(port.name, outs) for port, _ in program.outputs},

@@ -34,6 +34,8 @@ class LanePrinter(Printer):
                 return "mask"
             case CType.UNSIGNED | CType.STATUS:
                 return "uint32_t"
+            case CType.WORD | CType.SUM | CType.BITS:
+                return super().type(type)
 
     def expression(self, expression: Expression) -> str:
         match expression:

@@ -1,25 +1,30 @@
-"""The reference model on a core without an FPU: bits, instructions and flash."""
+"""The reference model on a core without an FPU: bits, instructions, flash and MISRA."""
 
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from compiler.interpreter import physical_weights
+from compiler.program import Program
 from msnn.cli.application import run
 from msnn.exporting import write_export
-from msnn.verification.tools import ARM_GCC, ARM_QEMU
+from msnn.verification.tools import ARM_GCC, ARM_QEMU, CPPCHECK
 from tests.conditions import miss
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 
 
 def test_a_step_is_short_and_small(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for tool in (ARM_GCC, ARM_QEMU):
+    for tool in (ARM_GCC, ARM_QEMU, CPPCHECK):
         if not tool.is_there:
             miss(f"{tool.command} is not installed: apt-get install {tool.package}")
     plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
-    write_export(plan, {}, tmp_path / "c")
+    write_export(plan, _no_two_equal(plan.program), tmp_path / "c")
     capsys.readouterr()
-    code = run(["verify", str(tmp_path / "c"), "--targets", "m0", "--format", "json"])
+    options = ["--targets", "m0", "--misra", "--format", "json"]
+    code = run(["verify", str(tmp_path / "c"), *options])
     assert code == 0
     found = json.loads(capsys.readouterr().out)
     figures = [row for result in found["results"] for row in result["figures"]]
@@ -27,3 +32,23 @@ def test_a_step_is_short_and_small(tmp_path: Path, capsys: pytest.CaptureFixture
     for row in figures:
         assert row["instructions"][1] <= 600
         assert row["flash"] <= 1300
+
+
+def _no_two_equal(program: Program) -> dict[str, Any]:
+    """Trained weights: equal ones would let a compiler share their products."""
+    random = np.random.default_rng(3)
+    return {
+        name: value + 0.01 * random.standard_normal(np.shape(value))
+        for name, value in physical_weights(program, {}).items()
+    }
+
+
+@pytest.mark.parametrize("dtype", ["q15", "q31"])
+@pytest.mark.parametrize("name", ["battery", "engine_map", "quarter_car"])
+def test_misra(name: str, dtype: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    if not CPPCHECK.is_there:
+        miss(f"{CPPCHECK.command} is not installed: apt-get install {CPPCHECK.package}")
+    plan = planned(fixed_model(tmp_path, gallery_text(name), dtype))
+    write_export(plan, {}, tmp_path / "c")
+    assert run(["verify", str(tmp_path / "c"), "--targets", "host", "--misra"]) == 0
+    assert " 0 findings by the MISRA addon" in capsys.readouterr().out

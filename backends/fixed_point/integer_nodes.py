@@ -1,0 +1,247 @@
+"""Writes integer nodes as C: a constant a node, long sums over neighbours in memory as loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import assert_never
+
+from backends.c.c_language import (
+    Binary,
+    Conditional,
+    Convert,
+    CType,
+    Declare,
+    Element,
+    Expression,
+    Integer,
+    Name,
+    Table,
+    Unary,
+)
+from backends.c.places import Index
+from backends.c.scope import Scope
+from backends.c.spec_notes import span_text
+from backends.c.sums import in_blocks
+from backends.fixed_point.helpers import FixedHelpers
+from backends.fixed_point.neighbours import neighbours
+from compiler.fixed_point.integer_program import (
+    Choose,
+    IntegerNode,
+    Larger,
+    Literal,
+    Lookup,
+    Product,
+    ReadMemory,
+    ReadWord,
+    RoundShift,
+    Smaller,
+    WeightedSum,
+    Width,
+)
+
+_SHORT = 3
+"""Terms of a sum that is written as one expression."""
+
+_BLOCK = 4
+"""Terms of a long sum in one turn of its loop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Where a graph finds its leaves."""
+
+    word: Callable[[str, Index], Expression]
+    """An element of a port."""
+    memory: Callable[[str, Index], Expression]
+    """An element of a memory."""
+    wide: frozenset[str] = frozenset()
+    """Memories that are kept as sums."""
+    loaded: frozenset[int] = frozenset()
+    """Reads of memories that are needed after a memory has changed."""
+
+
+class IntegerNodes:
+    """The nodes of one graph in one function."""
+
+    def __init__(
+        self,
+        nodes: Sequence[IntegerNode],
+        width: Width,
+        surroundings: Surroundings,
+        helpers: FixedHelpers,
+        scope: Scope,
+    ) -> None:
+        self._nodes, self._largest_word, self._surroundings = (
+            nodes,
+            width.largest_word,
+            surroundings,
+        )
+        self._helpers, self._scope = helpers, scope
+        self._tables: dict[tuple[int, ...], Name] = {}
+
+    def write(self) -> None:
+        """Declares all nodes that are not written where they are used."""
+        for index, node in enumerate(self._nodes):
+            if self.is_inline(index):
+                continue
+            if node.span is not None:
+                self._scope.note(f"spec: {span_text(node.span)}")
+            if isinstance(node.op, WeightedSum) and len(node.args) > _SHORT:
+                self._write_sum(Name(f"n{index}"), node.op, node.args)
+            else:
+                value = self._expression(node)
+                self._scope.add(Declare(CType.SUM, f"n{index}", value, constant=True))
+
+    def value(self, index: int) -> Expression:
+        """A node where it is used, as a sum."""
+        return self._leaf(self._nodes[index]) if self.is_inline(index) else Name(f"n{index}")
+
+    def as_word(self, index: int) -> Expression:
+        """A node that fits a word, as one."""
+        op = self._nodes[index].op
+        match op:
+            case ReadWord() | ReadMemory() if self.is_inline(index) and not self._is_wide(op):
+                return self.element(op, Index(op.index))
+            case _:
+                return Convert(CType.WORD, self.value(index))
+
+    def element(self, op: ReadWord | ReadMemory, at: Index) -> Expression:
+        """The element at another place of what a read reads."""
+        match op:
+            case ReadWord(port):
+                return self._surroundings.word(port, at)
+            case ReadMemory(memory):
+                return self._surroundings.memory(memory, at)
+            case _:
+                assert_never(op)
+
+    def is_inline(self, index: int) -> bool:
+        """Whether a node is written where it is used."""
+        op = self._nodes[index].op
+        if isinstance(op, ReadMemory):
+            return index not in self._surroundings.loaded
+        return isinstance(op, Literal | ReadWord)
+
+    def _is_wide(self, op: ReadWord | ReadMemory) -> bool:
+        return isinstance(op, ReadMemory) and op.memory in self._surroundings.wide
+
+    def _leaf(self, node: IntegerNode) -> Expression:
+        match node.op:
+            case Literal(value):
+                return Integer(value)
+            case ReadWord() | ReadMemory():
+                return self._read(node.op, Index(node.op.index))
+            case _:
+                raise AssertionError("only leaves are written where they are used")
+
+    def _read(self, op: ReadWord | ReadMemory, at: Index) -> Expression:
+        element = self.element(op, at)
+        return element if self._is_wide(op) else Convert(CType.SUM, element)
+
+    def _expression(self, node: IntegerNode) -> Expression:
+        args = [self.value(arg) for arg in node.args]
+        match node.op:
+            case WeightedSum(constant, coefficients):
+                return _sum(constant, coefficients, args)
+            case Product():
+                return Binary("*", args[0], args[1])
+            case RoundShift(bits):
+                return self._helpers.rounded(args[0], bits)
+            case Smaller():
+                return Conditional(Binary("<", args[0], args[1]), args[0], args[1])
+            case Larger():
+                return Conditional(Binary(">", args[0], args[1]), args[0], args[1])
+            case Choose(relation):
+                left, right, then, otherwise = args
+                if isinstance(then, Integer) and isinstance(otherwise, Integer):
+                    then = Convert(CType.SUM, then)  # not the small type of two small literals
+                return Conditional(Binary(relation.value, left, right), then, otherwise)
+            case Lookup(first, bits, values):
+                distance = Binary("-", args[0], Integer(first)) if first else args[0]
+                return self._helpers.interpolated(self._table(values), distance, bits)
+            case Literal() | ReadWord() | ReadMemory():
+                return self._leaf(node)
+            case _:
+                assert_never(node.op)
+
+    def _write_sum(self, name: Name, op: WeightedSum, args: Sequence[int]) -> None:
+        """The sum in its order: what one order keeps within bounds, another one might not."""
+        total = _Total(name, op.constant, self._scope)
+        for begin, count in neighbours([self._nodes[arg] for arg in args]):
+            first = self._nodes[args[begin]].op
+            if count > 1 and isinstance(first, ReadWord | ReadMemory):
+                self._add_neighbours(total, op.coefficients[begin : begin + count], first)
+                continue
+            for place in range(begin, begin + count):
+                total.add(*_term(op.coefficients[place], self.value(args[place])), self._scope)
+
+    def _add_neighbours(
+        self, total: _Total, weights: tuple[int, ...], first: ReadWord | ReadMemory
+    ) -> None:
+        """Adds elements that lie next to each other in a loop."""
+        total.begin()
+        table = self._table(weights) if len(set(weights)) > 1 else None
+
+        def add(along: Index, inner: Scope) -> None:
+            value = self._read(first, along.plus(Index(first.index)))
+            if table is None:
+                total.add(*_term(weights[0], value), inner)
+            else:
+                weight = Convert(CType.SUM, Element(table, along.expression()))
+                total.add("+", Binary("*", weight, value), inner)
+
+        in_blocks(len(weights), _BLOCK, self._scope, add)
+
+    def _table(self, values: tuple[int, ...]) -> Name:
+        """The table with these values, declared before it is used."""
+        if values not in self._tables:
+            name = Name(f"table_{len(self._tables) + 1}")
+            fits = max(map(abs, values)) <= self._largest_word
+            self._scope.add(Table(name.text, values, CType.WORD if fits else CType.SUM))
+            self._tables[values] = name
+        return self._tables[values]
+
+
+class _Total:
+    """A sum that grows term by term in a variable."""
+
+    def __init__(self, name: Name, constant: int, scope: Scope) -> None:
+        self._name, self._scope = name, scope
+        self._begun = False
+        if constant:
+            self._declare(Integer(constant))
+
+    def begin(self) -> None:
+        """Begins with 0 where nothing was added yet."""
+        if not self._begun:
+            self._declare(Integer(0))
+
+    def add(self, sign: str, term: Expression, scope: Scope) -> None:
+        """Adds or subtracts a term in a block."""
+        if self._begun:
+            scope.assign(self._name, Binary(sign, self._name, term))
+        else:
+            self._declare(Unary("-", term) if sign == "-" else term)
+
+    def _declare(self, value: Expression) -> None:
+        self._scope.add(Declare(CType.SUM, self._name.text, value))
+        self._begun = True
+
+
+def _term(coefficient: int, value: Expression) -> tuple[str, Expression]:
+    """Sign and size of a product."""
+    size = abs(coefficient)
+    term = value if size == 1 else Binary("*", Integer(size), value)
+    return ("-" if coefficient < 0 else "+"), term
+
+
+def _sum(constant: int, coefficients: Sequence[int], args: Sequence[Expression]) -> Expression:
+    total: Expression | None = Integer(constant) if constant else None
+    for coefficient, arg in zip(coefficients, args, strict=True):
+        sign, term = _term(coefficient, arg)
+        if total is None:
+            total = Unary("-", term) if sign == "-" else term
+        else:
+            total = Binary(sign, total, term)
+    return Integer(0) if total is None else total

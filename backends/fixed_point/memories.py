@@ -1,0 +1,132 @@
+"""Writes how memories begin, are filled by a first sample, and take their next values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from backends.c.c_language import (
+    Binary,
+    Convert,
+    CType,
+    Element,
+    Expression,
+    If,
+    Integer,
+    Member,
+    Statement,
+)
+from backends.c.places import Index
+from backends.c.scope import Scope
+from backends.c.sums import in_blocks
+from backends.fixed_point.helpers import FixedHelpers
+from backends.fixed_point.integer_nodes import IntegerNodes
+from backends.fixed_point.names import FixedNames
+from backends.fixed_point.neighbours import neighbours
+from compiler.fixed_point.integer_program import (
+    IntegerNode,
+    IntegerProgram,
+    Memory,
+    ReadMemory,
+    ReadWord,
+)
+from compiler.types import Axis
+
+_BLOCK = 4
+"""Samples that one turn of a loop moves."""
+
+
+def element(base: Expression, axes: Sequence[Axis], at: Index) -> Expression:
+    """An element in C order; a scalar has one, itself."""
+    return Element(base, at.expression()) if axes else base
+
+
+class MemoryWriter:
+    """Statements about memories in one block of a function."""
+
+    def __init__(
+        self, program: IntegerProgram, names: FixedNames, helpers: FixedHelpers, scope: Scope
+    ) -> None:
+        self._program, self._names = program, names
+        self._helpers, self._scope = helpers, scope
+
+    def element(self, memory: Memory, at: Index) -> Expression:
+        """An element of the state struct."""
+        return element(Member("s", self._names.memories[memory.name]), memory.axes, at)
+
+    def set(self, memory: Memory, values: Sequence[int]) -> None:
+        """Sets a memory to numbers."""
+        if memory.axes and len(set(values)) == 1:
+            with self._scope.loop(len(values)) as (along, inner):
+                inner.assign(self.element(memory, along), _known(memory, values[0]))
+            return
+        for index, value in enumerate(values):
+            self._scope.assign(self.element(memory, Index(index)), _known(memory, value))
+
+    def fill(self, memory: Memory, words: Sequence[Expression]) -> None:
+        """Makes all samples of each row equal to a word."""
+        samples = memory.size // len(words)
+        for row, word in enumerate(words):
+            with self._scope.loop(samples) as (along, inner):
+                inner.assign(self.element(memory, along.plus(Index(row * samples))), word)
+
+    def start(self, memory: Memory, nodes: IntegerNodes) -> None:
+        """Sets a memory to what the start made."""
+        for begin, count in neighbours([self._program.start[node] for node in memory.start]):
+            if not self._copied(memory, self._program.start, memory.start, begin, count, nodes):
+                for index in range(begin, begin + count):
+                    node = memory.start[index]
+                    stored = self._stored(nodes, node, memory, self._program.start[node])
+                    self._scope.assign(self.element(memory, Index(index)), stored)
+
+    def commit(self, memory: Memory, nodes: IntegerNodes, saturated: Statement) -> None:
+        """Replaces a memory by its next value; `saturated` reports one that was too large."""
+        for begin, count in neighbours([self._program.step[node] for node in memory.next]):
+            if self._copied(memory, self._program.step, memory.next, begin, count, nodes):
+                continue
+            for index in range(begin, begin + count):
+                node = memory.next[index]
+                found, target = self._program.step[node], self.element(memory, Index(index))
+                self._scope.assign(target, self._stored(nodes, node, memory, found))
+                if not _fits(memory, found):
+                    changed = Binary("!=", target, nodes.value(node))
+                    self._scope.add(If(changed, (saturated,)))
+
+    def _copied(
+        self,
+        memory: Memory,
+        graph: Sequence[IntegerNode],
+        elements: Sequence[int],
+        begin: int,
+        count: int,
+        nodes: IntegerNodes,
+    ) -> bool:
+        """Writes neighbours that only move as a loop, if it can be one; the first is read first."""
+        moved = elements[begin : begin + count]
+        op = graph[moved[0]].op
+        whole = all(nodes.is_inline(node) and _fits(memory, graph[node]) for node in moved)
+        if count == 1 or memory.wide or not whole or not isinstance(op, ReadWord | ReadMemory):
+            return False
+
+        def move(along: Index, inner: Scope) -> None:
+            source = nodes.element(op, along.plus(Index(op.index)))
+            inner.assign(self.element(memory, along.plus(Index(begin))), source)
+
+        in_blocks(count, _BLOCK, self._scope, move)
+        return True
+
+    def _stored(
+        self, nodes: IntegerNodes, node: int, memory: Memory, found: IntegerNode
+    ) -> Expression:
+        """A node as a memory keeps it: within its limits, in its type."""
+        if _fits(memory, found):
+            return nodes.value(node) if memory.wide else nodes.as_word(node)
+        limited = self._helpers.limited(nodes.value(node), memory.low, memory.high)
+        return limited if memory.wide else Convert(CType.WORD, limited)
+
+
+def _fits(memory: Memory, found: IntegerNode) -> bool:
+    return found.low >= memory.low and found.high <= memory.high
+
+
+def _known(memory: Memory, value: int) -> Expression:
+    return Integer(value) if memory.wide else Convert(CType.WORD, Integer(value))
