@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from compiler.builder import GraphBuilder
 from compiler.deep_recursion import room_for
-from compiler.layers.fit import fits_of
 from compiler.linking.link import Linked, WeightsByPart, link
 from compiler.liveness import needed, needed_over_time
 from compiler.lowering.environment import Environment, Part
@@ -111,7 +110,7 @@ def compile_linked(
         outputs=tuple(lowered.outputs),
         losses=tuple(lowered.losses),
         expected=tuple(lowered.expected),
-        fits=tuple(fits_of(model)),
+        fits=tuple(model.fits.values()),
         dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in spec.dims.items()),
         doc=spec.doc or "",
         spec_hash=spec_hash,

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
+
+FilterKind: TypeAlias = Literal["iir", "state_space"]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
     """A layer that starts at the filter of its input nearest to a target's training rows."""
 
-    kind: Literal["iir", "state_space"]
+    kind: FilterKind
     layer: str
     input: str
     target: str
@@ -28,9 +30,14 @@ class Fit:
     @property
     def arrays(self) -> dict[str, int]:
         """The arrays of the layer that it sets, and how many elements each has."""
-        match self.kind:
-            case "iir":
-                return {"num": self.num + 1, "reflection": self.den}
-            case "state_space":
-                direct = {"D": 1} if self.feedthrough else {}
-                return {"B": self.den, "C": self.den, "reflection": self.den, **direct}
+        return filter_arrays(self.kind, self.num, self.den, self.feedthrough)
+
+
+def filter_arrays(kind: FilterKind, num: int, den: int, feedthrough: bool) -> dict[str, int]:
+    """The arrays of a filter layer from one scalar to another, and how many elements each has."""
+    match kind:
+        case "iir":
+            return {"num": num + 1, "reflection": den}
+        case "state_space":
+            direct = {"D": 1} if feedthrough else {}
+            return {"B": den, "C": den, "reflection": den, **direct}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-from compiler.filter_fit import Fit
+from compiler.filter_fit import FilterKind, Fit, filter_arrays
+from compiler.linking.connected import Connected
 from compiler.lowering.predictions import prediction_of
-from compiler.lowering.scope import Kind
+from compiler.lowering.scope import Kind, owner_of
 from spec_schema.errors import names
 from spec_schema.expression import Name
 from spec_schema.expression_fields import Prediction
@@ -17,14 +17,13 @@ from spec_schema.source import Span
 
 if TYPE_CHECKING:
     from compiler.layers.layer_context import LayerContext
-    from compiler.lowering.model import Model
 
 
 @dataclass(frozen=True)
 class Orders:
     """What kind of filter a layer is."""
 
-    kind: Literal["iir", "state_space"]
+    kind: FilterKind
     num: int
     den: int
     feedthrough: bool = True
@@ -32,8 +31,18 @@ class Orders:
 
 
 def declare_fit(context: LayerContext, wanted: Prediction, orders: Orders) -> None:
-    """Notes what the layer starts at; refuses what is no filter from one scalar to another."""
+    """Notes what the layer starts at; refuses what is no filter from one scalar to another.
+
+    A layer of a sub-model whose input is connected has no input of the data to follow, and one
+    with given or frozen weights has nothing to find: they start as they would without `fit`.
+    """
     model, name = context.model, context.name
+    argument = model.scope.get(_name(context))
+    if owner_of(name) and argument is not None and isinstance(argument.entry, Connected):
+        return
+    arrays = filter_arrays(orders.kind, orders.num, orders.den, orders.feedthrough)
+    if any(model.given.settles(f"{name}.{array}") for array in arrays):
+        return
     if context.cells:
         _refuse(context, "`fit` is not for the cells of a local model", wanted.span)
     target = prediction_of(model, wanted, "fit")
@@ -55,14 +64,6 @@ def declare_fit(context: LayerContext, wanted: Prediction, orders: Orders) -> No
     if model.fits.setdefault(name, fit) != fit:
         problem = f"`fit` is for one input, and `{name}` is called with two"
         _refuse(context, problem, context.call.arguments[0].span)
-
-
-def fits_of(model: Model) -> Iterator[Fit]:
-    """The fits of layers whose arrays no weights of a sub-model give."""
-    free = {parameter.name for parameter in model.arrays.parameters} - model.arrays.given
-    for fit in model.fits.values():
-        if free.issuperset(f"{fit.layer}.{array}" for array in fit.arrays):
-            yield fit
 
 
 def _input(context: LayerContext) -> str:

@@ -42,6 +42,13 @@ class GivenWeights:
         """Whether a parameter is a constant of this model."""
         return self._freezes(self._owners(name), name)
 
+    def settles(self, name: str) -> bool:
+        """Whether the weights of a sub-model have a parameter, or it is frozen."""
+        return self.is_frozen(name) or any(
+            name.removeprefix(f"{owner}.") in self._weights.get(owner, {})
+            for owner in self._owners(name)
+        )
+
     def report(self, names: Iterable[str]) -> None:
         """Says what does not fit once all parameters are known."""
         names = tuple(names)

@@ -32,8 +32,6 @@ class Arrays:
         self._model = model
         self._parameters: dict[str, Parameter] = {}
         self._failed: set[str] = set()
-        self.given: set[str] = set()
-        """Those whose values the weights of a sub-model give."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -135,7 +133,6 @@ class Arrays:
         given = self._model.given.value(parameter.name, shape)
         if given is None:
             return parameter
-        self.given.add(parameter.name)
         values = tuple(float(value) for value in given.ravel())
         return replace(parameter, initial=values, statistic=None)  # which is known then
 
