@@ -18,17 +18,17 @@ def with_all_kept(series: Mapping[str, FloatArray], masks: Sequence[Mask]) -> di
 
 
 def factors_of(
-    plan: StagePlan, series: Mapping[str, FloatArray], epoch: int
+    plan: StagePlan, series: Mapping[str, FloatArray], epoch: int, attempt: int = 0
 ) -> dict[str, FloatArray]:
     """The factors of an epoch for the rows of these series: (rows, elements) a mask.
 
-    Philox (Salmon et al. 2011) keyed by seed, stage, epoch and mask counts through rows and
-    elements: a step at row t takes row t, whichever rollout it belongs to.
+    Philox (Salmon et al. 2011) keyed by seed, stage, epoch, attempt and mask counts through rows
+    and elements: a step at row t takes row t, whichever rollout it belongs to.
     """
     found: dict[str, FloatArray] = {}
     rows = len(next(iter(series.values()), np.zeros(0)))
     for number, mask in enumerate(plan.masks):
-        key = np.random.SeedSequence([plan.seed, plan.index, epoch, number])
+        key = np.random.SeedSequence([plan.seed, plan.index, epoch, attempt, number])
         source = np.random.Philox(key)
         draws = np.random.Generator(source).random((rows, mask.size))
         found[mask.signal] = np.where(draws < mask.rate, 0.0, 1.0 / (1.0 - mask.rate))

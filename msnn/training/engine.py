@@ -44,10 +44,10 @@ class Engine(Protocol):
         """Physical values of all parameters."""
         ...
 
-    def begin_epoch(self, epoch: int, rate: float) -> None:
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
         """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
 
-        The same however often it is asked.
+        The same however often it is asked; each `attempt` at the stage has its own.
         """
         ...
 

@@ -81,7 +81,7 @@ class LevenbergMarquardtEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return self._weights_at(self._raw)
 
-    def begin_epoch(self, epoch: int, rate: float) -> None:
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
         """Nothing: it leaves nothing out, as its steps compare totals, and has no rate."""
 
     def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:

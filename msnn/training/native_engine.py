@@ -59,12 +59,12 @@ class NativeEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._variables.weights(), **self._fixed}
 
-    def begin_epoch(self, epoch: int, rate: float) -> None:
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
         """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
 
-        The same however often it is asked.
+        The same however often it is asked; each `attempt` at the stage has its own.
         """
-        self._train.write(factors_of(self._plan, self._series, epoch))
+        self._train.write(factors_of(self._plan, self._series, epoch, attempt))
         self._variables.scale_rates(rate)
 
     def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:

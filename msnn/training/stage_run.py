@@ -118,7 +118,7 @@ class StageRun:
     def _run_epoch(self, runs: Runs, rate: float) -> LossSums:
         key = order_key(self.plan.seed, self.plan.index, self.epoch, self.attempt)
         order = self.engine.order(len(runs), key)
-        self.engine.begin_epoch(self.epoch, rate)
+        self.engine.begin_epoch(self.epoch, rate, self.attempt)
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
         # a last batch that is smaller is the same as one filled up with members of weight 0

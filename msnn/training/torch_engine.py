@@ -65,12 +65,12 @@ class TorchEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._model.weights(), **self._fixed}
 
-    def begin_epoch(self, epoch: int, rate: float) -> None:
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
         """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
 
-        The same however often it is asked.
+        The same however often it is asked; each `attempt` at the stage has its own.
         """
-        self._objective.write(factors_of(self._plan, self._series, epoch))
+        self._objective.write(factors_of(self._plan, self._series, epoch, attempt))
         for group, usual in zip(self._optimizer.param_groups, self._rates, strict=True):
             group["lr"] = rate * usual
 

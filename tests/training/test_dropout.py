@@ -1,4 +1,4 @@
-"""Dropout: random in training only, alike in both engines, keyed by seed, stage, epoch and row."""
+"""Dropout: random in training only, alike in both engines, keyed by seed, stage, epoch and run."""
 
 from __future__ import annotations
 
@@ -12,10 +12,14 @@ from msnn.training.dropout_masks import factors_of, with_all_kept
 from msnn.training.objectives import KernelObjective, TorchObjective
 from msnn.training.stage_plan import StagePlan
 from msnn.training.torch_engine import TorchEngine
+from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool
 from tests.language.compiled import codes, compiled, evaluated
 from tests.native.test_kernel import initial, log_of
+from tests.training.cases import compiled as model_of
+from tests.training.cases import dataset, gain_series
 from tests.training.test_engines import ENGINES, first_batch, planned, runs_of
+from tests.training.test_starts import Heard
 
 NET = """
 dims: {o: 3}
@@ -55,6 +59,44 @@ def test_both_engines_leave_out_the_same(dtype: str, tolerance: float) -> None:
     assert len({round(loss, 6) for loss in found[0]}) == 3
 
 
+def test_each_attempt_leaves_out_something_else_alike_in_both_engines() -> None:
+    program, plan, log = plan_of("rollout: 6, dtype: float64, seed: 3")
+    found: list[list[float]] = []
+    for make in ENGINES.values():
+        losses: list[float] = []
+        for attempt in (0, 1, 2, 1):
+            engine = make(plan, log, initial(program), None, None)
+            engine.begin_epoch(4, 1.0, attempt)
+            losses.append(engine.train_batches(first_batch(6), 20)["x_next"].total)
+        assert losses[1] == losses[3]
+        assert len(set(losses)) == 3
+        found.append(losses)
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_runs_of_a_stage_differ_by_what_they_leave_out(engine: str) -> None:
+    """No initial value is drawn here: without dropout all runs would be the same."""
+    stage = f"epochs: 2, batch: 100, dtype: float64, starts: 3, engine: {engine}"
+    text = """msnn: 1
+name: plain
+sample_time: 1 s
+inputs: {x: m, u: m}
+parameters: {a: 0.5, b: 0.1}
+outputs: {x_next: {expr: "dropout(a*x + b*u, RATE)", predicts: "x[t+1]"}}
+train:
+"""
+    for rate, runs in (("0", 1), ("0.3", 3)):
+        program, spec = model_of(text.replace("RATE", rate) + f"  - {{{stage}}}\n")
+        heard = Heard()
+        data = dataset(gain_series(100), train=[60], val=[40])
+        train(program, data, spec.train, TrainingOptions(runs=None), heard)
+        # one batch: the order of starts, drawn anew for each run too, moves sums by rounding only
+        totals = {round(event.total, 9) for event in heard.epochs if event.epoch == 1}
+        assert len(heard.epochs) == 6
+        assert len(totals) == runs
+
+
 def test_lbfgs_on_a_kernel_and_on_torch() -> None:
     program, plan, log = plan_of("rollout: 4, dtype: float64, optimizer: {lbfgs: {iterations: 3}}")
     found: list[float] = []
@@ -85,10 +127,11 @@ def test_what_is_watched_has_no_dropout(engine: str) -> None:
     assert opened.train_batches(first_batch(4), 20)["x_next"].total != pytest.approx(found)
 
 
-def test_factors_depend_on_seed_stage_epoch_and_mask_only() -> None:
+def test_factors_depend_on_seed_stage_epoch_attempt_and_mask_only() -> None:
     _, plan, log = plan_of("seed: 3")
     assert [mask.rate for mask in plan.masks] == [0.4, 0.25, 0.1, 0.3, 0.2]
     again = factors_of(plan, log, 7)
+    assert not np.array_equal(factors_of(plan, log, 7, 1)["dropout 1"], again["dropout 1"])
     for name, values in factors_of(plan, log, 7).items():
         np.testing.assert_array_equal(values, again[name])
         assert not np.array_equal(values, factors_of(plan, log, 8)[name])
