@@ -176,8 +176,8 @@ class Counting:
     def weights(self) -> dict[str, np.ndarray]:
         return {}
 
-    def begin_epoch(self, epoch: int, rate: float) -> None:
-        del epoch, rate
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
+        del epoch, rate, attempt
 
     def train_batches(
         self, runs: Runs, size: int, members: IntArray | None = None
