@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from compiler.builder import GraphBuilder
@@ -29,6 +29,8 @@ class Entries:
         self._model = model
         self._variables = variables
         self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
+        self._lowerings: dict[tuple[str, Part], list[tuple[Time, NodeId]]] = {}
+        """Those of no stage, by name."""
         self._active: dict[str, None] = {}
         """The entries that are being lowered, outermost first."""
         self._loops: list[set[str]] = []
@@ -59,12 +61,9 @@ class Entries:
                 return self._model.histories.read(name, entry, span, own)
         return self._lowered(name, entry, own, span)
 
-    def lowerings(self, name: str, environment: Environment) -> Iterator[tuple[Time, NodeId]]:
+    def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
         """Every time at which an entry is lowered in this part, and its node there."""
-        part = environment.of_entry().part
-        for (other, in_part, at, stage), node in self._entries.items():
-            if (other, in_part) == (name, part) and stage is None and node is not None:
-                yield at, node
+        return self._lowerings.get((name, environment.of_entry().part), ())
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
         """The node, or None where lowering fails; nothing is reported and nothing remembered."""
@@ -107,6 +106,8 @@ class Entries:
                 self._model.arrays.agree_on_unit(builder, node, name, entry)
                 builder.name(node, name)
             self._entries[key] = node
+            if own.stage is None:
+                self._lowerings.setdefault((name, own.part), []).append((own.time, node))
         finally:
             del self._active[name]
         return node
