@@ -169,18 +169,18 @@ def _binary(operator: Operator, left: Expression, right: Expression) -> str:
     if operator is Operator.POWER:
         return f"{{{_within(left, _ATOM)}}}^{{{expression_latex(right)}}}"
     binding = _SUM if operator in (Operator.ADD, Operator.SUBTRACT) else _PRODUCT
-    joint = _JOINTS[operator]
-    if operator is Operator.MULTIPLY and _starts_with_digit(right):
+    second, joint = expression_latex(right), _JOINTS[operator]
+    if operator is Operator.MULTIPLY and second[:1].isdigit():
         joint = r" \cdot "
-    return f"{_within(left, binding)}{joint}{_within(right, binding + 1)}"
-
-
-def _starts_with_digit(expression: Expression) -> bool:
-    return expression_latex(expression)[:1].isdigit()
+    return f"{_within(left, binding)}{joint}{_enclosed(second, right, binding + 1)}"
 
 
 def _within(expression: Expression, least: int) -> str:
-    text = expression_latex(expression)
+    return _enclosed(expression_latex(expression), expression, least)
+
+
+def _enclosed(text: str, expression: Expression, least: int) -> str:
+    """The text of an expression, in parentheses where it binds less than it must."""
     return text if _binding(expression) >= least else rf"\left({text}\right)"
 
 

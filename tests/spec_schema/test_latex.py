@@ -70,3 +70,11 @@ def test_matplotlib_sets_every_formula(path: Path) -> None:
     parser = mathtext.MathTextParser("path")
     for left, right in formulas(read_spec(path).spec):
         parser.parse(f"${left} = {right}$")
+
+
+def test_each_part_of_a_deep_product_is_written_once() -> None:
+    """Written twice at every level it would take for ever."""
+    depth = 90
+    expression = parse_expression("a * (" * depth + "b" + ")" * depth)
+    assert expression is not None
+    assert expression_latex(expression).count("a") == depth
