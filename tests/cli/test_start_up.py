@@ -125,6 +125,21 @@ def _top(module: str) -> str:
     return module.partition(".")[0]
 
 
+_COUNTED = """
+import atexit, os, sys
+atexit.register(lambda: print(len(os.listdir("/proc/self/task")), file=sys.stderr))
+from msnn.cli.main import main
+main()
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux does")
+def test_check_starts_no_threads(project: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    said = in_new_process(("check", "plant.msnn.yaml"), project, start=_COUNTED)
+    assert (said.code, said.err) == (0, "1\n")  # that of Python itself
+
+
 def test_importing_msnn_imports_next_to_nothing(project: Path):
     start = (
         "import sys, msnn; print(*(m for m in ('numpy', 'pydantic', 'yaml') if m in sys.modules))"
