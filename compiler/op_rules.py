@@ -72,7 +72,6 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str
     reason = broken_axes(axes) or _wrong_count(node, operands)
     if reason is not None:
         return reason
-    kinds = {operand.kind for operand in operands}
     match node.op:
         case Constant(values):
             if len(values) != type.size or not all(math.isfinite(value) for value in values):
@@ -104,10 +103,10 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str
                 return "the condition is not a bool"
             return _elementwise(type, operands) or _real(type, *operands[1:])
         case Broadcast():
-            fits = set(operands[0].axes) <= set(axes) and kinds == {type.kind}
+            fits = set(operands[0].axes) <= set(axes) and operands[0].kind == type.kind
             return None if fits else f"{describe_axes(operands[0].axes)} does not fit in the result"
         case Reshape():
-            fits = operands[0].size == type.size and kinds == {type.kind}
+            fits = operands[0].size == type.size and operands[0].kind == type.kind
             return None if fits else f"{describe_axes(operands[0].axes)} has another size"
         case Slice(axis, start, stop):
             return _sliced(operands[0], axis, start, stop, type)
@@ -157,7 +156,10 @@ def _wrong_count(node: Node, operands: tuple[Type, ...]) -> str | None:
 
 
 def _real(*types: Type) -> str | None:
-    return "a bool where a number belongs" if any(t.kind != "real" for t in types) else None
+    for type in types:
+        if type.kind != "real":
+            return "a bool where a number belongs"
+    return None
 
 
 def _elementwise(type: Type, operands: tuple[Type, ...]) -> str | None:

@@ -153,7 +153,7 @@ def _check_graph(graph: Graph, sources: Sources) -> None:
     _require(len(graph) <= MOST_NODES, f"a graph has more than {MOST_NODES} nodes")
     total = 0
     for index, node in graph:
-        if any(not 0 <= arg < index for arg in node.args):
+        if node.args and not 0 <= min(node.args) <= max(node.args) < index:
             raise InvalidProgram(f"node {index} uses a node that does not stand before it", node)
         reason = broken_rule(node, tuple(graph[arg].type for arg in node.args), sources)
         if reason is not None:

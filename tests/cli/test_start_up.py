@@ -9,7 +9,22 @@ import pytest
 
 from tests.cli.command_line import in_new_process
 
-_HEAVY = ("torch", "casadi", "onnx", "onnxruntime", "matplotlib", "rich", "scipy")
+_HEAVY = (
+    "casadi",
+    "h5py",
+    "jinja2",
+    "matplotlib",
+    "onnx",
+    "onnxruntime",
+    "pandas",
+    "pint",
+    "polars",
+    "pyarrow",
+    "rich",
+    "safetensors",
+    "scipy",
+    "torch",
+)
 _START = f"""
 import sys
 from msnn.cli.application import run
