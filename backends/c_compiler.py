@@ -12,10 +12,10 @@ _COMPILERS = ("gcc", "clang", "cc")
 
 
 class CompilerMissingError(Exception):
-    """This machine has no C compiler that is known here."""
+    """This machine has no C compiler that is known here and works."""
 
-    def __init__(self) -> None:
-        super().__init__("no C compiler found: install gcc, clang or `msnn[zig]`, or set CC")
+    def __init__(self, why: str = "no C compiler found") -> None:
+        super().__init__(f"{why}: install gcc, clang or `msnn[zig]`, or set CC")
 
 
 def find_compiler() -> tuple[str, ...]:

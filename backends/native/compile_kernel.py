@@ -6,12 +6,13 @@ import ctypes
 import hashlib
 import os
 import platform
+import shlex
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 from backends.atomic_write import replacing
-from backends.c_compiler import find_compiler
+from backends.c_compiler import CompilerMissingError, find_compiler
 
 FLAGS = (
     "-std=gnu11",
@@ -78,10 +79,21 @@ def compiled_kernel(source: str) -> Built:
 
 def _compile(compiler: tuple[str, ...], source: str, path: Path) -> None:
     with replacing(path) as temporary:
-        command = [*compiler, *FLAGS, "-o", str(temporary), "-x", "c", "-", "-lm"]
-        done = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise KernelBuildError(done.stderr[-2000:])
+        done = _run(compiler, source, temporary)
+        if done.returncode == 0:
+            return
+        tried = _run(compiler, "int answer(void) { return 42; }\n", temporary)
+        if tried.returncode != 0:
+            raise CompilerMissingError(f"`{shlex.join(compiler)}` compiles nothing")
+        raise KernelBuildError(done.stderr[-2000:] or f"it ended with code {done.returncode}")
+
+
+def _run(compiler: tuple[str, ...], source: str, library: Path) -> subprocess.CompletedProcess[str]:
+    command = [*compiler, *FLAGS, "-o", str(library), "-x", "c", "-", "-lm"]
+    # a session of its own: Ctrl-C is for the training, which ends once there is a kernel
+    return subprocess.run(
+        command, input=source, capture_output=True, text=True, check=False, start_new_session=True
+    )
 
 
 def _version(compiler: tuple[str, ...]) -> str:

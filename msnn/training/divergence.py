@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from compiler import ops
 from compiler.interpreter import Interpreter
 from compiler.program import Node, NodeId, Program
 from msnn.data.dataset import Dataset, FloatArray
@@ -33,10 +34,11 @@ def explain_divergence(
         for node in _results(program):
             member = _member_not_finite(moment, node)
             if member is not None:
-                origin = program.step[_origin(program, moment, node, member)]
+                origin, inside = _origin(program, moment, node, member)
                 start = int(moment.t[min(member, len(moment.t) - 1)]) - moment.number
                 place = f"at step {moment.number} of a rollout from {_place(dataset, start)}"
-                return errors.diverged(plan.name, epoch, _described(origin), place, origin.span)
+                what = _described(origin) + ("" if inside is None else f" in `{inside}`")
+                return errors.diverged(plan.name, epoch, what, place, origin.span)
     return errors.diverged(plan.name, epoch, "the loss", "summed over a batch", plan.span)
 
 
@@ -53,14 +55,15 @@ def _member_not_finite(moment: Moment, node: NodeId) -> int | None:
     return None if fine.all() else int(np.argmin(fine))
 
 
-def _origin(program: Program, moment: Moment, node: NodeId, member: int) -> NodeId:
-    """The node behind a value that is not finite whose own operands still are."""
+def _origin(program: Program, moment: Moment, node: NodeId, member: int) -> tuple[Node, str | None]:
+    """The value that is not finite though its operands are, and the equation that needs it."""
+    inside: str | None = None
     while True:
-        bad = (arg for arg in program.step[node].args if _is_bad(moment, arg, member))
-        before = next(bad, None)
+        here = program.step[node]
+        before = next((arg for arg in here.args if _is_bad(moment, arg, member)), None)
         if before is None:
-            return node
-        node = before
+            return here, inside if here.label is None else None
+        node, inside = before, here.label or inside
 
 
 def _is_bad(moment: Moment, node: NodeId, member: int) -> bool:
@@ -71,7 +74,21 @@ def _is_bad(moment: Moment, node: NodeId, member: int) -> bool:
 def _described(node: Node) -> str:
     if node.label is not None:
         return f"`{node.label}`"
-    return f"the result of a `{type(node.op).__name__.lower()}`"
+    match node.op:
+        case ops.Apply(function):
+            return f"`{function}`"
+        case ops.ReadSignal(name) | ops.ReadLog(name):
+            return f"the signal `{name}`"
+        case ops.ReadState(name):
+            return f"the state `{name}`"
+        case ops.Divide():
+            return "a quotient"
+        case ops.Multiply() | ops.Contract():
+            return "a product"
+        case ops.Add() | ops.Subtract() | ops.Sum():
+            return "a sum"
+        case _:
+            return "a value"
 
 
 def _place(dataset: Dataset, row: int) -> str:

@@ -34,6 +34,7 @@ from msnn.training.training_options import TrainingOptions
 from msnn.training_summary import parameter_warnings
 from msnn.weights_file import initial_weights
 from spec_schema.diagnostics import Diagnostic, Findings
+from spec_schema.errors import stages as stage_errors
 from spec_schema.errors import training as errors
 from spec_schema.errors import weights as weight_errors
 from spec_schema.training import Stage
@@ -136,6 +137,7 @@ class _Run:
             if checkpoint is not None and plan.index == checkpoint.stage:
                 stage.resume(checkpoint)
             self._announce(plan, data)
+            self._warn_of_same_starts(plan, weights)
             try:
                 result = stage.run()
             except Interrupted as event:
@@ -206,6 +208,13 @@ class _Run:
             else value
             for name, value in weights.items()
         }
+
+    def _warn_of_same_starts(self, plan: StagePlan, weights: Mapping[str, FloatArray]) -> None:
+        if plan.attempts == 1 or plan.masks:
+            return
+        second = self._begin(plan, weights, 1)
+        if all(np.array_equal(second[name], weights[name]) for name in plan.trained):
+            self.progress.warned(stage_errors.same_starts(plan.name, plan.attempts, plan.span))
 
     def _left_out(self, attempt: StageRun, fault: NonFiniteLossError) -> None:
         why = self._explained(attempt, fault)

@@ -5,6 +5,7 @@ from spec_schema.source import Span
 from spec_schema.suggest import nearest
 
 _NAMES = ("cpu", "cuda", "cuda:0", "auto")
+_CARDS = ("gpu", "nvidia")
 
 
 def no_kernel_on_card(stage: str, device: str, span: Span | None) -> Diagnostic:
@@ -21,7 +22,7 @@ def no_kernel_on_card(stage: str, device: str, span: Span | None) -> Diagnostic:
 
 def unknown_device(name: str) -> Diagnostic:
     """E0971: a device that torch computes on nowhere."""
-    meant = nearest(name, _NAMES)
+    meant = "cuda" if name.casefold() in _CARDS else nearest(name, _NAMES)
     known = "the devices are cpu, cuda, cuda:N for card N counted from 0, and auto"
     return Diagnostic(
         "E0971",

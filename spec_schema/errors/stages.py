@@ -97,7 +97,7 @@ def another_run(folder: str, changes: Sequence[str]) -> Diagnostic:
         f"the run in {folder} cannot go on: it would be another one",
         None,
         notes=tuple(changes),
-        help="resume with the spec, `--set` and data of that run, or train without `--resume`",
+        help=f"resume as `msnn show {folder}` says, or train without `--resume`",
     )
 
 
@@ -122,4 +122,16 @@ def no_fit(layer: str, input: str, target: str, span: Span | None) -> Diagnostic
         span,
         "`fit` needs more samples in a row than the layer has coefficients",
         help="give more data, a lower order, or leave `fit` out",
+    )
+
+
+def same_starts(stage: str, attempts: int, span: Span | None) -> Diagnostic:
+    """W0940: several runs of a stage that all begin at the same values."""
+    return Diagnostic(
+        "W0940",
+        "warning",
+        f"the {attempts} runs of stage `{stage}` begin at the same values: nothing is drawn",
+        span,
+        "`starts:` differ by the order of batches alone",
+        help="draw what they should try: `k: {init: {uniform: {min: 1, max: 100}}}`",
     )

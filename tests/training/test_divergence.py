@@ -42,6 +42,24 @@ def test_the_first_bad_value_and_its_line_are_named(tmp_path: Path) -> None:
     assert kept.weights["a"] == caught.value.result.weights["a"]
 
 
+@pytest.mark.parametrize(
+    ("grown", "named"),
+    [
+        ("2 * exp(a * x) / 3", "`exp` in `grown`"),
+        ("1 + a / (x - x)", "a quotient in `grown`"),
+        ("1 - 1e38 * x * x * 1e300 * a", "a product in `grown`"),
+        ("1 + log(a - 1) + x", "`log` in `grown`"),
+    ],
+)
+def test_what_has_no_name_is_named_by_its_equation(grown: str, named: str) -> None:
+    text = TEXT.replace("exp(a * x)", grown) + "  - {rollout: 30, epochs: 2}\n"
+    program, spec = compiled(text)
+    data = dataset({"x": np.full(100, 2.0)}, train=[100])
+    with pytest.raises(TrainingDivergedError) as caught:
+        train(program, data, spec.train, TrainingOptions(runs=None))
+    assert f": {named} is not finite at step" in caught.value.diagnostic.message
+
+
 def test_the_best_weights_before_are_kept() -> None:
     program, spec = compiled(
         TEXT + "  - {epochs: 3, optimizer: {sgd: {lr: 0.001}}}\n"

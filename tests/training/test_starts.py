@@ -156,6 +156,18 @@ def test_only_what_nothing_has_changed_is_drawn_again(monkeypatch: pytest.Monkey
     assert changed == {"a", "net.weight2"}
 
 
+def test_runs_that_begin_alike_are_a_warning() -> None:
+    drawn, same, after = Heard(), Heard(), Heard()
+    run(net("  - {epochs: 1, starts: 2}\n"), drawn)
+    assert drawn.warnings == []
+    frozen = 'freeze: [a, "net.weight*"]'  # biases and `b` are numbers
+    run(net(f"  - {{epochs: 1, starts: 2, {frozen}}}\n"), same)
+    (warning,) = same.warnings
+    assert (warning.code, "the 2 runs" in warning.message) == ("W0940", True)
+    run(net("  - {epochs: 1}\n  - {epochs: 1, starts: 2}\n"), after)
+    assert [warning.code for warning in after.warnings] == ["W0940"]
+
+
 def test_runs_that_diverge_are_left_out() -> None:
     heard = Heard()
     series = dataset({"x": np.full(60, 1e3)}, train=[60])

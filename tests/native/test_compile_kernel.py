@@ -1,0 +1,78 @@
+"""Building a kernel: compilers that do not work, refused sources, Ctrl-C meanwhile."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from backends.c_compiler import CompilerMissingError
+from backends.native.compile_kernel import KernelBuildError, compiled_kernel
+from tests.conditions import require_tool
+
+SLOW = f"""#!{sys.executable}
+import sys, time, subprocess, pathlib
+if "--version" not in sys.argv:
+    pathlib.Path({{started!r}}).touch()
+    time.sleep(1)
+sys.exit(subprocess.run(["gcc", *sys.argv[1:]]).returncode)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MSNN_CACHE", str(tmp_path / "cache"))
+
+
+def test_a_compiler_that_compiles_nothing_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "false")
+    with pytest.raises(CompilerMissingError, match="`false` compiles nothing: install gcc"):
+        compiled_kernel("int f(void) { return 1; }")
+
+
+def test_a_source_that_is_refused_is_a_bug_of_ours() -> None:
+    require_tool("gcc", install="apt install gcc")
+    with pytest.raises(KernelBuildError, match="error"):
+        compiled_kernel("int f(void) { return }")
+
+
+def test_ctrl_c_does_not_reach_the_compiler(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A terminal sends it to every process of the group, of which the compiler is none."""
+    require_tool("gcc", install="apt install gcc")
+    compiler, started = tmp_path / "slow-gcc", tmp_path / "started"
+    compiler.write_text(SLOW.format(started=str(started)))
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    heard = threading.Event()
+    before = signal.signal(signal.SIGINT, lambda number, frame: heard.set())
+
+    def press() -> None:
+        while not started.exists():
+            time.sleep(0.01)
+        group = os.getpgid(0)
+        for process in Path("/proc").glob("[0-9]*"):
+            number = int(process.name)
+            try:
+                command = (process / "cmdline").read_bytes()
+                if os.getpgid(number) == group and str(compiler).encode() in command:
+                    os.kill(number, signal.SIGINT)
+            except OSError:
+                continue
+        os.kill(os.getpid(), signal.SIGINT)
+
+    keys = threading.Thread(target=press)
+    keys.start()
+    try:
+        built = compiled_kernel("int f(void) { return 7; }")
+        keys.join()
+        assert heard.is_set()
+        assert built.library.f() == 7
+    finally:
+        signal.signal(signal.SIGINT, before)
