@@ -25,13 +25,13 @@ class CStep:
     def __init__(self, folder: Path, library: Path) -> None:
         layout = _layout(folder)
         self._prefix: str = layout["prefix"]
-        self.dtype = np.dtype(layout["dtype"])
+        types = _NUMBERS[layout["dtype"]]
+        self.dtype = np.dtype(types.get("real", types.get("word")))
+        """Of inputs and outputs; in fixed point they are words."""
         self.status_bits: dict[str, int] = layout["status"]
         """Bits of step and self-test by the names of their macros."""
-        self._structs = {
-            name: _Struct(fields, self.dtype) for name, fields in layout["structs"].items()
-        }
-        self._states: list[dict[str, Any]] = layout["states"]
+        self._structs = {name: _Struct(fields, types) for name, fields in layout["structs"].items()}
+        self._states: list[dict[str, Any]] = layout.get("states", [])
         self._library = ctypes.CDLL(str(library))
         self._state = self._structs["state"].new(1)
         self._parameters = self._default_parameters() if layout["takes_parameters"] else None
@@ -74,7 +74,7 @@ class CStep:
         self._parameters = struct.filled(current | dict(parameters), 1)
 
     def states(self) -> dict[str, Array]:
-        """The values of all states, buffers oldest sample first."""
+        """The values of all states, buffers oldest sample first; of no state in fixed point."""
         memory = self._state[0]
         return {state["name"]: _value_of(state, memory) for state in self._states}
 
@@ -110,9 +110,9 @@ class CStep:
 class _Struct:
     """A struct of the header as a numpy type; `align` places fields as C compilers do."""
 
-    def __init__(self, fields: list[dict[str, Any]], real: np.dtype[Any]) -> None:
-        kinds = {"real": real, "uint32": np.dtype(np.uint32)}
-        members = [(f["field"], kinds[f["type"]], tuple(f["shape"])) for f in fields]
+    def __init__(self, fields: list[dict[str, Any]], types: Mapping[str, str]) -> None:
+        kinds = {**types, "uint32": "uint32"}
+        members = [(f["field"], np.dtype(kinds[f["type"]]), tuple(f["shape"])) for f in fields]
         self.dtype = np.dtype(members, align=True)
         self._fields = {f["name"]: f for f in fields if f["name"] is not None}
 
@@ -137,6 +137,15 @@ class _Struct:
     def values(self, structs: Array) -> dict[str, Array]:
         """The fields that the spec names, (count, *shape)."""
         return {name: structs[field["field"]].copy() for name, field in self._fields.items()}
+
+
+_NUMBERS = {
+    "float32": {"real": "float32"},
+    "float64": {"real": "float64"},
+    "q15": {"word": "int16", "sum": "int32"},
+    "q31": {"word": "int32", "sum": "int64"},
+}
+"""Types of fields by the type of a program's numbers."""
 
 
 def _value_of(state: dict[str, Any], memory: Any) -> Array:

@@ -6,6 +6,7 @@ from backends.c.c_comments import comment_text
 from backends.c.c_language import Function
 from backends.c.c_literals import real_literal
 from backends.c.c_printer import Printer
+from backends.c.ffi_texts import ffi_texts
 from backends.c.function_writer import Model, Weights
 from backends.c.functions import FunctionNames, FunctionTable
 from backends.c.header_text import about_text, header_text
@@ -55,7 +56,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         files[f"src/{kernels.header_name}"] = kernels.header
         files[f"src/{kernels.source_name}"] = kernels.source
     files |= package_texts(interface, files)
-    files[f"{prefix}_ffi.py"] = render("ffi.py.j2", interface, "")
+    files |= ffi_texts(interface, {"real": "c_float" if options.dtype == "float32" else "c_double"})
     files["README.md"] = _readme(interface, files)
     files[f"{prefix}.json"] = metadata_text(layout_metadata(program, interface, weights))
     return dict(sorted(files.items()))
@@ -97,7 +98,6 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         sources=sorted(name for name in files if name.startswith("src/") and name.endswith(".c")),
         assignments=[_assignment(input.field, zero) for input in interface.inputs],
         outputs=[_shown(field) for field in interface.outputs],
-        takes_parameters=interface.takes_parameters,
         tunable=interface.options.params == "tunable",
         waits_for_reset=bool(interface.from_record),
         constant_time=interface.options.constant_time,

@@ -41,7 +41,6 @@ def header_text(
         selftest=[_bit(interface, bit) for bit in selftest_bits(has_kernels=kernels)],
         selftest_checks=" and checks the arithmetic of this build",
         structs=[_struct(struct, printer) for struct in structs(interface)],
-        takes_parameters=interface.takes_parameters,
         prototypes={name: printer.prototype(function) for name, function in functions.items()},
         selftest_steps=selftest_steps,
     )

@@ -37,6 +37,7 @@ def render(template: str, interface: Generated, title: str, folder: str = "c", *
         "banner": banner,
         "prefix": prefix,
         "macro": prefix.upper(),
+        "takes_parameters": interface.takes_parameters,
         "params": f", &{prefix}_params_default" if interface.takes_parameters else "",
     }
     text = _environment().get_template(f"{folder}/{template}").render(**common, **facts)

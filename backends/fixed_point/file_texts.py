@@ -10,6 +10,7 @@ from typing import Any
 from backends.c.c_language import Function
 from backends.c.c_layout import comment
 from backends.c.c_printer import Printer
+from backends.c.ffi_texts import ffi_texts
 from backends.c.header_text import about_text, origin
 from backends.c.package_texts import package_texts
 from backends.c.rendering import render
@@ -62,7 +63,6 @@ def file_texts(
             prototypes={name: printer.prototype(made) for name, made in functions.items()},
             selftest_steps=SELFTEST_STEPS,
             selftest_checks="",
-            takes_parameters=names.takes_parameters,
         ),
         f"include/{prefix}_real.h": _filled(
             "real.h", names, "Physical numbers", ports=ports, **_real_type(program)
@@ -94,6 +94,8 @@ def file_texts(
         f"{prefix}.json": _metadata(program, names, errors, writer.status_bits()),
     }
     texts |= package_texts(names, texts, in_reals=False)
+    bits = program.width
+    texts |= ffi_texts(names, {"word": f"c_int{bits.word}", "sum": f"c_int{bits.sum}"})
     return dict(sorted(texts.items()))
 
 

@@ -11,12 +11,13 @@ import numpy as np
 from contenders import Contender
 from numpy.typing import NDArray
 
-from msnn.verification.harness import TEMPLATES
+from msnn.verification.boards import BOARDS
+from msnn.verification.harness import TEMPLATES, write_linker_script
 
 HARNESS = Path(__file__).parent / "harness"
 LEVELS = ("-Os", "-O2", "-O3")
 STEPS = 2000
-_CORE = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+(_BOARD,) = (board for board in BOARDS if board.target == "m4")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,21 +59,25 @@ def _measured(contender: Contender, level: str, folder: Path) -> OnBoard:
 def _build(contender: Contender | None, level: str, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     program = folder / "board.elf"
-    compiler = ["arm-none-eabi-gcc", *_CORE, "-std=gnu11", "-ffp-contract=off"]
-    compiler += ["-ffunction-sections", "-fdata-sections", f"-I{HARNESS}"]
+    compiler = [_BOARD.compiler.command, *_BOARD.flags, "-std=gnu11", "-ffp-contract=off"]
+    compiler += ["-ffunction-sections", "-fdata-sections", f"-I{HARNESS}", f"-I{TEMPLATES}"]
     sources: Sequence[Path] = ()
     if contender is None:
         compiler += ["-DEMPTY"]
     else:
         compiler += [f"-I{path}" for path in (contender.folder, *contender.includes)]
         sources = contender.sources
-    objects = [folder / "board.o"]
-    _tool([*compiler, "-O2", "-c", HARNESS / "board.c", "-o", objects[0]])
+    objects = [folder / "board.o", folder / "startup.o"]
+    for source, made in zip(
+        (HARNESS / "board.c", TEMPLATES / "startup_arm.c"), objects, strict=True
+    ):
+        _tool([*compiler, "-O2", "-c", source, "-o", made])
     for source in sources:
         assert contender is not None
         objects.append(folder / f"{source.stem}.o")
         _tool([*compiler, *contender.flags, level, "-c", source, "-o", objects[-1]])
-    link = ["-nostartfiles", "-specs=nosys.specs", "-Wl,--gc-sections", f"-T{HARNESS / 'board.ld'}"]
+    link = ["-nostartfiles", "-specs=nosys.specs", "-Wl,--gc-sections,--defsym=end=bss_end"]
+    link += [f"-T{write_linker_script(_BOARD, folder)}"]
     _tool([*compiler, *link, *objects, "-o", program, "-lm"])
     return program
 
@@ -85,12 +90,12 @@ def _run(program: Path) -> tuple[list[int], NDArray[np.float32]]:
     symbols = _tool(["arm-none-eabi-nm", program])
     addresses = {line.split()[-1]: line.split()[0] for line in symbols.splitlines()}
     begin, end = (addresses[f"mark_{place}"] for place in ("begin", "end"))
-    machine = ["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-serial", "none"]
+    machine = ["-M", _BOARD.machine, "-display", "none", "-monitor", "none", "-serial", "none"]
     counting = ["-plugin", f"{plugin},begin={begin},end={end},out=counts.txt"]
     files = ["-semihosting-config", "enable=on,target=native", "-kernel", program]
     _tool(["qemu-system-arm", *machine, *counting, *files], folder)
     counts = [int(line) for line in (folder / "counts.txt").read_text().split()]
-    return counts, np.fromfile(folder / "result.bin", np.float32)
+    return counts, np.fromfile(folder / "result.txt", np.float32)
 
 
 def _size(program: Path) -> list[int]:

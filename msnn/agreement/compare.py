@@ -13,9 +13,10 @@ from msnn.agreement.artefacts import Artefact, CasadiArtefact, OnnxArtefact, Tor
 from msnn.agreement.c_artefact import built_c
 from msnn.agreement.deviation import differing_bits, worst_deviation
 from msnn.agreement.judge import Arrays, Judgement, judge
+from msnn.agreement.judged_words import judged_words
 from msnn.agreement.record import Record
 from msnn.data.dataset import FloatArray
-from msnn.exporting import ExportPlan
+from msnn.exporting import ExportPlan, FixedPoint
 
 # one step in the arithmetic of the target, from the judge's state in float64
 STEP_LIMIT = {"float64": 1e-12, "float32": 1e-5}
@@ -29,17 +30,19 @@ class Agreement:
     target: str
     dtype: str
     steps: int
-    one_step: float
-    """The worst of all steps, each from the judge's state."""
+    one_step: float | None
+    """The worst of all steps, each from the judge's state; None for C in fixed point."""
     free_run: float
     """The worst of a free run of at most 1,000 steps; grows where the model is unstable."""
     bits: int | None
-    """Values whose bits differ from the judge's in the same arithmetic; for C in float32."""
+    """Values whose bits differ from the judge's in the same arithmetic; for C in float32 and in
+    fixed point, whose judge is the integer interpreter."""
 
     @property
     def agrees(self) -> bool:
         """Whether the target keeps what it promises."""
-        return not self.bits and self.one_step <= STEP_LIMIT[self.dtype]
+        near = self.one_step is None or self.one_step <= STEP_LIMIT[self.dtype]
+        return not self.bits and near
 
 
 def compare(
@@ -71,6 +74,8 @@ def compare(
             }
             artefact = OnnxArtefact(folder, plan.prefix, tables)
             return _explicit(plan, weights, record, artefact)
+        case "c" if plan.fixed_point is not None:
+            return _fixed_point(plan, plan.fixed_point, weights, record, files, folder)
         case "c":
             return _c(plan, weights, record, files, folder)
         case _:
@@ -97,6 +102,25 @@ def _free_run(artefact: Artefact, wanted: Judgement, record: Record) -> Arrays:
         outputs, states = artefact.step(inputs, states, 1)
         steps.append(outputs)
     return {name: np.concatenate([step[name] for step in steps]) for name in steps[0]}
+
+
+def _fixed_point(
+    plan: ExportPlan,
+    format: FixedPoint,
+    weights: Mapping[str, FloatArray],
+    record: Record,
+    files: Sequence[Path],
+    folder: Path,
+) -> Agreement:
+    """A free run of words: bits against the integer interpreter, numbers against float64."""
+    wanted = judge(plan.program, weights, record, np.float64)
+    words = judged_words(plan.program, weights, format, wanted, FREE_STEPS)
+    with built_c(files, folder, plan) as model:
+        model.step.reset(words.windows)
+        found, _ = model.step.run(words.inputs, words.steps)
+    bits = sum(int(np.sum(found[name] != values)) for name, values in words.outputs.items())
+    deviation = worst_deviation(words.real(found), wanted.outputs)
+    return Agreement(plan.target, format, words.steps, None, deviation, bits)
 
 
 def _c(

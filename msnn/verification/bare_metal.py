@@ -11,7 +11,7 @@ from msnn.verification.call_graph import stack_bound
 from msnn.verification.check import Check, Figures, Result, run_tool
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.golden_run import differences
-from msnn.verification.harness import TEMPLATES, includes, write_harness
+from msnn.verification.harness import TEMPLATES, includes, write_harness, write_linker_script
 from msnn.verification.tools import GCC
 
 LEVELS = ("-O2", "-Os")
@@ -30,9 +30,6 @@ def board_checks(model: ExportedC, targets: frozenset[str]) -> Iterator[Check]:
 
 def _on_board(board: Board, level: str, model: ExportedC) -> Check:
     def run(folder: Path) -> Result:
-        if board.riscv and model.dtype == "float64":
-            detail = "double precision needs a C library, which Debian's RISC-V gcc lacks"
-            return Result(check.name, check.target, "left out", detail)
         build = _Build(board, level, model, folder)
         program = build.program()
         answer = build.answer(program)
@@ -68,20 +65,13 @@ class _Build:
             *board.flags,
             "-std=gnu11",
             "-ffp-contract=off",
+            "-fno-math-errno",
             "-ffunction-sections",
             "-fdata-sections",
             *includes(model),
             *headers,
         ]
-        self._script = write_harness(
-            "board.ld",
-            model,
-            folder,
-            code_origin=hex(board.code[0]),
-            code_length=board.code[1],
-            ram_origin=hex(board.ram[0]),
-            ram_length=board.ram[1],
-        )
+        self._script = write_linker_script(board, folder)
         self._objects = self._model_objects()
 
     def _model_objects(self) -> list[Path]:

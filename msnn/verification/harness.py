@@ -9,6 +9,7 @@ from typing import Any
 import jinja2
 
 import templates
+from msnn.verification.boards import Board
 from msnn.verification.exported_c import ExportedC
 
 TEMPLATES = Path(templates.__path__[0]) / "verify"
@@ -27,6 +28,23 @@ def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -
     }
     text = _environment().get_template(f"{template}.j2").render(**common, **facts)
     path = folder / template
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def write_linker_script(board: Board, folder: Path) -> Path:
+    """The memory of a board for the linker; the path of the script."""
+    text = (
+        _environment()
+        .get_template("board.ld.j2")
+        .render(
+            code_origin=hex(board.code[0]),
+            code_length=board.code[1],
+            ram_origin=hex(board.ram[0]),
+            ram_length=board.ram[1],
+        )
+    )
+    path = folder / "board.ld"
     path.write_text(text, encoding="utf-8")
     return path
 

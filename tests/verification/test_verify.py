@@ -113,6 +113,18 @@ def test_constant_time_takes_the_same_instructions_for_all_steps(
         assert name == "reference" or least == most
 
 
+def test_double_precision_runs_where_there_is_no_c_library(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(GCC, RISCV_GCC, RISCV_QEMU)
+    text = spec_of(GALLERY, "two_tanks").read_text(encoding="utf-8")  # it takes roots
+    spec = tmp_path / "two_tanks.msnn.yaml"
+    spec.write_text(text.replace("c: {}", "c: {dtype: float64}"), encoding="utf-8")
+    code, said = verified(capsys, exported(spec, tmp_path), "--targets", "rv32")
+    assert code == 0, said
+    assert [result["verdict"] for result in said["results"]] == ["ok"] * 4
+
+
 def test_a_changed_constant_differs_from_the_golden_vectors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,4 +1,4 @@
-/* What a C library would bring: four functions on bytes, and a square root that rounds correctly. */
+/* What a C library would bring: four functions on bytes, and square roots that round correctly. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -91,4 +91,51 @@ float sqrtf(float x)
     memcpy(&x, &bits, sizeof x);
     return x;
 #endif
+}
+
+/* The same for doubles: 53 digits and one that rounds, two digits of the number at a time. */
+double sqrt(double x)
+{
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    if (!(x > 0.0)) {
+        return (x < 0.0) ? (double)NAN : x;
+    }
+    if (bits == ((uint64_t)0x7FFU << 52U)) {
+        return x;
+    }
+    int32_t exponent = (int32_t)(bits >> 52U) - 1023;
+    uint64_t fraction = bits & (((uint64_t)1U << 52U) - 1U);
+    const uint64_t leading = (uint64_t)1U << 52U;
+    if (exponent == -1023) {
+        exponent = -1022;
+        while ((fraction & leading) == 0U) {
+            fraction <<= 1U;
+            exponent--;
+        }
+    } else {
+        fraction |= leading;
+    }
+    if ((exponent & 1) != 0) {
+        fraction <<= 1U;
+        exponent--;
+    }
+    /* 54 binary digits before those that are 0 */
+    fraction <<= 10U;
+    uint64_t rest = 0U;
+    uint64_t root = 0U;
+    for (int digit = 0; digit < 54; digit++) {
+        rest = (rest << 2U) | (fraction >> 62U);
+        fraction <<= 2U;
+        const uint64_t trial = (root << 2U) | 1U;
+        root <<= 1U;
+        if (rest >= trial) {
+            rest -= trial;
+            root |= 1U;
+        }
+    }
+    const uint64_t rounded = (root + 1U) >> 1U;
+    bits = ((uint64_t)(uint32_t)((exponent / 2) + 1022) << 52U) + rounded;
+    memcpy(&x, &bits, sizeof x);
+    return x;
 }

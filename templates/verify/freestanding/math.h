@@ -8,5 +8,6 @@
 #define fabs __builtin_fabs
 
 float sqrtf(float x);
+double sqrt(double x);
 
 #endif

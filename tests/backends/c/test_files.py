@@ -142,6 +142,30 @@ print(model.selftest())
     assert selftest == "0"
 
 
+def test_many_steps_run_from_python_in_one_call(tmp_path: Path) -> None:
+    require_tool("cc", install="apt install gcc")
+    program = closed_sample("preview_driver")
+    vectors = golden(program, COptions(), 20, seed=3)
+    write_c(program, {}, tmp_path)
+    windows = json.dumps({name: value.tolist() for name, value in vectors.windows.items()})
+    np.save(tmp_path / "road.npy", vectors.inputs["road"])
+    script = """
+import json, sys
+import numpy as np
+from preview_driver_ffi import Model, build
+model = Model(build())
+model.reset(json.loads(sys.argv[1]))
+outputs, status = model.run({"road": np.load("road.npy")})
+np.savez("found.npz", status=status, **outputs)
+"""
+    subprocess.run([sys.executable, "-c", script, windows], cwd=tmp_path, check=True)
+    found = np.load(tmp_path / "found.npz")
+    assert np.array_equal(found["status"], vectors.status)
+    for name, values in vectors.outputs.items():
+        assert found[name].dtype == np.float32
+        assert np.array_equal(found[name], values, equal_nan=True)
+
+
 @pytest.mark.parametrize("name", SAMPLES)
 def test_the_readme_does_what_it_says(name: str, tmp_path: Path) -> None:
     write_c(closed_sample(name), {}, tmp_path)

@@ -1,0 +1,39 @@
+"""`export --check` runs the words of C in fixed point against the integer interpreter."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compiler.interpreter import physical_weights
+from msnn.agreement.compare import compare
+from msnn.agreement.record import drawn_record
+from msnn.exporting import write_export
+from tests.conditions import require_tool
+from tests.fixed_point.exported import fixed_model, gallery_text, planned
+
+
+@pytest.mark.parametrize("dtype", ["q15", "q31"])
+@pytest.mark.parametrize("name", ["reference", "engine_map"])
+def test_no_bit_differs(name: str, dtype: str, tmp_path: Path) -> None:
+    require_tool("gcc", "apt-get install gcc")
+    plan = planned(fixed_model(tmp_path, gallery_text(name), dtype))
+    files = write_export(plan, {}, tmp_path / "c")
+    record = drawn_record(plan.program, "drawn")
+    found = compare(plan, {}, files, tmp_path / "c", record)
+    assert found.agrees
+    assert (found.bits, found.dtype) == (0, dtype)
+    assert found.steps > 100
+    # the part of the range that rounding to words takes
+    assert 0 < found.free_run < (2e-3 if dtype == "q15" else 2e-5)
+
+
+def test_other_weights_give_other_words(tmp_path: Path) -> None:
+    require_tool("gcc", "apt-get install gcc")
+    plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
+    weights = physical_weights(plan.program, {})
+    others = {name: np.asarray(value) * 1.01 for name, value in weights.items()}
+    files = write_export(plan, others, tmp_path / "c")
+    found = compare(plan, weights, files, tmp_path / "c", drawn_record(plan.program, "drawn"))
+    assert found.bits
+    assert not found.agrees
