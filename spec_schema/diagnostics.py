@@ -72,6 +72,10 @@ class Findings:
         """How many there are now; `forget` goes back to it."""
         return len(self._diagnostics)
 
+    def since(self, mark: int) -> tuple[Diagnostic, ...]:
+        """What came after a mark."""
+        return tuple(self._diagnostics)[mark:]
+
     def forget(self, mark: int) -> None:
         """Drops what came after a mark: an attempt that failed and does not matter."""
         for diagnostic in list(self._diagnostics)[mark:]:

@@ -6,9 +6,14 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from compiler.lowering.environment import Environment, Part
+from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.scope import Kind, owner_of
+from spec_schema.diagnostics import Diagnostic
 from spec_schema.errors import names
+from spec_schema.expression import Call, Name, Number
+from spec_schema.layers import Layer
+from spec_schema.source import Span
 
 if TYPE_CHECKING:
     from compiler.lowering.model import Model
@@ -20,10 +25,49 @@ _EXPECTED_IN_USE = frozenset(
 
 
 def lower_unused(model: Model) -> None:
-    """Lowers the equations that nothing needs, so that their mistakes are found too."""
+    """Lowers what nothing needs, so that its mistakes are found too.
+
+    Of a sub-model only equations: its own file says what is wrong with the rest.
+    """
     for name, entry in model.spec.equations.items():
         with suppress(LoweringFailed):
             model.entries.value(name, entry, _STEP, entry.place.key)
+    for name, layer in model.spec.layers.items():
+        if name not in model.used and not owner_of(name):
+            _report_layer(model, name, layer)
+    for name, function in model.spec.functions.items():
+        if name not in model.used and not owner_of(name):
+            found = _found_by_calling(model, name, len(function.args))
+            # what shapes and units its arguments have is not known
+            model.findings.report(*(d for d in found if d.code in _OF_NAMES))
+
+
+_NOWHERE = Span("", 0, 0, 0, 0)
+_OF_NAMES = frozenset({"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319"})
+
+
+def _report_layer(model: Model, name: str, entry: Layer) -> None:
+    """What is wrong with a layer whatever it is called with."""
+    for count in (1, 2):  # a table in two dimensions takes two values, all others take one
+        found = _found_by_calling(model, name, count)
+        if any(d.span == _NOWHERE for d in found):
+            continue
+        model.findings.report(*found)
+        return
+    model.findings.report(*(d for d in found if d.span != _NOWHERE))
+
+
+def _found_by_calling(model: Model, name: str, count: int) -> list[Diagnostic]:
+    """The errors in a call with zeros, which fit every unit; the model is as it was before."""
+    used, mark = set(model.used), model.findings.mark()
+    zeros = tuple(Number(0.0, _NOWHERE) for _ in range(count))
+    with suppress(LoweringFailed):
+        lower(model, Call(Name(name, _NOWHERE), zeros, (), _NOWHERE), _STEP)
+    found = [d for d in model.findings.since(mark) if d.severity == "error"]
+    model.findings.forget(mark)
+    model.used.clear()
+    model.used.update(used)
+    return found
 
 
 def report_unused(model: Model) -> None:
