@@ -48,7 +48,11 @@ def read_table(node: Node, info: ValidationInfo) -> Table:
         return Table({}, {}, node.span, node.key)
     if not isinstance(node, Table):
         found = kind(node)
-        findings_of(info).report(errors.wrong_kind("a mapping of names", found, node.span))
+        findings_of(info).report(
+            errors.wrong_kind(
+                "a mapping of names", found, node.span, "write for each one `NAME: …`"
+            )
+        )
         raise RefusedError
     return node
 

@@ -27,6 +27,12 @@ def is_name(name: str) -> bool:
     return name.isidentifier() and _NAME.fullmatch(normalised(name)) is not None
 
 
+def similar_name(text: str) -> str | None:
+    """A name that looks like a text that is none: `x_dot` for `x-dot`; None where nothing does."""
+    found = re.sub("[^A-Za-z0-9_Ͱ-Ͽ]+", "_", normalised(text)).strip("_")
+    return found if is_name(found) and why_reserved(found) is None else None
+
+
 def is_dotted_name(name: str) -> bool:
     """Whether a text is names with dots between them: a member of a sub-model."""
     parts = name.split(".")

@@ -86,7 +86,8 @@ def _read_switch(node: Node, findings: Findings, wanted: str = "true or false") 
     if found.text.lower() in _OLD_BOOLEANS:
         findings.report(errors.old_boolean(found.text, found.span))
     else:
-        findings.report(errors.wrong_kind(wanted, kind(found), found.span))
+        repair = {"1": "write `true`", "0": "write `false`"}.get(found.text)
+        findings.report(errors.wrong_kind(wanted, kind(found), found.span, repair))
     raise RefusedError
 
 
@@ -148,7 +149,8 @@ def read_count(node: Node, findings: Findings, least: int, most: int = LARGEST_C
     found = scalar(node, findings, "an integer")
     value = found.value
     if isinstance(value, bool) or not isinstance(value, int):
-        findings.report(errors.wrong_kind("an integer", kind(found), found.span))
+        repair = "remove the quotes" if found.quoted and _is_numeral(found.text) else None
+        findings.report(errors.wrong_kind("an integer", kind(found), found.span, repair))
         raise RefusedError
     if not least <= value <= most:
         wanted = f"at least {least}" if value < least else f"at most {most}"

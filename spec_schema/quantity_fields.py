@@ -83,7 +83,8 @@ def _read_sample_time(node: Node, findings: Findings) -> Quantity:
     assert second is not None
     assert hertz is not None
     found = scalar(node, findings, "a sample time such as `50 ms`")
-    quantity = _read_quantity(found, findings)
+    has_unit = split_quantity(found) is not None
+    quantity = _read_quantity(found, findings) if has_unit else Quantity(0, None, found.span)
     unit = quantity.unit
     if unit is not None and 0 < quantity.value < math.inf:
         if unit.exponents == second.exponents:

@@ -6,19 +6,22 @@ _LONGEST = 60
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """The known word within a third of its length in typing errors; the first of equals, or None.
+    """The known word within a third of its length in typing errors, or None.
 
-    Typing errors are inserted, lost, changed and swapped characters (Damerau 1964).
+    Of words that are equally near it is one of the same length, else the first. Typing errors are
+    inserted, lost, changed and swapped characters (Damerau 1964).
     """
     if len(word) > _LONGEST:
         return None
-    best, best_distance = None, max(1, len(word) // 3) + 1
+    furthest = max(1, len(word) // 3)
+    best, nearness = None, (furthest + 1, False)
     for candidate in known:
-        if abs(len(candidate) - len(word)) >= best_distance:
+        longer = len(candidate) - len(word)
+        if abs(longer) > min(furthest, nearness[0]):
             continue
         distance = _distance(word.casefold(), candidate.casefold())
-        if distance < best_distance and distance < len(word):
-            best, best_distance = candidate, distance
+        if (distance, longer != 0) < nearness and distance < len(word):
+            best, nearness = candidate, (distance, longer != 0)
     return best
 
 

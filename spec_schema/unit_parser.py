@@ -14,7 +14,39 @@ _TOKEN = re.compile(
     r"|(?P<operator>[*/·])|(?P<one>1)(?![0-9.]))"
 )
 # What people write, and what it is called here.
-_SPELLINGS = {"°": "deg", "°C": "degC", "°F": "degF", "sec": "s", "Nm": "N*m", "hr": "h"}
+_SPELLINGS = {
+    "°": "deg",
+    "°C": "degC",
+    "°F": "degF",
+    "Nm": "N*m",
+    "hr": "h",
+    "kmh": "km/h",
+    "kph": "km/h",
+    "sec": "s",
+} | {
+    word: unit
+    for words, unit in (
+        ("metre meter metres meters", "m"),
+        ("second seconds", "s"),
+        ("minute minutes", "min"),
+        ("hour hours", "h"),
+        ("degree degrees", "deg"),
+        ("radian radians", "rad"),
+        ("celsius Celsius", "degC"),
+        ("kelvin Kelvin", "K"),
+        ("newton Newton newtons", "N"),
+        ("volt Volt volts", "V"),
+        ("amp ampere Ampere amps", "A"),
+        ("watt Watt watts", "W"),
+        ("joule Joule joules", "J"),
+        ("pascal Pascal", "Pa"),
+        ("gram grams", "g"),
+        ("kilogram kilograms", "kg"),
+        ("hertz Hertz", "Hz"),
+        ("percent", "%"),
+    )
+    for word in words.split()
+}
 
 
 def parse_unit(text: str) -> Unit:
@@ -62,7 +94,8 @@ def _factor(symbol: str, start: int) -> Unit:
     unit = unit_symbol(symbol)
     if unit is not None:
         return unit
-    repair = _SPELLINGS.get(symbol) or nearest(symbol, UNIT_ROWS)
+    near = nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
+    repair = _SPELLINGS.get(symbol) or near
     raise UnitError(f"unknown unit `{symbol}`", start, start + len(symbol), repair)
 
 

@@ -85,7 +85,8 @@ def _arity(context: LayerContext, function: Located[str]) -> int:
     if name in _OPERATORS:
         return _OPERATORS[name][0]
     if name not in BUILTINS:
-        context.refuse(names.unknown_name(name, function.span, (*_OPERATORS, *BUILTINS)))
+        known = (*_OPERATORS, *BUILTINS)
+        context.refuse(names.unknown_name(name, function.span, known, "a function"))
     return BUILTINS[name].least
 
 

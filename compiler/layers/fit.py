@@ -63,7 +63,7 @@ def declare_fit(context: LayerContext, wanted: Prediction, orders: Orders) -> No
     )
     if model.fits.setdefault(name, fit) != fit:
         problem = f"`fit` is for one input, and `{name}` is called with two"
-        _refuse(context, problem, context.call.arguments[0].span)
+        _refuse(context, problem, context.call.arguments[0].span, "this argument")
 
 
 def _input(context: LayerContext) -> str:
@@ -74,7 +74,7 @@ def _input(context: LayerContext) -> str:
     entry = declared.entry if declared and declared.kind is Kind.INPUT else None
     if not isinstance(entry, Signal) or model.arrays.axes_of(entry):
         problem = "`fit` needs one scalar input as the argument"
-        _refuse(context, problem, arguments[0].span)
+        _refuse(context, problem, arguments[0].span, "this argument")
     return name
 
 
@@ -87,7 +87,9 @@ def _name(context: LayerContext) -> str:
             return ""
 
 
-def _refuse(context: LayerContext, problem: str, span: Span) -> NoReturn:
+def _refuse(
+    context: LayerContext, problem: str, span: Span, label: str = "this setting"
+) -> NoReturn:
     called = f"`{context.name}(u)` with a scalar input u and `fit:` of a scalar signal"
     repair = f"leave `fit` out, or write {called}"
-    context.refuse(names.unfit_setting(f"`{context.name}`", problem, span, repair))
+    context.refuse(names.unfit_setting(f"`{context.name}`", problem, span, repair, label))

@@ -36,9 +36,9 @@ def interpolation(context: LayerContext, settings: Interpolation, arguments: Arg
     table = context.model.constants.evaluate(settings.y)
     shape = tuple(len(values) for values in knots)
     if table.values.shape != shape:
-        wanted, found = list(shape), list(table.values.shape)
         what, place = f"`y` of `{context.name}`", settings.y.span
-        context.refuse(shapes.wrong_axes(what, f"{wanted} values", f"{found} values", place))
+        found, wanted = _counted(table.values.shape), _counted(shape)
+        context.refuse(shapes.wrong_axes(what, wanted, found, place))
     if not np.all(np.isfinite(table.values)):
         context.refuse(names.unfit_setting("interpolation", "`y` is not finite", settings.y.span))
     unit = _unit(settings, table.unit)
@@ -56,6 +56,13 @@ def interpolation(context: LayerContext, settings: Interpolation, arguments: Arg
             degrees = builder.add(degrees, beyond(sets))
         result = builder.contract_over(degrees, result, axis.name)
     return result
+
+
+def _counted(shape: tuple[int, ...]) -> str:
+    """`3 values`, `2 rows of 3 values`."""
+    values = f"{shape[-1]} value{'s' if shape[-1] != 1 else ''}" if shape else "one number"
+    rows = f"{shape[0]} row{'s' if shape[0] != 1 else ''} of " if len(shape) == 2 else ""
+    return rows + values
 
 
 def _knots(context: LayerContext, expression: Expression) -> Array:

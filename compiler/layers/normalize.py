@@ -80,7 +80,8 @@ def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
     if declared is None or not isinstance(declared.entry, Signal | Connected) or before != name:
         problem = "`data` takes mean and std of one input or target"
         repair = f"name it: `{context.name}: {{normalize: {{mean: data, std: data, of: SIGNAL}}}}`"
-        context.refuse(names.unfit_setting("normalize", problem, span, repair))
+        label = "this argument" if settings.of is None else "this setting"
+        context.refuse(names.unfit_setting("normalize", problem, span, repair, label))
     return name
 
 

@@ -75,7 +75,9 @@ class Arrays:
         if low is not None and high is not None and low >= high:
             assert entry.min is not None
             self._model.findings.report(
-                names.unfit_constant(f"`{name}`", "has min at or above max", entry.min.span)
+                names.unfit_constant(
+                    f"`{name}`", "has no room: `min` is not below `max`", entry.min.span
+                )
             )
             raise LoweringFailed
         outside = bool(

@@ -56,18 +56,18 @@ def lower_builtin(
     model: Model, name: str, builtin: Builtin, call: Call, environment: Environment
 ) -> NodeId:
     """The node of a call of a builtin, after its arguments are counted and its keywords known."""
-    found = len(call.arguments)
-    if found < builtin.least or (builtin.most is not None and found > builtin.most):
-        model.findings.report(
-            names.wrong_argument_count(name, builtin.wanted, found, call.function.span)
-        )
-        raise LoweringFailed
     for keyword in call.keywords:
         if keyword.name not in builtin.keywords:
             model.findings.report(
                 names.unknown_keyword(name, keyword.name, keyword.span, builtin.keywords)
             )
             raise LoweringFailed
+    found = len(call.arguments)
+    if found < builtin.least or (builtin.most is not None and found > builtin.most):
+        model.findings.report(
+            names.wrong_argument_count(name, builtin.wanted, found, call.function.span)
+        )
+        raise LoweringFailed
     return builtin.lower(model, call, environment)
 
 
@@ -230,7 +230,7 @@ def _dropout(model: Model, call: Call, environment: Environment) -> NodeId:
     node = lower(model, call.arguments[0], environment)
     rate = model.number(call.arguments[1], environment, "the share of `dropout`")
     if not 0 <= rate < 1:
-        problem = f"is {rate:g}; 0 … 1 without 1 can be left out"
+        problem = f"must be at least 0 and below 1, not {rate:g}"
         report = names.unfit_constant("the share of `dropout`", problem, call.arguments[1].span)
         model.findings.report(report)
         raise LoweringFailed

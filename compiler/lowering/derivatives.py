@@ -34,12 +34,11 @@ def lower_derivative(model: Model, call: Call, environment: Environment) -> Node
     method = method_of(model, call, _METHODS)
     argument, there = resolved(call.arguments[0], environment)
     state = model.spec.states.get(argument.name) if isinstance(argument, Name) else None
-    if state is not None and state.der is not None:
+    if isinstance(argument, Name) and state is not None and state.der is not None:
         given = option(call, "method")
         if given is not None:
-            model.findings.report(calculus.method_takes_state(given.span))
+            model.findings.report(calculus.method_takes_state(argument.name, given.span))
             raise LoweringFailed
-        assert isinstance(argument, Name)
         model.used.add(argument.name)
         return model.states.derivative(argument.name, state, call.span, there)
     seconds = model.sample_time("`der`", call.span)

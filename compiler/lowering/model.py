@@ -190,7 +190,10 @@ class Model:
         declared = self.declared(name, function.span) if is_declared else None
         if declared is None:
             known = [n for n, d in self.scope.items() if d.kind in _CALLABLE]
-            self.findings.report(names.unknown_name(name, function.span, (*known, *BUILTINS)))
+            report = names.unknown_name(
+                name, function.span, (*known, *BUILTINS), "a layer or function"
+            )
+            self.findings.report(report)
             raise LoweringFailed
         match declared.entry:
             case Layer() as layer:

@@ -29,7 +29,9 @@ def prediction_of(model: Model, predicts: PredictionEntry, key: str) -> Predicti
     declared = model.scope.get(signal.value)
     if declared is None:
         known = [n for n, d in model.scope.items() if d.kind in _LOGGED]
-        model.findings.report(names.unknown_name(signal.value, signal.span, known))
+        model.findings.report(
+            names.unknown_name(signal.value, signal.span, known, "an input, target or state")
+        )
         raise LoweringFailed
     if declared.kind not in _LOGGED:
         model.findings.report(states.no_such_prediction(key, signal.value, signal.span))

@@ -48,12 +48,9 @@ _OF_NAMES = frozenset({"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0
 
 def _report_layer(model: Model, name: str, entry: Layer) -> None:
     """What is wrong with a layer whatever it is called with."""
-    for count in (1, 2):  # a table in two dimensions takes two values, all others take one
-        found = _found_by_calling(model, name, count)
-        if any(d.span == _NOWHERE for d in found):
-            continue
-        model.findings.report(*found)
-        return
+    found = _found_by_calling(model, name, 1)
+    if any(d.span == _NOWHERE for d in found):  # such as a table in two dimensions
+        found = _found_by_calling(model, name, 2)
     model.findings.report(*(d for d in found if d.span != _NOWHERE))
 
 

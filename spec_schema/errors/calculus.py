@@ -82,7 +82,7 @@ def memory_of_window(function: str, span: Span) -> Diagnostic:
     )
 
 
-def method_takes_state(span: Span) -> Diagnostic:
+def method_takes_state(state: str, span: Span) -> Diagnostic:
     """E0717: a method for the derivative of a state that has a right-hand side."""
     return Diagnostic(
         "E0717",
@@ -90,7 +90,7 @@ def method_takes_state(span: Span) -> Diagnostic:
         "the derivative of a continuous state is its right-hand side, whatever the method",
         span,
         "has no meaning here",
-        help="leave `method=` out, or take the derivative of its log, `x.meas`",
+        help=f"leave `method=` out, or take the derivative of its log, `{state}.meas`",
     )
 
 

@@ -7,7 +7,12 @@ from spec_schema.source import Span
 from spec_schema.suggest import nearest
 
 
-def unknown_name(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
+def unknown_name(
+    name: str,
+    span: Span,
+    known: Iterable[str],
+    wanted: str = "an input, parameter, layer or equation",
+) -> Diagnostic:
     """E0301: a name that nothing declares."""
     meant = nearest(name, known)
     return Diagnostic(
@@ -15,7 +20,7 @@ def unknown_name(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
         "error",
         f"unknown name `{name}`",
         span,
-        "not an input, parameter, layer or equation",
+        f"not {wanted}",
         help=f"did you mean `{meant}`?" if meant else None,
     )
 
@@ -163,9 +168,15 @@ def unfit_constant(name: str, problem: str, span: Span) -> Diagnostic:
     return Diagnostic("E0312", "error", f"the value of {name} {problem}", span, "this value")
 
 
-def unfit_setting(owner: str, problem: str, span: Span, repair: str | None = None) -> Diagnostic:
+def unfit_setting(
+    owner: str,
+    problem: str,
+    span: Span,
+    repair: str | None = None,
+    label: str = "this setting",
+) -> Diagnostic:
     """E0313: an option of a layer whose value cannot be used."""
-    return Diagnostic("E0313", "error", f"{owner}: {problem}", span, "this setting", help=repair)
+    return Diagnostic("E0313", "error", f"{owner}: {problem}", span, label, help=repair)
 
 
 def unusable_numbers(path: str, reason: str, span: Span) -> Diagnostic:

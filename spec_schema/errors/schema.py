@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from spec_schema.diagnostics import Diagnostic
+from spec_schema.names import similar_name
 from spec_schema.source import Span
 from spec_schema.suggest import nearest
 
@@ -64,12 +65,14 @@ def wrong_kind(wanted: str, found: str, span: Span, repair: str | None = None) -
 
 def malformed_name(name: str, span: Span) -> Diagnostic:
     """E0205: a name that expressions could not use."""
+    repair = similar_name(name)
     return Diagnostic(
         "E0205",
         "error",
         f"`{name}` is not a name",
         span,
         "a name is made of letters (Latin or Greek), digits and `_`, and starts with a letter",
+        help=f"write for example `{repair}`" if repair else None,
     )
 
 

@@ -44,7 +44,14 @@ def empty_window(span: Span) -> Diagnostic:
 
 def window_of_window(span: Span) -> Diagnostic:
     """E0604: a window of something that is a window already."""
-    return Diagnostic("E0604", "error", "a window of a window", span, "this is a window already")
+    return Diagnostic(
+        "E0604",
+        "error",
+        "a window of a window",
+        span,
+        "this is a window already",
+        help="take one window of what it is made of, as long as both together",
+    )
 
 
 def window_not_yet(what: str, span: Span) -> Diagnostic:
