@@ -47,12 +47,12 @@ def read_table(node: Node, info: ValidationInfo) -> Table:
     if isinstance(node, Scalar) and node.is_empty:
         return Table({}, {}, node.span, node.key)
     if not isinstance(node, Table):
-        found = kind(node)
-        findings_of(info).report(
-            errors.wrong_kind(
-                "a mapping of names", found, node.span, "write for each one `NAME: …`"
-            )
+        repair = (
+            f"give it a name: `{{NAME: {node.text[:40]}}}`" if isinstance(node, Scalar) else None
         )
+        repair = repair or "write for each one `NAME: …`"
+        wrong = errors.wrong_kind("a mapping of names", kind(node), node.span, repair)
+        findings_of(info).report(wrong)
         raise RefusedError
     return node
 

@@ -18,6 +18,7 @@ DEEPEST = 64
 MOST_VALUES = 50_000
 
 _TAB_OR_COMMENT = re.compile(r"\t|#[^\r\n]*")
+_COMMA = re.compile(r"\s*,")
 _ANCHOR = re.compile(r"&\S*\s*")
 _STYLES: dict[str | None, Style] = {"'": "'", '"': '"', "|": "|", ">": ">"}
 
@@ -150,7 +151,8 @@ class TreeBuilder:
 
     def _check_split(self, frame: _Open, node: Scalar) -> None:
         """A comma within the parentheses of an unquoted value has cut it."""
-        if node.text.count("(") > node.text.count(")") and not frame.is_split:
+        is_open = node.text.count("(") > node.text.count(")")
+        if is_open and not frame.is_split and _COMMA.match(self._text, self._read):
             frame.is_split = True
             self._findings.report(errors.comma_splits(node.text, node.span))
 

@@ -23,7 +23,9 @@ def tab(span: Span) -> Diagnostic:
 def bracket_in_flow(text: str, span: Span) -> Diagnostic:
     """E0103: an unquoted `x[t+1]` within { } or [ ]."""
     message = "an unquoted value within { } or [ ] cannot contain brackets"
-    return _error("E0103", message, span, "YAML reads its own list here", f'quote it: "{text}"')
+    is_whole = text.count("(") == text.count(")")
+    repair = f'quote it: "{text}"' if is_whole else "quote the whole expression"
+    return _error("E0103", message, span, "YAML reads its own list here", repair)
 
 
 def stray_alias(text: str, span: Span) -> Diagnostic:
