@@ -178,4 +178,4 @@ def _limit(limit: Quantity | None, unit: Unit | None, findings: Findings) -> flo
     if not limit.unit.same_dimension(expected):
         findings.report(errors.wrong_limit_unit(limit.text, expected.text, limit.span))
         return None
-    return limit.unit.convert(limit.value, expected)
+    return limit.value * limit.unit.factor_to(expected)  # of a difference: 2 K are 2 degC

@@ -114,3 +114,12 @@ def test_check_looks_at_the_keys_of_files(tmp_path: Path) -> None:
     path.write_text(f"{HEAD}validate:\n{checks}")
     found = [(fault.code, fault.span and fault.span.line) for fault in check_workflow(load(path))]
     assert found == [("E0952", 8), ("E0301", 8), ("E0954", 9)]
+
+
+def test_a_limit_in_kelvin_is_that_of_a_difference_in_degrees(folder: Path) -> None:
+    path = folder / "gain.msnn.yaml"
+    checks = "  - {of: next, metric: mae, files: wet/b.csv, max: 1.5 K}\n"
+    text = f"{HEAD}{DATA}validate:\n{checks}".replace("y: m}", "y: degC}")
+    path.write_text(text.replace("expr: a * u", "expr: a * u, unit: degC"))
+    (row,) = msnn.validate(msnn.load(path)).rows
+    assert (row.maximum, row.passed) == (1.5, True)
