@@ -77,7 +77,8 @@ def error_curve(
     steps = int(number.max(initial=0)) + 1
     if steps == 1:
         return None
-    first = _bounds(steps, max(len(number) // _SAMPLES, 1) if few else _POINTS)
+    begin = int(number.min())
+    first = begin + _bounds(steps - begin, max(len(number) // _SAMPLES, 1) if few else _POINTS)
     squares, counts = _sums_of_squares(prediction - target)
     point = np.searchsorted(first, number, side="right") - 1
     total = np.bincount(point, squares, len(first))

@@ -79,7 +79,9 @@ def load_model(
 def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Model:
     """The model with every stage trained by this engine."""
     stages = tuple(stage.model_copy(update={"engine": engine}) for stage in model.spec.train)
-    return replace(model, spec=model.spec.model_copy(update={"train": stages}))
+    spec = model.spec.model_copy(update={"train": stages})
+    same = (f"train.{number}.engine={engine}" for number in range(len(stages)))
+    return replace(model, spec=spec, settings=(*model.settings, *same))
 
 
 def _compiled(read: ReadResult, path: Path, settings: Sequence[str], strict_units: bool) -> Model:

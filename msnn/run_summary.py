@@ -155,17 +155,22 @@ def commands(run: Run) -> dict[str, str]:
         spec = str(run.folder / SPEC)
     found: dict[str, list[str]] = {}
     if (run.folder / CHECKPOINT).is_file():
-        settings = [
-            word for text in run.description.get("settings", []) for word in ("--set", text)
-        ]
-        out = run.folder.absolute().parent.parent
-        words = [] if out == Path("runs").absolute() else ["--out", str(run.folder.parent.parent)]
-        found["resume"] = ["msnn", "train", spec, "--resume", *settings, *words]
+        found["resume"] = ["msnn", "train", spec, "--resume", *_options(run)]
     if (run.folder / WEIGHTS).is_file():
         weights = ["--weights", str(run.folder / WEIGHTS)]
         found["validate"] = ["msnn", "validate", spec, *weights]
         found["export"] = ["msnn", "export", spec, *weights]
     return {what: shlex.join(words) for what, words in found.items()}
+
+
+def _options(run: Run) -> list[str]:
+    """What else the command line of the run said, as far as it is kept."""
+    words = [word for text in run.description.get("settings", []) for word in ("--set", text)]
+    device = run.description.get("device", "cpu")
+    words += [] if device == "cpu" else ["--device", device]
+    words += ["--tensorboard"] if any(run.folder.glob("events.out.*")) else []
+    out = run.folder.parent.parent
+    return words if out.absolute() == Path("runs").absolute() else [*words, "--out", str(out)]
 
 
 def _heading(run: Run) -> str:

@@ -171,11 +171,12 @@ def _measurement_record(found: Measurement) -> dict[str, Any]:
 
 
 def _readings(curve: ErrorCurve) -> dict[int, float]:
-    """The errors at 1, 2, 5, 10, … as far as the curve goes, and at its end; each point once."""
+    """The errors where the curve begins, at 1, 2, 5, 10, … and at its end; each point once."""
     end = int(curve.last[-1])
     decades = [digit * 10**power for power in range(len(str(end))) for digit in (1, 2, 5)]
     step_of: dict[int, int] = {}
-    for step in [k for k in decades if k < end] + [end]:
+    begin = int(curve.first[0])
+    for step in (begin, *(k for k in decades if begin < k < end), end):
         (points,) = np.nonzero((curve.first <= step) & (step <= curve.last))
         for point in points.tolist():
             step_of.setdefault(point, step)

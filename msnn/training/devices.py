@@ -22,6 +22,11 @@ class Device:
     for_all: bool
     """Whether stages go there that leave the engine open, and kernels with them."""
 
+    @property
+    def name(self) -> str:
+        """What `find_device` finds it by on this machine."""
+        return self.torch if self.for_all or self.torch == "cpu" else "auto"
+
 
 CPU = Device("cpu", for_all=False)
 

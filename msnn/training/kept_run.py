@@ -28,7 +28,11 @@ def open_run(
             if options.fold is None
             else fold_folder(program, options.fold)
         )
-        begun = {"spec": options.spec_file, "settings": list(options.settings)}
+        begun = {
+            "spec": options.spec_file,
+            "settings": list(options.settings),
+            "device": options.device.name,
+        }
         folder.write_description({**record, **begun}, options.spec_text, options.parts)
         return folder, None
     folder = interrupted_run(program, options.runs)

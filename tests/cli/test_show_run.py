@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from msnn import api
+from msnn.model_file import with_engine
 from msnn.training.progress import EpochEnd, Silent
 from msnn.training.train import TrainingInterruptedError
 from tests.cli.command_line import CommandLine
@@ -82,14 +83,15 @@ class Interrupting(Silent):
 
 
 def test_an_interrupted_run_says_how_it_goes_on(msnn: CommandLine, project: Path):
-    model = api.load(SPEC, ["train.0.epochs=5"])
+    model = with_engine(api.load(SPEC, ["train.0.epochs=5"]), "torch")
     with pytest.raises(TrainingInterruptedError):
         api.train(model, runs="other runs", progress=Interrupting())
     record = json.loads(msnn("show", "other runs/plant/latest", "--format", "json").out)
     assert record["state"] == "interrupted"
     assert record["stages"][0]["reason"] == "at epoch 2 of 5"
     words = shlex.split(record["commands"]["resume"])
-    assert words[1:] == ["train", SPEC, "--resume", *words[4:6], "--out", "other runs"]
+    assert words[1:] == ["train", SPEC, "--resume", *words[4:8], "--out", "other runs"]
+    assert words[4:8] == ["--set", "train.0.epochs=5", "--set", "train.0.engine=torch"]
     assert msnn(*words[1:]).code == 0
     said = msnn("show", "other runs/plant/latest").out
     assert "plant: finished" in said

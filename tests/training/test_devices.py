@@ -81,6 +81,8 @@ def test_devices_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     assert find_device("cuda") == CARD
     assert find_device("cuda:1") == Device("cuda:1", for_all=True)
     assert find_device("auto") == Device("cuda", for_all=False)
+    for name in ("cpu", "cuda", "cuda:1", "auto"):
+        assert find_device(name).name == name
     has_cards(monkeypatch, 0)
     assert find_device("auto") == CPU
 

@@ -267,6 +267,9 @@ def test_the_tables_read_curves_at_round_steps_and_at_their_end() -> None:
     (record, _) = metrics_record(report)["outputs"]
     assert record["curve"]["first"] == list(range(1, 8))
     assert record["metrics"]["rmse"] == report.rows[0].value
+    late = in_blocks(dataset(gain_series(60), train=[60]), "test", slice(20, 60))
+    header = curves_table(measured("  - {of: x_next, rollout: record}\n", late, HALF)).split()
+    assert header[3:6] == ["20", "50", "unit"]  # 20 … 39 and 40 … 59 are of the set
     one_step = measured("", dataset(gain_series(50), test=[50]), HALF)
     assert curves_table(one_step) == ""
     assert metrics_record(one_step)["outputs"][0]["curve"] is None
