@@ -29,8 +29,14 @@ def package_texts(
         "zephyr/Kconfig": "packages/zephyr_Kconfig.j2",
         "zephyr/CMakeLists.txt": "packages/zephyr_CMakeLists.txt.j2",
         "library.properties": "packages/library.properties.j2",
-        f"src/{interface.prefix}.h": "packages/forward.h.j2",
     }
-    return {
-        path: render(template, interface, "Interface", **facts) for path, template in files.items()
-    }
+    texts = {path: render(template, interface, "", **facts) for path, template in files.items()}
+    return texts | dict(_forward(interface, header) for header in facts["headers"])
+
+
+def _forward(interface: Generated, header: str) -> tuple[str, str]:
+    """A header beside the sources that includes the one in `include/`."""
+    name = header.removeprefix("include/")
+    guard = f"{name.removesuffix('.h').upper()}_FORWARD_H"
+    template = "packages/forward.h.j2"
+    return f"src/{name}", render(template, interface, "Interface", header=header, guard=guard)

@@ -82,21 +82,50 @@ def file_texts(
             functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
         ),
         **_test_texts(program, names),
-        "README.md": _filled(
-            "README.md",
-            names,
-            "",
-            dtype=program.width.name,
-            ports=ports,
-            errors=[_error_row(error) for error in errors],
-            error_steps=errors[0].steps if errors else 0,
-        ),
         f"{prefix}.json": _metadata(program, names, errors, writer.status_bits()),
     }
+    texts["README.md"] = _readme(program, names, errors, texts)
     texts |= package_texts(names, texts, in_reals=False)
     bits = program.width
     texts |= ffi_texts(names, {"word": f"c_int{bits.word}", "sum": f"c_int{bits.sum}"})
     return dict(sorted(texts.items()))
+
+
+def _readme(
+    program: IntegerProgram,
+    names: FixedNames,
+    errors: Sequence[OutputError],
+    paths: Iterable[str],
+) -> str:
+    zero = _real_type(program)["zero"]
+    return _filled(
+        "README.md",
+        names,
+        "",
+        headers=[f"{names.prefix}.h", f"{names.prefix}_real.h"],
+        in_reals=False,
+        sources=sorted(p for p in paths if p.startswith("src/") and p.endswith(".c")),
+        input_names=[entry.port.name for entry in program.inputs],
+        assignments=[_assignment(names, entry.port, zero) for entry in program.inputs],
+        outputs=[_shown(names, port) for port, _ in program.outputs],
+        dtype=program.width.name,
+        ports=_ports(program, names),
+        errors=[_error_row(error) for error in errors],
+        error_steps=errors[0].steps if errors else 0,
+    )
+
+
+def _assignment(names: FixedNames, port: WordPort, zero: str) -> str:
+    field = names.inputs[port.name]
+    word = f"{names.prefix}_{field}_from_real({zero});"
+    if not port.axes:
+        return f"u.{field} = {word}"
+    return f"for (int i = 0; i < {port.size}; i++) u.{field}[i] = {word}"
+
+
+def _shown(names: FixedNames, port: WordPort) -> str:
+    field = names.outputs[port.name]
+    return f"(double){names.prefix}_{field}_to_real(y.{field}{'[0]' if port.axes else ''})"
 
 
 def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
