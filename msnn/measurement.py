@@ -79,19 +79,22 @@ def error_curve(
         return None
     begin = int(number.min())
     first = begin + _bounds(steps - begin, max(len(number) // _SAMPLES, 1) if few else _POINTS)
-    squares, counts = _sums_of_squares(prediction - target)
+    squares, counts = _sums_of_squares(prediction, target)
     point = np.searchsorted(first, number, side="right") - 1
     total = np.bincount(point, squares, len(first))
     scored = np.bincount(point, counts, len(first)).astype(np.int64)
     kept = scored > 0
+    if not kept.any():
+        return None
     last = np.append(first[1:], steps)
     rmse = np.sqrt(total[kept] / scored[kept])
     return ErrorCurve(first[kept] + 1, last[kept], rmse, scored[kept])
 
 
 def error_trace(prediction: FloatArray, target: FloatArray) -> ErrorTrace:
-    """The smallest and the largest error of any element around each sample."""
+    """The smallest and the largest finite error of any element around each sample."""
     error = (prediction - target).reshape(len(prediction), -1)
+    error = np.where(np.isfinite(error), error, np.nan)
     error = error[~np.isnan(error).all(axis=1)]
     if not len(error):
         return ErrorTrace(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
@@ -107,8 +110,10 @@ def _bounds(count: int, most: int = _POINTS) -> IntArray:
     return np.arange(points, dtype=np.int64) * count // points
 
 
-def _sums_of_squares(error: FloatArray) -> tuple[FloatArray, IntArray]:
+def _sums_of_squares(prediction: FloatArray, target: FloatArray) -> tuple[FloatArray, IntArray]:
     """Σe² of each sample over its elements that have a target, and their number."""
-    flat = error.reshape(len(error), -1)
-    there = ~np.isnan(flat)
-    return np.where(there, flat * flat, 0.0).sum(axis=1), there.sum(axis=1)
+    there = ~np.isnan(target.reshape(len(target), -1))
+    with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such
+        error = (prediction - target).reshape(there.shape)
+        squares = np.where(there, error * error, 0.0)
+    return squares.sum(axis=1), there.sum(axis=1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import Dataset
-from msnn.measurement import METRICS, error_trace
+from msnn.measurement import METRICS, error_curve, error_trace
 from msnn.metrics import score
 from msnn.validation import MetricRow, ValidationReport, validate
 from msnn.validation_report import curves_table, metrics_record
@@ -242,6 +242,21 @@ def test_the_trace_keeps_the_extremes_and_leaves_gaps_out() -> None:
     assert (found.low.min(), found.high.max()) == (-np.nanmax(target), -np.nanmin(target))
     assert found.sample[-1] == 796
     assert len(error_trace(prediction, np.full(1000, np.nan)).sample) == 0
+
+
+def test_predictions_that_leave_the_numbers_show_in_the_curve() -> None:
+    target = np.zeros(6)
+    target[2] = np.nan
+    number = np.array([0, 1, 2, 0, 1, 2])
+    prediction = np.array([1.0, 1e200, 5.0, 1.0, 2.0, np.nan])
+    curve = error_curve(prediction, target, number, few=False)
+    assert curve is not None
+    assert curve.scored.tolist() == [2, 2, 1]
+    assert curve.rmse[:2].tolist() == [1.0, np.inf]
+    assert np.isnan(curve.rmse[2])
+    assert error_curve(prediction, np.full(6, np.nan), number, few=False) is None
+    trace = error_trace(prediction, target)
+    assert trace.high.tolist() == [1.0, 1e200, 1.0, 2.0]
 
 
 def test_every_metric_is_measured_once_for_each_way_to_simulate() -> None:
