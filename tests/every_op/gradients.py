@@ -1,4 +1,4 @@
-"""Slopes of a weighted sum of everything a step computes, by torch, by CasADi, by differences.
+"""Slopes of a weighted sum of everything a step computes, by four roads.
 
 All work on the step form and have the same variables: ports, states and parameters, by name.
 """
@@ -17,6 +17,8 @@ from backends.casadi_function import build_function, casadi_names
 from backends.step_interface import StepInterface, step_interface
 from backends.torch_module import build_module
 from compiler.interpreter import Interpreter
+from compiler.jacobian import jacobian
+from compiler.jacobian_values import JacobianInterpreter
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import Program
 from tests.every_op.runners import Log
@@ -158,13 +160,51 @@ def by_casadi(p: Problem) -> Variables:
     return found
 
 
+def by_jacobian(p: Problem) -> Variables:
+    """The weighted rows of the Jacobian in core operations, in the interpreter."""
+    slopes = jacobian(p.program, parameters=True)
+    log, times, weights, states = _log_of_members(p, p.variables)
+    judge = JacobianInterpreter(slopes, p.program, weights)
+    matrices = judge.matrices(log, times, states)
+    found: Variables = {}
+    rows = {"x": ("next", slopes.states), "y": ("output", slopes.outputs)}
+    row_weights = {
+        letter: [x for m in vector.members for x in _weight(p, (kind, m.name), m.size)]
+        for letter, (kind, vector) in rows.items()
+    }
+    letters = {"port": "u", "state": "x", "parameter": "p"}
+    for (kind, name), value in p.variables.items():
+        total = np.zeros((p.members, value[0].size if kind != "parameter" else value.size))
+        for matrix in slopes.matrices:
+            if matrix.columns.letter == letters[kind]:
+                column = matrix.columns.member(name)
+                part = matrices[matrix.name][:, :, column.first : column.first + column.size]
+                total += np.einsum("r,brc->bc", row_weights[matrix.rows.letter], part)
+        whole = total.sum(0) if kind == "parameter" else total
+        found[kind, name] = whole.reshape(value.shape)
+    return found
+
+
+def _weight(p: Problem, result: tuple[Kind, str], size: int) -> list[float]:
+    return p.weights.get(result, np.zeros(size)).ravel().tolist()
+
+
 def _member(p: Problem, key: tuple[Kind, str], member: int) -> Array:
     value = p.variables[key]
     return value if key[0] == "parameter" else value[member]
 
 
 def _results(p: Problem, variables: Mapping[tuple[Kind, str], Array]) -> Variables:
-    """Every member gets rows of its own in a log made for it."""
+    log, times, weights, states = _log_of_members(p, variables)
+    values = Interpreter(p.program, weights).step(log, times, states)
+    results = {("output", name): value for name, value in values.outputs.items()}
+    return results | {("next", name): value for name, value in values.next_states.items()}
+
+
+def _log_of_members(
+    p: Problem, variables: Mapping[tuple[Kind, str], Array]
+) -> tuple[dict[str, Array], NDArray[np.int64], dict[str, Array], dict[str, Array]]:
+    """A log in which every member has rows of its own, these rows, the weights and the states."""
     ports = p.interface.inputs
     first = min((port.first for port in ports), default=0)
     span = max((port.last for port in ports), default=0) - first + 1
@@ -179,6 +219,4 @@ def _results(p: Problem, variables: Mapping[tuple[Kind, str], Array]) -> Variabl
         log[port.signal.name] = series
     weights = {name: v for (kind, name), v in variables.items() if kind == "parameter"}
     states = {name: v for (kind, name), v in variables.items() if kind == "state"}
-    values = Interpreter(p.program, weights).step(log, times, states)
-    results = {("output", name): value for name, value in values.outputs.items()}
-    return results | {("next", name): value for name, value in values.next_states.items()}
+    return log, times, weights, states

@@ -12,10 +12,10 @@ from compiler.builder import GraphBuilder
 from compiler.ops import Relation
 from compiler.program import NodeId
 from compiler.types import Axis
-from tests.every_op.gradients import Gradient, Problem, by_casadi, by_torch, problem
+from tests.every_op.gradients import Gradient, Problem, by_casadi, by_jacobian, by_torch, problem
 from tests.every_op.record import RecordBuilder
 
-MODES: dict[str, Gradient] = {"torch": by_torch, "casadi": by_casadi}
+MODES: dict[str, Gradient] = {"torch": by_torch, "casadi": by_casadi, "jacobian": by_jacobian}
 JOINT = Axis("joint", 2)
 
 Build = Callable[[GraphBuilder, tuple[NodeId, ...]], NodeId]

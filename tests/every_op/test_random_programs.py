@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from compiler.interpreter import Interpreter
 from compiler.program import Program
 from compiler.verifier import verify
-from tests.every_op.gradients import by_casadi, by_torch, problem
+from tests.every_op.gradients import by_casadi, by_jacobian, by_torch, problem
 from tests.every_op.random_programs import programs
 from tests.every_op.runners import Runner, run_casadi, run_onnx, run_torch
 
@@ -67,6 +67,7 @@ def test_slopes_agree(program: Program):
     expected = by_torch(p)
     largest = max(1.0, *(np.abs(slope).max() for slope in expected.values()))
     _assert_close(by_casadi(p), expected, SLOPES * largest, "casadi")
+    _assert_close(by_jacobian(p), expected, SLOPES * largest, "jacobian")
 
 
 def _is_finite(value: NDArray[Any]) -> bool:
