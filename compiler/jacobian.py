@@ -29,7 +29,7 @@ from spec_schema.units import Unit
 
 def jacobian(program: Program, *, parameters: bool = False) -> Jacobian:
     """The Jacobian of a program in step form; `parameters` also by the parameters of the step."""
-    program = guard_untaken(replace(program, losses=()))
+    program = guard_untaken(replace(program, losses=(), expected=()))
     step = program.step
     results = {"x": [(s.name, s.next, s.axes, s.unit) for s in program.states]}
     types = [(output, step[output.node].type) for output in program.outputs]

@@ -80,6 +80,10 @@ class Matrix:
         return self.rows.size, self.columns.size
 
     @property
+    def size(self) -> int:
+        return len(self.known)
+
+    @property
     def nodes(self) -> list[NodeId]:
         """The nodes of its computed entries."""
         return [block.node for block in self.blocks]

@@ -27,7 +27,13 @@ class JacobianInterpreter:
         self._jacobian = jacobian
         outputs = tuple(Output(str(node), node) for node in dict.fromkeys(jacobian.roots))
         slopes = replace(
-            program, states=(), step=jacobian.graph, outputs=outputs, losses=(), fits=()
+            program,
+            states=(),
+            step=jacobian.graph,
+            outputs=outputs,
+            losses=(),
+            fits=(),
+            expected=(),
         )
         self._interpreter = Interpreter(slopes, weights, dtype)
 

@@ -17,7 +17,17 @@ from msnn.package_names import check_package_names
 check_package_names()
 
 if TYPE_CHECKING:
-    from msnn.api import compile, export, load, simulate, stage_loss, train, train_folds, validate
+    from msnn.api import (
+        compile,
+        export,
+        linearize,
+        load,
+        simulate,
+        stage_loss,
+        train,
+        train_folds,
+        validate,
+    )
     from msnn.model_file import Model
     from spec_schema.diagnostics import SpecError
 
@@ -26,6 +36,7 @@ __all__ = [
     "SpecError",
     "compile",
     "export",
+    "linearize",
     "load",
     "simulate",
     "stage_loss",

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from msnn.data.frames import Frames
     from msnn.exporting import TargetName
     from msnn.folds import FoldsResult
+    from msnn.linearization import Linearization
     from msnn.simulation import Simulation
     from msnn.training.own_loop import StageLoss
     from msnn.training.progress import Progress
@@ -217,6 +218,26 @@ def simulate(
         case _:
             dataset = one_record(record_data(program, data))
     return run(program, dataset, _known(model, weights), horizon)
+
+
+def linearize(
+    model: Model,
+    inputs: Mapping[str, ArrayLike],
+    states: Mapping[str, ArrayLike],
+    weights: Weights | None = None,
+) -> Linearization:
+    """Slopes of one step in all that the model remembers, its inputs and its parameters.
+
+        found = msnn.linearize(model, {"F": 0.0}, {"x": 0.1, "v": 0.0}, result.weights)
+        print(found.matrices["A"], found.vectors["x"].member("v").first)
+
+    `inputs` are samples in the shapes of ports, `states` all that is remembered by name, buffers
+    (`F.history`) oldest sample first; `msnn show --interface` lists both. Matrices are (rows,
+    columns), in the spec's units. Weights None: the initial values. Raises ValueError.
+    """
+    from msnn.linearization import linearize as run
+
+    return run(model.program, inputs, states, _known(model, weights))
 
 
 def export(

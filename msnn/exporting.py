@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeAlias, assert_never
+from typing import Literal, TypeAlias, assert_never, get_args
 
 from backends.identifiers import c_identifier
 from compiler.passes.close_loop import LoopError, close_loop
@@ -15,19 +15,30 @@ from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
 from compiler.passes.to_step_form import to_step_form
 from compiler.program import Program
+from compiler.types import Type
 from msnn.data.dataset import FloatArray
 from msnn.model_file import Model
 from spec_schema.diagnostics import Diagnostic, Findings, SpecError
 from spec_schema.errors import commands, workflow
-from spec_schema.errors.fixed_point import fixed_point_option
+from spec_schema.errors.fixed_point import fixed_point_option, no_integer_slopes
 from spec_schema.errors.states import not_closable
-from spec_schema.exports import CasadiExport, CExport, Export, OnnxExport, TorchExport
+from spec_schema.exports import (
+    CasadiExport,
+    CExport,
+    Export,
+    Extra,
+    OnnxExport,
+    TorchExport,
+)
 from spec_schema.source import Span
 
 TargetName: TypeAlias = Literal["torch", "onnx", "casadi", "c"]
 Dtype: TypeAlias = Literal["float32", "float64"]
 FixedPoint: TypeAlias = Literal["q15", "q31"]
 TARGETS: tuple[TargetName, ...] = ("torch", "onnx", "casadi", "c")
+EXTRAS: tuple[Extra, ...] = get_args(Extra)
+MOST_ENTRIES = 250_000
+"""Of a matrix of a Jacobian: a megabyte in single precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +53,8 @@ class ExportPlan:
     """What the spec says of generated C besides."""
     fixed_point: FixedPoint | None = None
     """C in integers of this format instead of `dtype`."""
+    extras: tuple[Extra, ...] = ()
+    """What C has beside the step."""
 
 
 def target_names(names: Sequence[str], export: Export | None) -> tuple[TargetName, ...]:
@@ -61,10 +74,16 @@ def target_names(names: Sequence[str], export: Export | None) -> tuple[TargetNam
 
 
 def plan_exports(
-    model: Model, targets: Sequence[TargetName], findings: Findings
+    model: Model,
+    targets: Sequence[TargetName],
+    findings: Findings,
+    extras: Collection[str] = (),
 ) -> list[ExportPlan]:
-    """How each target will be written; what is wrong with its entry goes to `findings`."""
-    plans = (_plan(model, target, findings) for target in targets)
+    """How each target will be written; what is wrong with its entry goes to `findings`.
+
+    `extras` are for C, besides those of the spec.
+    """
+    plans = (_plan(model, target, findings, extras) for target in targets)
     return [plan for plan in plans if plan is not None]
 
 
@@ -95,7 +114,7 @@ def write_export(
         case "c":
             from backends.c import COptions, write_c
 
-            options = COptions(dtype=plan.dtype, prefix=plan.prefix)
+            options = COptions(dtype=plan.dtype, prefix=plan.prefix, extras=plan.extras)
             if plan.c is not None:
                 options = replace(
                     options,
@@ -129,7 +148,9 @@ def _entry(export: Export | None, target: TargetName) -> _TargetEntry | None:
             assert_never(target)
 
 
-def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | None:
+def _plan(
+    model: Model, target: TargetName, findings: Findings, extras: Collection[str]
+) -> ExportPlan | None:
     entry = _entry(model.spec.export, target)
     dtype: Dtype = "float32" if target == "c" else "float64"
     fixed_point: FixedPoint | None = None
@@ -155,10 +176,33 @@ def _plan(model: Model, target: TargetName, findings: Findings) -> ExportPlan | 
     c = entry if isinstance(entry, CExport) else None
     if fixed_point is not None and c is not None:
         findings.report(*(fixed_point_option(name, c.place.key) for name in _float_options(c)))
+    if target != "c":
+        return ExportPlan(target, step, prefix, dtype, c, fixed_point)
+    named: set[str] = {*extras, *(c.extras if c is not None else ())}
+    wanted = _extras(named)
+    if fixed_point is not None:
         step = limit_expected(step)
-    elif target == "c":
+        if wanted and c is not None:
+            findings.report(no_integer_slopes(c.place.key))
+    elif wanted:
+        # its vector x holds samples of signals, not what retiming makes of them
+        step = settle_zeros(step)
+        _refuse_vast(step, c, findings)
+    else:
         step = settle_zeros(retime(step, fixed_parameters=c is None or c.params != "tunable"))
-    return ExportPlan(target, step, prefix, dtype, c, fixed_point)
+    return ExportPlan(target, step, prefix, dtype, c, fixed_point, wanted)
+
+
+def _extras(named: Collection[str]) -> tuple[Extra, ...]:
+    return tuple(extra for extra in EXTRAS if extra in named)
+
+
+def _refuse_vast(step: Program, c: CExport | None, findings: Findings) -> None:
+    remembered = sum(Type(state.axes).size for state in step.states)
+    numbers = remembered * max(remembered, 1)
+    if numbers > MOST_ENTRIES:
+        place = c.place.key if c is not None else None
+        findings.report(workflow.vast_jacobian(numbers, MOST_ENTRIES, place))
 
 
 def _float_options(entry: CExport) -> list[str]:

@@ -1,10 +1,13 @@
 """The `export` section: which targets are written, and of what."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, TypeAlias
+
+from pydantic import Field
 
 from spec_schema.entry import Entry
 from spec_schema.plain_fields import (
     CDtype,
+    DifferentOf,
     Dtype,
     NewName,
     NonNegativeCount,
@@ -12,6 +15,8 @@ from spec_schema.plain_fields import (
     Switch,
     choice,
 )
+
+Extra: TypeAlias = Literal["jacobian", "parameter_jacobian"]
 
 
 class Target(Entry):
@@ -53,7 +58,8 @@ class CExport(Target):
     `params: inline` writes parameters into the code, the others give the step a pointer to them.
     `ring` says how windows move, `unroll` up to how many elements loops are written out.
     `constant_time` makes every step take the same instructions, whatever its numbers are.
-    With the `dtype` q15 or q31 the C computes in integers.
+    With the `dtype` q15 or q31 the C computes in integers. `with: jacobian` adds a function that
+    linearises a step in states and inputs, `with: parameter_jacobian` in parameters too.
     """
 
     noun: ClassVar[str] = "the c export"
@@ -67,6 +73,9 @@ class CExport(Target):
     ring: Annotated[Literal["auto", "shift", "double"], choice("auto", "shift", "double")] = "auto"
     unroll: NonNegativeCount = 4
     constant_time: Switch = False
+    extras: DifferentOf[Annotated[Extra, choice("jacobian", "parameter_jacobian")]] = Field(
+        default=(), alias="with"
+    )
 
 
 class Export(Entry):

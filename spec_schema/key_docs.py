@@ -254,6 +254,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "ring": "How windows move.",
         "unroll": "Loops of up to so many passes are written out.",
         "constant_time": "Every step takes the same instructions, whatever its numbers are.",
+        "with": "What is generated beside the step: its slopes in states, inputs and parameters.",
     },
     "Export": {
         "torch": "A module that needs only torch.",

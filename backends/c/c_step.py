@@ -65,6 +65,26 @@ class CStep:
             status[k] = step(*instance, to, outputs.ctypes.data + k * outputs.itemsize)
         return self._structs["out"].values(outputs), status
 
+    def linearize(self, inputs: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
+        """The matrices of the step that would follow, and status bits; the state stays as it is."""
+        given = self._structs["in"].filled(inputs, 1)
+        slopes = self._structs["jacobian"].new(1)
+        call = self._function("linearize", ctypes.c_uint32)
+        status = call(*self._instance(), given.ctypes.data, slopes.ctypes.data)
+        values = self._structs["jacobian"].values(slopes)
+        return {name: value[0] for name, value in values.items()}, int(status)
+
+    def get_state(self, numbers: int) -> Array:
+        """The vector x of the Jacobian, of so many numbers."""
+        x = np.zeros(numbers, self.dtype)
+        self._function("get_state")(self._state.ctypes.data, x.ctypes.data)
+        return x
+
+    def set_state(self, x: ArrayLike) -> None:
+        """Replaces all that is remembered by the vector x."""
+        values = np.ascontiguousarray(x, self.dtype)
+        self._function("set_state")(self._state.ctypes.data, values.ctypes.data)
+
     def tune(self, parameters: Mapping[str, ArrayLike]) -> None:
         """Changes parameters of this instance alone."""
         if self._parameters is None:

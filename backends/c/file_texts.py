@@ -12,6 +12,7 @@ from backends.c.functions import FunctionNames, FunctionTable
 from backends.c.header_text import about_text, header_text
 from backends.c.input_policy import policy_functions
 from backends.c.interface import Field, Interface
+from backends.c.jacobian_functions import jacobian_functions
 from backends.c.layout_metadata import layout_metadata
 from backends.c.package_texts import package_texts
 from backends.c.rendering import render
@@ -35,6 +36,10 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         "reset": reset_function(program, model),
         "step": step_function(program, model),
     }
+    title = "Step, init and reset"
+    if interface.jacobian is not None:
+        functions |= jacobian_functions(model, interface.jacobian)
+        title = "Step, init, reset and Jacobian"
     files = {
         f"include/{prefix}.h": header_text(
             program,
@@ -44,7 +49,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
             kernels=bool(table.kernels),
         ),
         f"src/{prefix}_about.c": about_text(interface, program.spec_hash, sample_time),
-        f"src/{prefix}.c": _source(interface, table, list(functions.values())),
+        f"src/{prefix}.c": _source(interface, table, title, list(functions.values())),
         f"src/{prefix}_selftest.c": selftest_text(program, interface, weights, table.kernels),
         **test_texts(program, interface, weights),
     }
@@ -56,20 +61,23 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         files[f"src/{kernels.header_name}"] = kernels.header
         files[f"src/{kernels.source_name}"] = kernels.source
     files |= package_texts(interface, files)
-    files |= ffi_texts(interface, {"real": "c_float" if options.dtype == "float32" else "c_double"})
+    real = "c_float" if options.dtype == "float32" else "c_double"
+    files |= ffi_texts(interface, {"real": real}, linearizes=interface.jacobian is not None)
     files["README.md"] = _readme(interface, files)
     files[f"{prefix}.json"] = metadata_text(layout_metadata(program, interface, weights))
     return dict(sorted(files.items()))
 
 
-def _source(interface: Interface, table: FunctionTable, functions: list[Function]) -> str:
+def _source(
+    interface: Interface, table: FunctionTable, title: str, functions: list[Function]
+) -> str:
     printer = Printer(interface.prefix, interface.options.dtype)
     checks = policy_functions(interface.inputs, table)
     all_functions = [*table.definitions(), *checks, *functions]
     return render(
         "source.c.j2",
         interface,
-        "Step, init and reset",
+        title,
         kernels=bool(table.kernels),
         functions=[printer.function(function) for function in all_functions],
     )
@@ -104,6 +112,9 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         tunable=interface.options.params == "tunable",
         waits_for_reset=bool(interface.from_record),
         constant_time=interface.options.constant_time,
+        linearizes=interface.jacobian is not None,
+        of_parameters="parameter_jacobian" in interface.options.extras,
+        remembers=bool(interface.states),
     )
 
 

@@ -83,10 +83,21 @@ class FunctionWriter:
     def comment(self, text: str) -> None:
         self.scope.add(Comment(text))
 
-    def finished(self, name: str, result: str, structs: tuple[Argument, ...], doc: str) -> Function:
-        """The function with what has been written; `structs` come after state and parameters."""
+    def finished(
+        self,
+        name: str,
+        result: str,
+        structs: tuple[Argument, ...],
+        doc: str,
+        *,
+        reads_only: bool = False,
+    ) -> Function:
+        """The function with what has been written; `structs` come after state and parameters.
+
+        One that `reads_only` takes a state that it cannot change.
+        """
         prefix = self.interface.prefix
-        arguments = [Argument(f"{prefix}_state_t *", "s")]
+        arguments = [Argument(f"{'const ' if reads_only else ''}{prefix}_state_t *", "s")]
         unused: list[Statement] = []
         if self.interface.takes_parameters:
             arguments.append(Argument(f"const {prefix}_params_t *", "p"))

@@ -46,8 +46,8 @@ def golden_functions(interface: Interface, runs: Sequence[GoldenVectors]) -> tup
     )
 
     def differs(given: Expression, expected: Expression, values: Array) -> Expression:
-        tolerance = Real(_tolerance(interface, values))
-        return Call(f"{prefix}_differs", (given, expected, tolerance))
+        allowed = Real(tolerance(interface, values))
+        return Call(f"{prefix}_differs", (given, expected, allowed))
 
     known = (differs_function(prefix),) if interface.outputs else ()
     return (*known, *tables.functions(differs))
@@ -76,7 +76,7 @@ def differs_function(prefix: str) -> Function:
     return Function(f"{prefix}_differs", "bool", arguments, body, static=True)
 
 
-def _tolerance(interface: Interface, values: Array) -> float:
+def tolerance(interface: Interface, values: Array) -> float:
     """0 where the interpreter runs the same kernels in the same precision.
 
     In float64 it calls numpy's functions and a C library is a third one: last places differ, and

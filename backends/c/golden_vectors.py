@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from backends.c.c_literals import Dtype
 from backends.c.drawn_inputs import Outside, Place, drawn_log, drawn_series, knots_of
 from backends.c.interface import Interface
+from backends.c.matrix_checksums import checksums
 from backends.c.policy_reference import apply_policy, first_held
 from backends.c.state_memory import PlainState
 from backends.c.status import Status
 from compiler.interpreter import Interpreter
+from compiler.jacobian_values import JacobianInterpreter
 from compiler.program import Output, Program
 
 Array = NDArray[Any]
@@ -34,6 +36,8 @@ class GoldenVectors:
     """As given to the step, invalid ones among them."""
     outputs: dict[str, Array]
     status: NDArray[np.uint32]
+    slopes: dict[str, Array]
+    """Matrices of the Jacobian before each step, (steps, rows, columns); empty without one."""
 
 
 def golden_vectors(
@@ -64,6 +68,10 @@ def golden_vectors(
     starts = {state.name: states[state.name][0] for _, state in interface.supplied}
     outputs = {f.name: np.empty((steps, *f.shape), dtype) for f in interface.outputs}
     status = np.zeros(steps, np.uint32)
+    linearized = interface.jacobian and JacobianInterpreter(
+        interface.jacobian.jacobian, program, weights, dtype
+    )
+    slopes: list[dict[str, Array]] = []
     seen = {
         input.field.name: first_held(input.port.signal, input.field.shape, dtype)
         for input in interface.inputs
@@ -74,6 +82,10 @@ def golden_vectors(
             name = input.field.name
             checked = apply_policy(input.port.signal, inputs[name][k], seen[name], dtype)
             seen[name], bits = checked[0], bits | checked[1]
+        if start is None and interface.from_record and k == 0:
+            states = _emptied(interface, states)
+        if linearized is not None:
+            slopes.append(linearized.matrices(*_log_of_step(interface, seen), states))
         if start is None and interface.from_record:
             states = _unset(interpreter, interface, states, _log_of_step(interface, seen), k)
             waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
@@ -88,7 +100,9 @@ def golden_vectors(
         field.name: _samples(log[field.name][t0 + port.first : t0 + port.last + 1], field.shape)
         for field, port in interface.windows
     }
-    return GoldenVectors(windows, starts, inputs, outputs, status)
+    names = slopes[0] if slopes else ()
+    matrices = {name: np.concatenate([step[name] for step in slopes]) for name in names}
+    return GoldenVectors(windows, starts, inputs, outputs, status, matrices)
 
 
 def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
@@ -99,7 +113,16 @@ def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
         inputs={n: np.concatenate([run.inputs[n] for run in runs]) for n in first.inputs},
         outputs={n: np.concatenate([run.outputs[n] for run in runs]) for n in first.outputs},
         status=np.concatenate([run.status for run in runs]),
+        slopes={n: np.concatenate([run.slopes[n] for run in runs]) for n in first.slopes},
     )
+
+
+def _emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Array]:
+    """States as `init` leaves them: what only a record can give is 0."""
+    return {
+        name: np.zeros_like(value) if name in interface.from_record else value
+        for name, value in states.items()
+    }
 
 
 def _unset(
@@ -115,10 +138,7 @@ def _unset(
     """
     if step > 0:
         return states
-    filled = {
-        name: np.zeros_like(value) if name in interface.from_record else value
-        for name, value in states.items()
-    }
+    filled = dict(states)
     for _ in interface.filled_by_first:
         following = interpreter.step(*log, filled, losses=False).next_states
         for name in interface.filled_by_first:
@@ -130,7 +150,8 @@ def _unset(
 def expected_text(interface: Interface, runs: Sequence[GoldenVectors]) -> str:
     """One line a step: the status, then each output's bits, in hexadecimal digits; or `nan`.
 
-    There is an empty line between two runs.
+    With a Jacobian whose bits are promised a hash of them ends the line. There is an empty line
+    between two runs.
     """
     return "\n".join(_expected_run(interface, run) for run in runs)
 
@@ -139,6 +160,8 @@ def _expected_run(interface: Interface, golden: GoldenVectors) -> str:
     steps = len(golden.status)
     parts = [golden.outputs[field.name].reshape(steps, -1) for field in interface.outputs]
     rows = np.concatenate(parts, axis=1) if parts else np.empty((steps, 0), np.float32)
+    hashed = interface.jacobian is not None and interface.options.is_exact
+    hashes = checksums(golden.slopes) if hashed else []
     digits = 2 * rows.itemsize
     bits = rows.view(f"u{rows.itemsize}")
     lines = [
@@ -149,6 +172,7 @@ def _expected_run(interface: Interface, golden: GoldenVectors) -> str:
                     "nan" if nan else f"{word:0{digits}x}"
                     for word, nan in zip(bits[k].tolist(), np.isnan(rows[k]), strict=True)
                 ),
+                *([f"{hashes[k]:08x}"] if hashed else []),
             ]
         )
         for k in range(steps)

@@ -27,7 +27,7 @@ def header_text(
     selftest_steps: int,
     kernels: bool,
 ) -> str:
-    """`include/<prefix>.h`; `functions` are step, init and reset by name."""
+    """`include/<prefix>.h`; `functions` are step, init, reset and others by name."""
     printer = Printer(interface.prefix, interface.options.dtype)
     return render(
         "header.h.j2",
@@ -43,6 +43,12 @@ def header_text(
         structs=[_struct(struct, printer) for struct in structs(interface)],
         prototypes={name: printer.prototype(function) for name, function in functions.items()},
         selftest_steps=selftest_steps,
+        vector_functions=[
+            {"doc": comment(functions[name].doc), "prototype": printer.prototype(functions[name])}
+            for name in functions
+            if name.startswith(("get_", "set_"))
+        ],
+        vectors=interface.jacobian.vectors if interface.jacobian else (),
     )
 
 
@@ -82,5 +88,5 @@ def _struct(struct: Struct, printer: Printer) -> dict[str, object]:
 
 def _declaration(field: StructField, printer: Printer) -> str:
     type = "uint32_t" if field.unsigned else printer.real
-    size = f"[{field.size}]" if field.shape else ""
+    size = f"[{field.extent or field.size}]" if field.shape else ""
     return f"{type} {field.identifier}{size};"

@@ -57,8 +57,18 @@ def stand_in(signal: Signal, dtype: Dtype) -> float:
     return min(max(0.0, low), high)
 
 
-def checked_input(input: InputField, functions: FunctionTable, scope: Scope, unroll: int) -> Place:
-    """Writes the checks of one input; returns where the step finds its values."""
+def checked_input(
+    input: InputField,
+    functions: FunctionTable,
+    scope: Scope,
+    unroll: int,
+    *,
+    remembers: bool = True,
+) -> Place:
+    """Writes the checks of one input; returns where the step finds its values.
+
+    What `hold` falls back to is replaced by valid values where the function `remembers` them.
+    """
     given, policy = input.field.place("u"), input.port.signal.on_invalid
     match policy:
         case "trust":
@@ -78,7 +88,8 @@ def checked_input(input: InputField, functions: FunctionTable, scope: Scope, unr
             assert input.held is not None
             held = member_place("s", input.held, input.field.shape)
             valid = _filled(_Check(input, functions, held), scope, unroll)
-            copy_value(valid, held, scope, unroll)
+            if remembers:
+                copy_value(valid, held, scope, unroll)
             return valid
         case _:
             assert_never(policy)

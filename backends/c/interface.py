@@ -12,6 +12,7 @@ from backends.c.field_comments import (
     supplied_comment,
     window_comment,
 )
+from backends.c.jacobian_interface import JacobianInterface, jacobian_interface
 from backends.c.moving_sums import moving_sums
 from backends.c.options import COptions
 from backends.c.places import Place
@@ -91,6 +92,8 @@ class Interface:
     """Field of the state struct that remembers what was not set; there if `from_record` is."""
     checks_equations: bool
     """Whether the step reports equations outside their range."""
+    jacobian: JacobianInterface | None
+    """None where no Jacobian is asked for."""
 
     @property
     def has_state(self) -> bool:
@@ -159,6 +162,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
         from_record=frozenset(newest),
         unset=unset,
         checks_equations=bool(program.expected),
+        jacobian=jacobian_interface(program, options, prefix),
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias, assert_never
 from numpy.typing import NDArray
 
 from backends.c.interface import Interface
+from backends.c.jacobian_metadata import jacobian_metadata
 from backends.c.state_memory import DelayLine, DoubledRing, PlainState, ShiftBuffer, StateMemory
 from backends.c.status import MEANING, status_macro
 from backends.c.structs import StructField, structs
@@ -47,6 +48,8 @@ def layout_metadata(
         },
         "states": [_state(memory) for memory in interface.states],
     }
+    if interface.jacobian is not None:
+        data["c"]["jacobian"] = jacobian_metadata(interface.jacobian)
     return data
 
 

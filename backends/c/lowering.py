@@ -14,7 +14,7 @@ from typing import Protocol, assert_never
 
 from backends.c.active_degrees import ActiveDegrees, active_degrees
 from backends.c.active_sets import ActiveSets
-from backends.c.c_language import Expression
+from backends.c.c_language import Binary, Expression
 from backends.c.demand import MANY, demands, only_units_moved
 from backends.c.forwarding import forward_slices
 from backends.c.local_values import LocalValues
@@ -230,6 +230,10 @@ class GraphLowering:
     def _elementwise(self, node: Node, op: Elementwise, args: Sequence[Value]) -> Computed:
         def make(indices: Indices, scope: Scope) -> Expression:
             operands = tuple(element_of(arg, indices, scope) for arg in args)
+            if isinstance(op, Select) and isinstance(operands[1], Binary):
+                # between `?` and `:` checkers of MISRA's precedence rule want no operation
+                then = scope.constant(self._locals.name(node), operands[1])
+                operands = (operands[0], then, operands[2])
             return scalar_operation(op, operands, self._locals.functions, node.type.kind)
 
         def finish(value: Expression, scope: Scope) -> Expression:

@@ -10,6 +10,7 @@ from backends.c.functions import MathLibrary
 
 Ring = Literal["auto", "shift", "double"]
 ParameterAccess = Literal["const", "tunable", "inline"]
+Extra = Literal["jacobian", "parameter_jacobian"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,10 @@ class COptions:
     """Elements up to which a loop is written out."""
     constant_time: bool = False
     """Whether every step takes the same instructions, whatever its numbers are."""
+
+    extras: tuple[Extra, ...] = ()
+    """Functions beside the step: `jacobian` linearises it in its states and inputs,
+    `parameter_jacobian` in its parameters too."""
 
     @property
     def is_exact(self) -> bool:

@@ -29,6 +29,9 @@ class Generated(Protocol):
         ...
 
 
+_WITHOUT_JACOBIAN = {"jacobian": False, "letters": (), "vectors": (), "vector_functions": ()}
+
+
 def render(template: str, interface: Generated, title: str, folder: str = "c", **facts: Any) -> str:
     """The template of that name in a folder of `templates`, with the names that all of them use."""
     prefix = interface.prefix
@@ -39,8 +42,9 @@ def render(template: str, interface: Generated, title: str, folder: str = "c", *
         "macro": prefix.upper(),
         "takes_parameters": interface.takes_parameters,
         "params": f", &{prefix}_params_default" if interface.takes_parameters else "",
+        **_WITHOUT_JACOBIAN,
     }
-    text = _environment().get_template(f"{folder}/{template}").render(**common, **facts)
+    text = _environment().get_template(f"{folder}/{template}").render(common | facts)
     if not template.endswith((".c.j2", ".h.j2")):
         return text
     return "\n".join(part for line in text.split("\n") for part in _fitted(line))

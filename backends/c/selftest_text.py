@@ -10,6 +10,7 @@ from backends.c.c_literals import hex_literal, real_literal
 from backends.c.c_printer import Printer
 from backends.c.drawn_inputs import Outside, Place
 from backends.c.function_writer import Weights
+from backends.c.golden_jacobian import slopes_function
 from backends.c.golden_text import differs_function, golden_functions, kernels_function
 from backends.c.golden_vectors import GoldenVectors, expected_text, golden_vectors
 from backends.c.interface import Interface
@@ -48,7 +49,7 @@ def selftest_text(
     golden = golden_vectors(program, interface, weights, SELFTEST_STEPS, _SELFTEST_SEED)
     functions = _golden(interface, [golden])
     if kernels:
-        if not interface.outputs:
+        if not interface.outputs and interface.jacobian is None:
             functions.append(printer.function(differs_function(prefix)))
         check = kernels_function(prefix, kernel_cases(kernels, dtype))
         functions.append(printer.function(check))
@@ -60,6 +61,7 @@ def selftest_text(
         "Self-test",
         functions=functions,
         kernels=bool(kernels),
+        jacobian=interface.jacobian is not None,
         steps=SELFTEST_STEPS,
         factor=hex_literal(1.0 + small, dtype),
         square=hex_literal(1.0 + 2.0 * small, dtype),
@@ -90,7 +92,17 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         guard=f"{prefix.upper()}_VECTORS_H",
         functions=_golden(interface, runs),
     )
-    main = render("main.c.j2", interface, "Test program", runs=len(_STARTS), steps=_TEST_STEPS)
+    main = render(
+        "main.c.j2",
+        interface,
+        "Test program",
+        jacobian=interface.jacobian is not None,
+        letters=[vector.letter for vector in interface.jacobian.vectors]
+        if interface.jacobian is not None
+        else [],
+        runs=len(_STARTS),
+        steps=_TEST_STEPS,
+    )
     return {
         f"test/{prefix}_sil.c": main,
         f"test/{prefix}_vectors.h": vectors,
@@ -100,4 +112,9 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 def _golden(interface: Interface, runs: Sequence[GoldenVectors]) -> list[str]:
     printer = Printer(interface.prefix, interface.options.dtype)
-    return [printer.function(function) for function in golden_functions(interface, runs)]
+    functions = [*golden_functions(interface, runs)]
+    if interface.jacobian is not None:
+        if not interface.outputs:
+            functions.insert(0, differs_function(interface.prefix))
+        functions.append(slopes_function(interface, interface.jacobian, runs))
+    return [printer.function(function) for function in functions]

@@ -70,6 +70,20 @@ def step_function(program: Program, model: Model) -> Function:
     return writer.finished("step", f"{prefix}_status_t", structs, doc)
 
 
+def report_unset(writer: FunctionWriter) -> None:
+    """Sets a bit of the status while states wait for what only `reset` can give."""
+    interface = writer.interface
+    if not interface.from_record:
+        return
+    bit = Name(status_macro(interface.prefix, Status.UNINITIALISED))
+    unset = Binary("!=", Member("s", interface.unset), Unsigned(0))
+    if interface.options.constant_time:
+        known = writer.model.functions.truth(unset)
+        writer.scope.add(SetBits(Name("status"), Conditional(known, bit, Unsigned(0))))
+    else:
+        writer.scope.add(If(unset, (SetBits(Name("status"), bit),)))
+
+
 class _StepWriter(FunctionWriter):
     def __init__(self, model: Model, graph: Graph) -> None:
         super().__init__(model, graph)
@@ -95,14 +109,7 @@ class _StepWriter(FunctionWriter):
             self.inputs[input.port.signal.name] = checked_input(
                 input, self.model.functions, scope, self.unroll
             )
-        if interface.from_record:  # last, so that compilers join it with filling the buffers
-            unset = Binary("!=", self._unset, Unsigned(0))
-            if interface.options.constant_time:
-                bit = Name(status_macro(interface.prefix, Status.UNINITIALISED))
-                known = self.model.functions.truth(unset)
-                scope.add(SetBits(Name("status"), Conditional(known, bit, Unsigned(0))))
-            else:
-                scope.add(If(unset, (self._bit(Status.UNINITIALISED),)))
+        report_unset(self)  # last, so that compilers join it with filling the buffers
 
     def before_push(self, memory: Buffer, newest: Place) -> None:
         if memory.state.name in self._empty:

@@ -24,6 +24,8 @@ class StructField:
     shape: tuple[int, ...] = ()
     comment: str = ""
     unsigned: bool = False
+    extent: str = ""
+    """The number of elements by names; empty where only the number says it."""
 
     @property
     def size(self) -> int:
@@ -49,7 +51,24 @@ def structs(interface: Interface) -> tuple[Struct, ...]:
         *((parameters,) if interface.takes_parameters else ()),
         Struct("init", "What reset takes: samples around the first step t0.", _plain(starts)),
         Struct("state", "The memory of one instance: plain data.", _state(interface)),
+        *_jacobian(interface),
     )
+
+
+def _jacobian(interface: Interface) -> tuple[Struct, ...]:
+    if interface.jacobian is None:
+        return ()
+    fields = tuple(
+        StructField(
+            field.matrix.name,
+            field.identifier,
+            field.matrix.shape,
+            field.comment,
+            extent=field.extent,
+        )
+        for field in interface.jacobian.fields
+    )
+    return (Struct("jacobian", "Slopes of one step.", fields or (_reserved(),)),)
 
 
 def _plain(fields: Iterable[Field]) -> tuple[StructField, ...]:

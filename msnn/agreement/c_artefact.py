@@ -39,7 +39,7 @@ def built_c(files: Sequence[Path], folder: Path, plan: ExportPlan) -> Generator[
             raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
         except CompilerFailedError as error:
             raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
-        options = COptions(dtype=plan.dtype, prefix=plan.prefix)
+        options = COptions(dtype=plan.dtype, prefix=plan.prefix, extras=plan.extras)
         yield CModel(CStep(alone, library), c_interface(plan.program, options))
 
 

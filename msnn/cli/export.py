@@ -31,6 +31,14 @@ def export(
             help="c, onnx, casadi, torch or all; default: those of the spec's `export:`, else all.",
         ),
     ] = "",
+    extra: Annotated[
+        str,
+        typer.Option(
+            "--with",
+            metavar="EXTRA,…",
+            help="jacobian, parameter_jacobian: what C has beside the step and the spec's `with:`.",
+        ),
+    ] = "",
     weights: WeightsFile = None,
     initial: Initial = False,
     runs: RunsFolder = RUNS,
@@ -49,7 +57,7 @@ def export(
     code 3 when one of them computes something else than the interpreter.
     """
     from msnn.cli.console import json_result, note, report, result
-    from msnn.exporting import TARGETS, plan_exports, target_names, write_export
+    from msnn.exporting import EXTRAS, TARGETS, plan_exports, target_names, write_export
     from msnn.fixed_point import error_table
     from msnn.model_file import load_model
     from msnn.model_weights import choose_weights
@@ -57,15 +65,16 @@ def export(
     from spec_schema.diagnostics import Findings, SpecError
 
     refuse_two_origins(weights, initial)
-    names = [name.strip() for name in to.split(",") if name.strip()]
-    for name in names:
-        if name not in (*TARGETS, "all"):
-            message = f"`{name}` is none of {', '.join(TARGETS)} and all"
-            raise typer.BadParameter(message, param_hint="'--to'")
+    names = _listed(to, (*TARGETS, "all"), "--to")
+    extras = _listed(extra, EXTRAS, "--with")
     model = load_model(spec)
     report(model.warnings, model.sources)
     findings = Findings()
-    plans = plan_exports(model, target_names(names, model.spec.export), findings)
+    targets = target_names(names, model.spec.export)
+    if extras and "c" not in targets:
+        message = "of all targets only c has extras, and it is not among those to be written"
+        raise typer.BadParameter(message, param_hint="'--with'")
+    plans = plan_exports(model, targets, findings, extras)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     chosen = choose_weights(model.program, weights, runs, initial=initial)
@@ -100,3 +109,13 @@ def export(
     if found is not None and not found.agrees:
         note("a target differs from the interpreter by more than it promises")
         raise typer.Exit(ExitCode.LIMIT_BROKEN)
+
+
+def _listed(text: str, known: Sequence[str], option: str) -> list[str]:
+    """The words of an option that takes several, each of them known."""
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in known:
+            message = f"`{name}` is none of {', '.join(known)}"
+            raise typer.BadParameter(message, param_hint=f"'{option}'")
+    return names

@@ -42,6 +42,8 @@ class ExportedC:
     inputs: tuple[Member, ...]
     state: tuple[Member, ...]
     outputs: tuple[Member, ...]
+    slopes: tuple[Member, ...]
+    """Matrices of the Jacobian; empty without one."""
     expected: tuple[str, ...]
     """What each golden step answers: status and bits of the outputs in hexadecimal digits."""
     runs: int
@@ -73,7 +75,21 @@ class ExportedC:
     @property
     def reals(self) -> int:
         """Numbers in the struct of the outputs."""
-        return sum(m.size or 1 for m in self.outputs if not m.unsigned)
+        return _reals(self.outputs)
+
+    @property
+    def linearizes(self) -> bool:
+        """Whether it has a Jacobian."""
+        return bool(self.slopes)
+
+    @property
+    def hashed_reals(self) -> int:
+        """Numbers of the Jacobian whose hash ends the line of a golden step; 0 for none."""
+        return _reals(self.slopes) if self.exact else 0
+
+
+def _reals(members: tuple[Member, ...]) -> int:
+    return sum(m.size or 1 for m in members if not m.unsigned)
 
 
 def read_exported_c(folder: Path) -> ExportedC:
@@ -101,6 +117,7 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
         inputs=_members(structs["in"]),
         state=_members(structs["state"]),
         outputs=_members(structs["out"]),
+        slopes=_members(structs.get("jacobian", [])),
         expected=tuple(line for line in expected.splitlines() if line),
         runs=len(expected.rstrip("\n").split("\n\n")),
     )

@@ -25,6 +25,8 @@ def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -
         "steps": len(model.expected) // model.runs,
         "reals": model.reals,
         "number": model.number,
+        "linearizes": model.linearizes,
+        "hashed_reals": model.hashed_reals,
     }
     text = _environment().get_template(f"{template}.j2").render(**common, **facts)
     path = folder / template

@@ -38,3 +38,15 @@ def fixed_point_option(option: str, span: Span) -> Diagnostic:
         "beside `dtype: q15` or `q31`",
         help=f"leave `{option}:` out: numbers are written into the code",
     )
+
+
+def no_integer_slopes(span: Span) -> Diagnostic:
+    """E0963: a Jacobian in fixed point, whose slopes have no proved bounds."""
+    return Diagnostic(
+        "E0963",
+        "error",
+        "C in fixed point has no Jacobian",
+        span,
+        "`with:` beside `dtype: q15` or `q31`",
+        help="export `dtype: float32` for what linearises the model",
+    )

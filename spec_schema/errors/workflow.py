@@ -45,6 +45,19 @@ def untimed_library(span: Span) -> Diagnostic:
     )
 
 
+def vast_jacobian(numbers: int, most: int, span: Span | None) -> Diagnostic:
+    """E0957: a Jacobian of more entries than a program should carry."""
+    return Diagnostic(
+        "E0957",
+        "error",
+        f"a matrix of the Jacobian would have {numbers:,} entries",
+        span,
+        f"{most:,} at most",
+        notes=("every sample in a buffer is a number of the state",),
+        help="shorten the windows, or leave `with:` out",
+    )
+
+
 def unknown_signal(name: str, span: Span, signals: Sequence[str]) -> Diagnostic:
     """E0952: a column for a signal that the model does not have."""
     meant = nearest(name, signals)

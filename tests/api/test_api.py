@@ -148,3 +148,18 @@ def test_the_choices_of_the_c_export_reach_the_code(choices: str, tmp_path: Path
     assert ("params_t" not in header.read_text()) == ("inline" in choices)
     source = next(path for path in paths if path.name == "plant.c").read_text()
     assert ("sinf(" in source) == ("libm" in choices)
+
+
+def test_linearize_has_the_slopes_of_one_step() -> None:
+    model = msnn.load(Path(__file__).parents[2] / "examples/mass_spring_damper/msd.msnn.yaml")
+    history = {"x.history": np.zeros(4), "F.history": np.zeros(1)}
+    found = msnn.linearize(model, {"x": 0.0, "F": 0.0}, history)
+    x = found.vectors["x"].member("x.history")
+    # the oldest kept sample becomes the second oldest one of the step before
+    moved = found.matrices["A"][x.first : x.first + x.size, x.first : x.first + x.size]
+    assert np.array_equal(moved, np.eye(4, k=1))
+    assert found.matrices["C"].shape == (1, 5)
+    with pytest.raises(ValueError, match="given for"):
+        msnn.linearize(model, {"x": 0.0}, history)
+    with pytest.raises(ValueError, match="shape"):
+        msnn.linearize(model, {"x": 0.0, "F": [0.0]}, history)

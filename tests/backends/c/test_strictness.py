@@ -37,6 +37,10 @@ OPTIONS = {
     "double": COptions(dtype="float64", ring="double"),
     "inline": COptions(params="inline", unroll=1),
     "constant_time": COptions(constant_time=True),
+    "jacobian": COptions(extras=("jacobian", "parameter_jacobian")),
+    "constant_jacobian": COptions(
+        dtype="float64", params="inline", ring="double", constant_time=True, extras=("jacobian",)
+    ),
 }
 
 
