@@ -30,6 +30,11 @@ def test_usage_errors_end_with_2(msnn: CommandLine):
     ("arguments", "message"),
     [
         (("export", "--initial", "--to", "c,foo"), "`foo` is none of torch, onnx, casadi, c"),
+        (("export", "--initial", "--with", "hessian"), "`hessian` is none of jacobian"),
+        (
+            ("export", "--initial", "--to", "onnx", "--with", "jacobian"),
+            "of all targets only c has extras",
+        ),
         (("validate", "--set", "foo"), "`foo` is not a path, `=` and a value"),
         (("train", "--set", "=3"), "`=3` is not a path, `=` and a value"),
         (("simulate", "--plot", "a.xyz"), "`a.xyz` does not end with one of .png, .svg, .pdf"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from backends.c import COptions, write_c
+from backends.c.options import Extra
 from compiler.program import Program
 from msnn.verification.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
 from tests.backends.c.c_programs import closed_sample
@@ -87,11 +88,15 @@ def test_it_is_cpp_as_well(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("constant_time", [False, True])
-def test_the_misra_addon_of_cppcheck_finds_nothing(constant_time: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize("extras", [(), ("jacobian", "parameter_jacobian")])
+def test_the_misra_addon_of_cppcheck_finds_nothing(
+    extras: tuple[Extra, ...], constant_time: bool, tmp_path: Path
+) -> None:
     checker = require_tool("cppcheck", install="apt install cppcheck")
     folders = [tmp_path / name for name in PROGRAMS]
     for folder in folders:
-        options = COptions(prefix=f"{folder.name}_x", constant_time=constant_time)
+        prefix = f"{folder.name}_x"
+        options = COptions(prefix=prefix, constant_time=constant_time, extras=extras)
         write_c(PROGRAMS[folder.name](), {}, folder, options)
     sources = [str(path) for folder in folders for path in folder.rglob("*.c")]
     # the kernels have tests of their own, and the test program prints

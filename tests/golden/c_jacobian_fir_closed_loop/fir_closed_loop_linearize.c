@@ -10,7 +10,9 @@ fir_closed_loop_status_t fir_closed_loop_linearize(
         status |= FIR_CLOSED_LOOP_STATUS_UNINITIALISED;
     }
     /* inputs */
-    fir_closed_loop_flagged(u->F, -10.0f, 10.0f, &status);
+    if (!(fabsf(u->F) <= 10.0f)) {
+        fir_closed_loop_flagged(u->F, -10.0f, 10.0f, &status);
+    }
     /* A = d x of the next step / d x: 5 x 5, row after row */
     /* . is always 0, = always the same number, p made of parameters only, * computed */
     /* .=... x.tape[0] */

@@ -10,7 +10,9 @@ spring_damper_rk4_status_t spring_damper_rk4_linearize(
         status |= SPRING_DAMPER_RK4_STATUS_UNINITIALISED;
     }
     /* inputs */
-    spring_damper_rk4_flagged(u->F, -10.0f, 10.0f, &status);
+    if (!(fabsf(u->F) <= 10.0f)) {
+        spring_damper_rk4_flagged(u->F, -10.0f, 10.0f, &status);
+    }
     const spring_damper_rk4_real part = 0.00041666668f / p->mass;
     const spring_damper_rk4_real part_2 = -part;
     const spring_damper_rk4_real part_3 = part_2 * p->stiffness;
