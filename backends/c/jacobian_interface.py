@@ -108,16 +108,16 @@ def jacobian_interface(
     vectors = [found.states, found.inputs, found.outputs]
     if by_parameters and options.params != "inline":
         vectors.append(found.parameters)
-    names = tuple(_names(vector, prefix) for vector in vectors if vector.size)
+    filled = [matrix for matrix in found.matrices if matrix.size]
+    used = {vector.letter for matrix in filled for vector in (matrix.rows, matrix.columns)}
+    names = tuple(_names(vector, prefix) for vector in vectors if vector.letter in used)
     counts = {vector.letter: vector.count for vector in names}
 
     def count(vector: Vector) -> str:
         return counts.get(vector.letter, f"{vector.size}U")
 
     fields = tuple(
-        MatrixField(matrix, count(matrix.rows), count(matrix.columns))
-        for matrix in found.matrices
-        if matrix.size
+        MatrixField(matrix, count(matrix.rows), count(matrix.columns)) for matrix in filled
     )
     return JacobianInterface(found, fields, names)
 
