@@ -46,10 +46,16 @@ class Gathering(BeforeValidator):
 
 
 def one_or_many(item: JsonSchema) -> JsonSchema:
-    """A single item counts as a list of one; what is said of the item holds for both."""
+    """A single item counts as a list of one; what is said of the item holds for both.
+
+    Words to choose from become a pattern: `enum` would speak of the list too.
+    """
     types = item.get("type", [])
     alone = [types] if isinstance(types, str) else list(types)
-    return {**item, "type": [*alone, "array"], "items": item}
+    said = {key: value for key, value in item.items() if key != "enum"}
+    if "enum" in item:
+        said["pattern"] = f"^({'|'.join(item['enum'])})$"
+    return {**said, "type": [*alone, "array"], "items": item}
 
 
 def list_of(item: JsonSchema) -> JsonSchema:
