@@ -8,8 +8,9 @@ from compiler.liveness import reads_simulation
 from compiler.lowering.call_options import method_of, option, resolved
 from compiler.lowering.earlier import earlier, in_the_step, keep, one_sample
 from compiler.lowering.environment import Environment, Part
-from compiler.lowering.expressions import lower, report_unit_conflicts
+from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.unit_conflicts import report_unit_conflicts
 from compiler.program import NodeId
 from compiler.types import Type
 from compiler.unit_rules import quotient_unit

@@ -10,13 +10,14 @@ from compiler.alignment import AxisConflict
 from compiler.builder import GraphBuilder
 from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.unit_conflicts import report_unit_conflicts
 from compiler.ops import Constant
 from compiler.ops import Negate as CoreNegate
 from compiler.ops import Relation as CoreRelation
 from compiler.program import NodeId
 from compiler.types import UNNAMED, WINDOW, Axis, describe_axes
 from compiler.unit_rules import power_unit
-from spec_schema.errors import shapes, time, units
+from spec_schema.errors import shapes, time
 from spec_schema.expression import (
     Binary,
     Call,
@@ -74,27 +75,6 @@ def lower_all(
     if failed:
         raise LoweringFailed
     return nodes
-
-
-def report_unit_conflicts(model: Model, builder: GraphBuilder, expression: Expression) -> None:
-    """Turns the conflicts that building the expression's node met into diagnostics."""
-    for conflict in builder.conflicts:
-        secondary = ()
-        if isinstance(expression, Binary):
-            secondary = (
-                (expression.left.span, f"this is in {conflict.expected.text}"),
-                (expression.right.span, f"this is in {conflict.found.text}"),
-            )
-        model.findings.report(
-            units.units_differ(
-                conflict.operation,
-                conflict.found.text,
-                conflict.expected.text,
-                expression.span,
-                secondary,
-            )
-        )
-    builder.conflicts.clear()
 
 
 def _lower(

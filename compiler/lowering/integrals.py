@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from compiler.lowering.call_options import method_of, option
 from compiler.lowering.earlier import earlier, in_the_step, keep, one_sample
 from compiler.lowering.environment import Environment, Part
-from compiler.lowering.expressions import lower, report_unit_conflicts
+from compiler.lowering.expressions import lower
 from compiler.lowering.fitted import fitted
+from compiler.lowering.unit_conflicts import report_unit_conflicts
 from compiler.program import NodeId
 from compiler.types import Type
 from compiler.unit_rules import product_unit

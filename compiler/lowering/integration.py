@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, assert_never
 
 from compiler.lowering.environment import Environment, Part, Stage
-from compiler.lowering.expressions import lower, report_unit_conflicts
+from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
 from compiler.lowering.linear_implicit import increments
 from compiler.lowering.scope import owner_of
+from compiler.lowering.unit_conflicts import report_unit_conflicts
 from compiler.program import NodeId
 from compiler.types import Type
 from spec_schema.errors import calculus, time

@@ -187,6 +187,7 @@ def malformed_sample_time(text: str, span: Span) -> Diagnostic:
         f"`{text}` is not a sample time",
         span,
         "write a positive time such as `50 ms`, or a frequency such as `20 Hz`",
+        help=f"in seconds it is `{text} s`" if text.replace(".", "", 1).isdigit() else None,
     )
 
 

@@ -37,9 +37,22 @@ def incomparable_unit(written: str, wanted: str, span: Span) -> Diagnostic:
 
 
 def units_differ(
-    operation: str, found: str, expected: str, span: Span, secondary: tuple[tuple[Span, str], ...]
+    operation: str,
+    found: str,
+    expected: str,
+    span: Span,
+    secondary: tuple[tuple[Span, str], ...],
+    *,
+    bare: str | None,
+    factor: float | None,
 ) -> Diagnostic:
     """W0504: units that an operation cannot take together; an error under `--strict-units`."""
+    # `bare` is a bare number with the unit that it lacks, `factor` one unit found in the other
+    repair = None
+    if bare is not None:
+        repair = f"a number with a unit is a constant: `constants: {{NAME: {bare}}}`"
+    elif factor is not None:
+        repair = f"1 {found} is {factor:.6g} {expected}: nothing is converted in formulas"
     return Diagnostic(
         "W0504",
         "warning",
@@ -47,6 +60,7 @@ def units_differ(
         span,
         f"{expected} expected",
         secondary=secondary,
+        help=repair,
     )
 
 

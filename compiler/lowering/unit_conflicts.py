@@ -1,0 +1,54 @@
+"""Units that an expression cannot take together, said at its place with the repair."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from compiler.builder import GraphBuilder
+from compiler.unit_rules import UnitConflict
+from spec_schema.errors import units
+from spec_schema.expression import Binary, Expression, Number
+from spec_schema.expression_text import number_text
+
+if TYPE_CHECKING:
+    from compiler.lowering.model import Model
+
+
+def report_unit_conflicts(model: Model, builder: GraphBuilder, expression: Expression) -> None:
+    """Turns the conflicts that building the expression's node met into diagnostics."""
+    for conflict in builder.conflicts:
+        secondary = ()
+        if isinstance(expression, Binary):
+            secondary = (
+                (expression.left.span, f"this is in {conflict.expected.text}"),
+                (expression.right.span, f"this is in {conflict.found.text}"),
+            )
+        model.findings.report(
+            units.units_differ(
+                conflict.operation,
+                conflict.found.text,
+                conflict.expected.text,
+                expression.span,
+                secondary,
+                bare=_bare_number(conflict, expression),
+                factor=_scale_between(conflict),
+            )
+        )
+    builder.conflicts.clear()
+
+
+def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:
+    """A number that lacks its unit, with that of the other operand."""
+    if not isinstance(expression, Binary):
+        return None
+    for side, unit in ((expression.left, conflict.found), (expression.right, conflict.expected)):
+        if isinstance(side, Number):
+            return f"{number_text(side.value)} {unit.text}"
+    return None
+
+
+def _scale_between(conflict: UnitConflict) -> float | None:
+    """What one of the unit found is in the unit expected, where they are of one quantity."""
+    found, expected = conflict.found, conflict.expected
+    factor = found.factor_to(expected) if found.same_dimension(expected) else 1.0
+    return None if factor == 1.0 else factor
