@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,10 +12,10 @@ from numpy.typing import ArrayLike
 from compiler.compile import compile_spec
 from compiler.passes.close_loop import LoopError
 from compiler.program import Program
-from msnn.data.dataset import Dataset, FloatArray, one_record
+from msnn.data.dataset import Dataset, one_record
+from msnn.model_data import Weights, data_folder, known_in, measured, read_data, sources_of
 from msnn.model_file import Model, load_model
 from spec_schema.diagnostics import Findings, SpecError
-from spec_schema.errors.commands import no_data_section
 from spec_schema.spec import Spec
 
 if TYPE_CHECKING:
@@ -29,9 +28,6 @@ if TYPE_CHECKING:
     from msnn.training.progress import Progress
     from msnn.training.train import TrainingOptions, TrainingResult
     from msnn.validation import ValidationReport
-
-Weights = Mapping[str, FloatArray]
-"""Physical arrays by parameter name, in the units of the spec."""
 
 
 def load(path: str | Path, settings: Sequence[str] = ()) -> Model:
@@ -83,8 +79,8 @@ def train(
     from msnn.training import train as engine
 
     options = replace(_options(model, runs, tensorboard, device), resume=resume)
-    dataset = _measured(model, data, data_root, "training")
-    with _sources_of(model):
+    dataset = measured(model, data, data_root, "training")
+    with sources_of(model):
         return engine.train(model.program, dataset, model.spec.train, options, progress, weights)
 
 
@@ -114,9 +110,9 @@ def train_folds(
     options = _options(model, runs, tensorboard, device)
 
     def read(one: Model) -> Dataset:
-        return _measured(one, data, data_root, "training")
+        return measured(one, data, data_root, "training")
 
-    with _sources_of(model):
+    with sources_of(model):
         return folds.train_folds(model, read, options, progress, weights)
 
 
@@ -148,8 +144,8 @@ def stage_loss(
     from msnn.training.own_loop import stage_loss as opened
 
     place = find_device(device)
-    dataset = _measured(model, data, data_root, "training")
-    with _sources_of(model):
+    dataset = measured(model, data, data_root, "training")
+    with sources_of(model):
         return opened(model.program, dataset, model.spec.train, stage, weights, place)
 
 
@@ -173,10 +169,10 @@ def validate(
 
     checks, dataset = model.spec.checks, None
     if not checks or any(check.files is None for check in checks):
-        dataset = _measured(model, data, data_root, "validation")
-    known = _known(model, weights)
-    with _sources_of(model):
-        files = load_file_sets(model.program, model.spec, _data_folder(model, data_root))
+        dataset = measured(model, data, data_root, "validation")
+    known = known_in(model, weights)
+    with sources_of(model):
+        files = load_file_sets(model.program, model.spec, data_folder(model, data_root))
         report = validation.validate(model.program, dataset, checks, known, files=files)
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]
@@ -217,7 +213,7 @@ def simulate(
             dataset = file_data(model, program, [Path(file) for file in data])
         case _:
             dataset = one_record(record_data(program, data))
-    return run(program, dataset, _known(model, weights), horizon)
+    return run(program, dataset, known_in(model, weights), horizon)
 
 
 def linearize(
@@ -237,7 +233,7 @@ def linearize(
     """
     from msnn.linearization import linearize as run
 
-    return run(model.program, inputs, states, _known(model, weights))
+    return run(model.program, inputs, states, known_in(model, weights))
 
 
 def export(
@@ -259,28 +255,9 @@ def export(
     plans = plan_exports(model, target_names([target], model.spec.export), findings)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
-    known = _known(model, weights)
-    with _sources_of(model):
+    known = known_in(model, weights)
+    with sources_of(model):
         return tuple(path for plan in plans for path in write_export(plan, known, Path(folder)))
-
-
-def read_data(
-    model: Model, data_root: str | Path | None, purpose: str, program: Program | None = None
-) -> Dataset:
-    """The measured data of the spec, for the signals of `program` (default: all of the model)."""
-    from msnn.data.load import load_data
-    from msnn.data.row_filter import row_filters
-
-    if model.spec.data is None:
-        raise SpecError([no_data_section(purpose)])
-    folder = _data_folder(model, data_root)
-    with _sources_of(model):
-        signals = program or model.program
-        return load_data(signals, model.spec.data, folder, row_filters(model.spec))
-
-
-def _data_folder(model: Model, data_root: str | Path | None) -> Path:
-    return model.folder if data_root is None else Path(data_root)
 
 
 def _options(
@@ -300,33 +277,3 @@ def _options(
         parts=model.parts,
         redrawn=lambda draw: redrawn_weights(model, draw),
     )
-
-
-def _measured(
-    model: Model, frames: Frames | None, data_root: str | Path | None, purpose: str
-) -> Dataset:
-    """The data of a session, or that of the spec."""
-    from msnn.data.frames import frame_data
-    from msnn.data.row_filter import row_filters
-
-    if frames is None:
-        return read_data(model, data_root, purpose)
-    spec = model.spec
-    with _sources_of(model):
-        return frame_data(model.program, spec.data, frames, spec.place, row_filters(spec))
-
-
-def _known(model: Model, weights: Weights | None) -> Weights:
-    from msnn.weights_file import known_weights
-
-    with _sources_of(model):
-        return known_weights(model.program, weights)
-
-
-@contextmanager
-def _sources_of(model: Model) -> Generator[None]:
-    """What is found wrong shows lines of the spec."""
-    try:
-        yield
-    except SpecError as error:
-        raise SpecError(error.diagnostics, (*error.sources, *model.sources)) from None

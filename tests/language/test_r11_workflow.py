@@ -12,8 +12,8 @@ import pytest
 
 import msnn
 from compiler.passes.prune_outputs import prune_outputs
-from msnn.api import read_data
 from msnn.compiled_file import write_program_file
+from msnn.model_data import read_data
 from msnn.model_file import Model, load_model, with_engine
 from msnn.model_weights import redrawn_weights
 from msnn.training.run_record import differences

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from compiler.interpreter import Interpreter
-from msnn.api import read_data
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
+from msnn.model_data import read_data
 from msnn.model_file import load_model
 from msnn.rollout import cost, loss_sums, moments
 from msnn.training.engine import LossSums
