@@ -72,6 +72,16 @@ class CModel:
             following.append(self.step.states())
         return _joined(outputs), _joined(following)
 
+    def slopes(self, judged: Judgement, steps: int) -> Arrays:
+        """The matrices of the Jacobian at the judge's first steps; none without a Jacobian."""
+        if self.interface.jacobian is None:
+            return {}
+        found: list[Arrays] = []
+        for k in range(steps):
+            self.step.set_states({name: values[k] for name, values in judged.states.items()})
+            found.append(self.step.linearize({name: v[k] for name, v in judged.inputs.items()})[0])
+        return _joined(found)
+
 
 def _joined(steps: list[Arrays]) -> Arrays:
     return {name: np.stack([step[name] for step in steps]) for name in steps[0]}

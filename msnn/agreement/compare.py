@@ -9,8 +9,9 @@ from typing import assert_never
 
 import numpy as np
 
+from compiler.jacobian_values import JacobianInterpreter
 from msnn.agreement.artefacts import Artefact, CasadiArtefact, OnnxArtefact, TorchArtefact
-from msnn.agreement.c_artefact import built_c
+from msnn.agreement.c_artefact import CModel, built_c
 from msnn.agreement.deviation import differing_bits, worst_deviation
 from msnn.agreement.judge import Arrays, Judgement, judge
 from msnn.agreement.judged_words import judged_words
@@ -21,6 +22,7 @@ from msnn.exporting import ExportPlan, FixedPoint
 # one step in the arithmetic of the target, from the judge's state in float64
 STEP_LIMIT = {"float64": 1e-12, "float32": 1e-5}
 FREE_STEPS = 1000
+LINEARIZED_STEPS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +96,25 @@ def _explicit(
     return Agreement(plan.target, plan.dtype, record.steps, one_step, free, None)
 
 
+def _slopes(
+    model: CModel,
+    plan: ExportPlan,
+    weights: Mapping[str, FloatArray],
+    record: Record,
+    judged: Judgement,
+    steps: int,
+) -> Arrays:
+    """What the interpreter says of the matrices that C has, in its arithmetic."""
+    interface = model.interface.jacobian
+    if interface is None:
+        return {}
+    log = {name: series.astype(plan.dtype) for name, series in record.log.items()}
+    states = {name: values[:steps] for name, values in judged.states.items()}
+    own = JacobianInterpreter(interface.jacobian, plan.program, weights, plan.dtype)
+    found = own.matrices(log, record.t0 + np.arange(steps), states)
+    return {field.matrix.name: found[field.matrix.name] for field in interface.fields}
+
+
 def _free_run(artefact: Artefact, wanted: Judgement, record: Record) -> Arrays:
     states = artefact.start(wanted.windows)
     steps: list[Arrays] = []
@@ -137,10 +158,17 @@ def _c(
         model.reset(same)
         free, _ = model.step.run(same.inputs, record.steps)
         outputs, following = model.steps(wanted)
+        compared = min(record.steps, LINEARIZED_STEPS)
+        slopes = model.slopes(same, compared)
+        expected = _slopes(model, plan, weights, record, same, compared)
     one_step = max(
         worst_deviation(outputs, wanted.outputs), worst_deviation(following, wanted.next_states)
     )
     beginning = {name: values[:FREE_STEPS] for name, values in free.items()}
     deviation = worst_deviation(beginning, wanted.outputs)
-    bits = differing_bits(free, same.outputs) if plan.dtype == "float32" else None
+    if plan.dtype == "float64":
+        one_step = max(one_step, worst_deviation(slopes, expected))
+        bits = None
+    else:
+        bits = differing_bits(free, same.outputs) + differing_bits(slopes, expected)
     return Agreement(plan.target, plan.dtype, record.steps, one_step, deviation, bits)

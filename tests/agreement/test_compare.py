@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,3 +84,20 @@ def test_bits_count_the_sign_of_zero_but_not_the_kind_of_nan():
     other = {"a": np.array([-0.0, -math.nan, 1.0], np.float32)}
     assert differing_bits(one, one) == 0
     assert differing_bits(one, other) == 1
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_the_jacobian_of_c_is_compared_too(dtype: Dtype, tmp_path: Path) -> None:
+    require_tool("gcc", install="apt install gcc")
+    plain = plan_of("joint_arm", "c", dtype)
+    plan = replace(plain, extras=("jacobian", "parameter_jacobian"))
+    weights = initial_weights(plan.program)
+    files = write_export(plan, weights, tmp_path)
+    record = drawn_record(plan.program, "drawn")
+    assert compare(plan, weights, files, tmp_path, record).agrees
+    (source,) = (file for file in files if file.name == "model.c")
+    text = source.read_text(encoding="utf-8")
+    spoiled, count = re.subn(r"(jac->A\[[^]]*\] = )(?!0\.0)", r"\g<1>2.0f * ", text, count=1)
+    assert count == 1
+    source.write_text(spoiled, encoding="utf-8")
+    assert not compare(plan, weights, files, tmp_path, record).agrees
