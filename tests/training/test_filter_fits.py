@@ -185,4 +185,5 @@ outputs: {o: "%s"}
     ],
 )
 def test_mistake(target: str, out: str, call: str, code: str) -> None:
-    assert codes(HEAD % (target, target, out, call)) == ([code] if code else [])
+    # `f` and `g` have the same target: each says so, whether something calls it or not
+    assert set(codes(HEAD % (target, target, out, call))) == ({code} if code else set())
