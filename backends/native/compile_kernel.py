@@ -45,17 +45,19 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "msnn" / "kernels"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Built:
     """A loaded kernel and the file that says it was found right."""
 
     library: ctypes.CDLL
     seal: Path
+    _checked: bool = False
 
     @property
     def is_checked(self) -> bool:
         """Whether somebody compared this kernel with the interpreter."""
-        return self.seal.exists()
+        self._checked = self._checked or self.seal.exists()
+        return self._checked
 
     def mark_checked(self) -> None:
         """Remembers that the comparison went well."""

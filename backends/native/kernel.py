@@ -59,6 +59,7 @@ class Kernel:
         self._threads = threads
         self._kept_bytes = kept_bytes
         self._memory = np.zeros(0, np.uint8)
+        self._reserved, self._reservation = (0, 0), WorkStruct()
         self.source: KernelSource = kernel_source(training_step(program), dtype)
         self.program = program
         self.dtype = np.dtype(dtype)
@@ -124,6 +125,8 @@ class Kernel:
     def _work(self, groups: Groups, largest: int) -> WorkStruct:
         """Memory for a call whose batches have at most so many groups; later calls use it again."""
         steps = int(groups["steps"].max())
+        if (steps, largest) == self._reserved:
+            return self._reservation
         alone = WorkStruct(None, steps, 0, 1, 1)
         kept = self._library.msnn_work_bytes(ctypes.byref(alone)) <= self._kept_bytes
         threads = min(self._threads, max(largest, 1))
@@ -132,6 +135,7 @@ class Kernel:
         if size > len(self._memory):
             self._memory = aligned(size)
         struct.memory = self._memory.ctypes.data
+        self._reserved, self._reservation = (steps, largest), struct
         return struct
 
     def losses(
@@ -178,7 +182,7 @@ class Kernel:
         """
         count = len(self.source.losses)
         sums, counts = np.zeros(count), np.zeros(count)
-        work = self._work(groups, int(np.diff(bounds).max()))
+        work = self._work(groups, int((bounds[1:] - bounds[:-1]).max()))
         scale = np.asarray(weights, float)
         variables.optimizer.missing = int(data.missing)
         done = self._library.msnn_train(

@@ -20,9 +20,8 @@ class Agreement:
     gradient: float
     losses: dict[str, float]
 
-    @property
-    def holds(self) -> bool:
-        return self.gradient <= GRADIENT_LIMIT and max(self.losses.values()) <= LOSS_LIMIT
+    def holds_with(self, tool: str) -> bool:
+        return self.gradient <= GRADIENT_LIMIT and self.losses.get(tool, 0.0) <= LOSS_LIMIT
 
 
 def agreement(workers: dict[str, Worker], settings: dict[str, Any]) -> Agreement:

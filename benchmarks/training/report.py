@@ -8,7 +8,7 @@ from statistics import median
 
 from agreement import GRADIENT_LIMIT, LOSS_LIMIT, Agreement
 from machine import QUIET
-from worker import JAX, NATIVE, PEER
+from worker import JAX, KERNEL, NATIVE, PEER
 from workloads import Workload
 
 GOALS: Mapping[tuple[str, str], float] = {
@@ -107,19 +107,25 @@ def _goals(found: Sequence[Measured], peak: float) -> str:
             met = median(ratios) >= goal and min(ratios) >= goal / 2
             rows.append((
                 measured.case, f"faster than {tool}", f"{goal:.0f}×, worst {goal / 2:.0f}×",
-                f"{median(ratios):.0f}×, worst {min(ratios):.0f}×", _verdict(measured, met),
+                f"{_ratio(median(ratios))}, worst {_ratio(min(ratios))}",
+                _verdict(measured, met, tool),
             ))  # fmt: skip
         if measured.case in SHARES:
             operations = measured.steps * measured.workload.operations
             share = operations / median(measured.times[NATIVE]) / 1e9 / peak
             goal = SHARES[measured.case]
             rows.append((measured.case, "share of peak", f"{goal:.0%}", f"{share:.0%}",
-                         _verdict(measured, share >= goal)))  # fmt: skip
+                         _verdict(measured, share >= goal, KERNEL)))  # fmt: skip
     return _table(("workload", "msnn native", "asked", "measured", "verdict"), rows)
 
 
-def _verdict(measured: Measured, met: bool) -> str:
-    if not measured.agreement.holds:
+def _ratio(value: float) -> str:
+    return f"{value:.0f}×" if value >= 10 else f"{value:.2f}×"
+
+
+def _verdict(measured: Measured, met: bool, tool: str) -> str:
+    """Whether a goal is met; not where msnn or the tool it is compared with trains otherwise."""
+    if not measured.agreement.holds_with(tool):
         return "no: the results do not agree"
     if not measured.quiet:
         return f"not judged: load above {QUIET}"

@@ -1,6 +1,6 @@
 """How the time of an epoch grows with data, horizon, batch and threads: workload b in a kernel.
 
-    python benchmarks/training/scaling.py    # the tables of SCALING.md
+    python benchmarks/training/scaling.py    # the tables under Growth in RESULTS.md
 
 Cases of a table take turns, so that whatever else the machine does falls on all of them.
 """

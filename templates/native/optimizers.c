@@ -33,10 +33,20 @@ static double sigmoid(double x)
     return x >= 0.0 ? 1.0 / (1.0 + small) : small / (1.0 + small);
 }
 
-/* Physical values of the raw variables that move. */
+/* Physical values of the raw variables that move: those without bounds at once, then the others. */
 void msnn_physical(struct variables *v)
 {
+    const real *restrict const rate = v->rate;
+    const real *restrict const raws = v->raw;
+    const double *restrict const scale = v->scale;
+    real *restrict const physical = v->physical;
+    int bounded = 0;
     for (int i = 0; i < PARAMETERS; i++) {
+        bounded |= v->kind[i];
+        physical[i] = rate[i] == 0 || v->kind[i] != LINEAR ? physical[i]
+                                                           : (real)((double)raws[i] * scale[i]);
+    }
+    for (int i = 0; bounded && i < PARAMETERS; i++) {
         const double raw = (double)v->raw[i];
         if (v->rate[i] == 0) {
             continue;
@@ -45,7 +55,7 @@ void msnn_physical(struct variables *v)
         case BETWEEN: v->physical[i] = (real)(v->low[i] + (v->high[i] - v->low[i]) * sigmoid(raw)); break;
         case ABOVE: v->physical[i] = (real)(v->low[i] + v->scale[i] * softplus(raw)); break;
         case BELOW: v->physical[i] = (real)(v->high[i] - v->scale[i] * softplus(-raw)); break;
-        default: v->physical[i] = (real)(raw * v->scale[i]); break;
+        default: break;
         }
     }
 }
