@@ -8,6 +8,7 @@ from typing import Any
 
 from msnn.tables import table_text
 from msnn.verification.check import Figures, Result
+from msnn.verification.trace import by_spec_line, traced
 from msnn.verification.verify import Verification
 
 _CHECKS = ("check", "target", "", "detail")
@@ -54,6 +55,7 @@ def verification_markdown(verification: Verification) -> str:
         if lines:
             listed = "\n".join(f"- `{line.replace('`', chr(39))}`" for line in lines)
             parts += [f"## {result.check}, {result.target}", listed]
+    parts += _trace_parts(verification)
     if verification.missing:
         parts.append(f"Missing tools: `{verification.install_line}`")
     return "\n\n".join(parts) + "\n"
@@ -92,6 +94,20 @@ def _figure_cells(figures: Figures) -> tuple[str, ...]:
         str(figures.stack_painted),
         "" if figures.stack_bound is None else str(figures.stack_bound),
     )
+
+
+def _trace_parts(verification: Verification) -> list[str]:
+    """Where each line of the spec is in C, and where each block of C is in the spec."""
+    blocks = traced(verification.model.sources)
+    if not blocks:
+        return []
+    backward = [(block.lines, block.place, block.name) for block in blocks]
+    return [
+        "## From the spec to C",
+        _markdown(("spec", "computes", "C"), by_spec_line(blocks)),
+        "## From C to the spec",
+        _markdown(("C", "spec", "computes"), backward),
+    ]
 
 
 def _listed(result: Result) -> str:

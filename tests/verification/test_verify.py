@@ -77,7 +77,10 @@ def test_the_reference_model_on_every_target(
         # the samples of the window and the speed
         assert 25 * 4 <= board["bss"] <= 128
         assert board["stack_bound"] is None or board["stack_painted"] <= board["stack_bound"]
-    assert "# Verification of `reference`" in (folder / "REPORT.md").read_text(encoding="utf-8")
+    report = (folder / "REPORT.md").read_text(encoding="utf-8")
+    assert "# Verification of `reference`" in report
+    assert "\n| reference.msnn.yaml:27 | v_next | reference.c:" in report
+    assert "| reference.msnn.yaml:22 |  |\n" in report
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "reference"])

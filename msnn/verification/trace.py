@@ -1,0 +1,71 @@
+"""Which statements of generated C come from which line of the spec, as their comments say."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+_NOTE = re.compile(r"/\*\s*spec:\s*(\S[^*]*?:\d+\)?)\s*\*/")
+_END = re.compile(r"^\}|^ {4}/\*", re.MULTILINE)
+"""Of a function, or of what a comment of its own has headed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Lines `first` … `last` of a C file, and what of the spec they compute."""
+
+    file: str
+    first: int
+    last: int
+    name: str
+    """The equation, output or state; empty where the line has no name."""
+    spec: str
+    line: int
+
+    @property
+    def place(self) -> str:
+        """`plant.msnn.yaml:31`."""
+        return f"{self.spec}:{self.line}"
+
+    @property
+    def lines(self) -> str:
+        """`plant.c:65-106`."""
+        return f"{self.file}:{self.first}" + (f"-{self.last}" if self.last > self.first else "")
+
+
+def traced(sources: tuple[Path, ...]) -> tuple[Block, ...]:
+    """The blocks of all files in the order of their lines."""
+    return tuple(
+        block for source in sources for block in _blocks(source.name, source.read_text("utf-8"))
+    )
+
+
+def by_spec_line(blocks: tuple[Block, ...]) -> list[tuple[str, str, str]]:
+    """Place in the spec, name, and all lines of C that compute it."""
+    found: dict[tuple[str, int], list[Block]] = {}
+    for block in blocks:
+        found.setdefault((block.spec, block.line), []).append(block)
+    return [
+        (
+            group[0].place,
+            ", ".join(dict.fromkeys(block.name for block in group if block.name)),
+            ", ".join(block.lines for block in group),
+        )
+        for _, group in sorted(found.items())
+    ]
+
+
+def _blocks(file: str, text: str) -> list[Block]:
+    notes = list(_NOTE.finditer(text))
+    ends = [note.start() for note in notes[1:]] + [len(text)]
+    blocks: list[Block] = []
+    for note, end in zip(notes, ends, strict=False):
+        said = " ".join(note.group(1).split())
+        name, _, place = said.removesuffix(")").rpartition(" (")
+        spec, _, line = (place if name else said).rpartition(":")
+        closed = _END.search(text, note.end(), end)
+        stop = end if closed is None else closed.start()
+        first, last = text.count("\n", 0, note.start()) + 1, text[:stop].rstrip().count("\n") + 1
+        blocks.append(Block(file, first, last, name, spec, int(line)))
+    return blocks

@@ -1,0 +1,43 @@
+"""The trace between spec and generated C: every note, its lines, both ways."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from msnn.verification.trace import Block, by_spec_line, traced
+
+PLANT = """\
+static float filtered(void)
+{
+    /* spec: v_next (plant(1).msnn.yaml:27) */
+    float sum = 0;
+    sum += 1;
+
+    /* spec: plant(1).msnn.yaml:22 */
+    return sum;
+}
+
+void step(void)
+{
+    /* spec: v_next
+       (plant(1).msnn.yaml:27) */
+    filtered();
+    /* outputs */
+}
+"""
+
+
+def test_blocks_end_at_the_next_comment_or_with_their_function(tmp_path: Path) -> None:
+    (tmp_path / "plant.c").write_text(PLANT, encoding="utf-8")
+    (tmp_path / "params.c").write_text("/* no statements: spec */\nint k = 1;\n", "utf-8")
+    blocks = traced((tmp_path / "params.c", tmp_path / "plant.c"))
+    spec = "plant(1).msnn.yaml"
+    assert blocks == (
+        Block("plant.c", 3, 5, "v_next", spec, 27),
+        Block("plant.c", 7, 8, "", spec, 22),
+        Block("plant.c", 13, 15, "v_next", spec, 27),
+    )
+    assert by_spec_line(blocks) == [
+        (f"{spec}:22", "", "plant.c:7-8"),
+        (f"{spec}:27", "v_next", "plant.c:3-5, plant.c:13-15"),
+    ]
