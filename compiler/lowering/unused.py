@@ -44,6 +44,7 @@ def lower_unused(model: Model) -> None:
 
 _NOWHERE = Span("", 0, 0, 0, 0)
 _OF_NAMES = frozenset({"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319"})
+_UNKNOWN_DIM = "E0405"
 
 
 def _report_layer(model: Model, name: str, entry: Layer) -> None:
@@ -51,7 +52,12 @@ def _report_layer(model: Model, name: str, entry: Layer) -> None:
     found = _found_by_calling(model, name, 1)
     if any(d.span == _NOWHERE for d in found):  # such as a table in two dimensions
         found = _found_by_calling(model, name, 2)
-    model.findings.report(*(d for d in found if d.span != _NOWHERE))
+    model.findings.report(*(d for d in found if d.span != _NOWHERE and not _of_shapes(d)))
+
+
+def _of_shapes(found: Diagnostic) -> bool:
+    """Whether a call with other arguments may be right: options can have the dims of those."""
+    return found.code.startswith("E04") and found.code != _UNKNOWN_DIM
 
 
 def _found_by_calling(model: Model, name: str, count: int) -> list[Diagnostic]:
