@@ -1,6 +1,6 @@
 """Lets libFuzzer step the C of every spec of the gallery from any bits, ten million times each.
 
-`gallery.py [RUNS [NAME…]]`. Takes an hour or more, so `make benchmark` leaves it out.
+`gallery.py [RUNS [NAME…]]`. Takes ten minutes or more, so `make benchmark` leaves it out.
 Needs clang and its libFuzzer (`apt-get install clang libclang-rt-14-dev`).
 """
 
