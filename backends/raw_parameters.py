@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.program import Parameter
+from compiler.ir.program import Parameter
 
 FloatArray = NDArray[np.float64]
 

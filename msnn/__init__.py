@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from msnn.package_names import check_package_names
+from msnn.project.package_names import check_package_names
 
 check_package_names()
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
         train_folds,
         validate,
     )
-    from msnn.model_file import Model
-    from spec_schema.diagnostics import SpecError
+    from msnn.model.model import Model
+    from spec_schema.diagnostics.diagnostic import SpecError
 
 __all__ = [
     "Model",
@@ -45,7 +45,7 @@ __all__ = [
     "validate",
 ]
 
-_HOMES = {"Model": "msnn.model_file", "SpecError": "spec_schema.diagnostics"}
+_HOMES = {"Model": "msnn.model.model", "SpecError": "spec_schema.diagnostics.diagnostic"}
 
 
 def __getattr__(name: str) -> Any:

@@ -9,25 +9,26 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from compiler.compile import compile_spec
+from compiler.elaboration.compile import compile_spec
+from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError
-from compiler.program import Program
 from msnn.data.dataset import Dataset, one_record
-from msnn.model_data import Weights, data_folder, known_in, measured, read_data, sources_of
-from msnn.model_file import Model, load_model
-from spec_schema.diagnostics import Findings, SpecError
-from spec_schema.spec import Spec
+from msnn.model.load import load_model
+from msnn.model.model import Model
+from msnn.model.model_data import Weights, data_folder, known_in, measured, read_data, sources_of
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.sections.spec import Spec
 
 if TYPE_CHECKING:
-    from msnn.data.frames import Frames
-    from msnn.exporting import TargetName
-    from msnn.folds import FoldsResult
-    from msnn.linearization import Linearization
-    from msnn.simulation import Simulation
-    from msnn.training.own_loop import StageLoss
-    from msnn.training.progress import Progress
+    from msnn.data.reading.frames import Frames
+    from msnn.exports.export import TargetName
+    from msnn.simulation.linearize import Linearization
+    from msnn.simulation.simulate import Simulation
+    from msnn.training.folds import FoldsResult
+    from msnn.training.records.progress import Progress
+    from msnn.training.stage_loss_module import StageLoss
     from msnn.training.train import TrainingOptions, TrainingResult
-    from msnn.validation import ValidationReport
+    from msnn.validation.validate import ValidationReport
 
 
 def load(path: str | Path, settings: Sequence[str] = ()) -> Model:
@@ -103,8 +104,8 @@ def train_folds(
     Arguments and errors as of `train`; frames are of one set, which the folds divide. SpecError
     also where the data have no folds.
     """
-    from msnn import folds
-    from msnn.data.frames import refuse_sets
+    from msnn.data.reading.frames import refuse_sets
+    from msnn.training import folds
 
     refuse_sets(data)
     options = _options(model, runs, tensorboard, device)
@@ -140,8 +141,8 @@ def stage_loss(
     schedule and limits of gradients are yours. `data` and `device` as in `train`. Raises SpecError
     and MissingExtraError.
     """
-    from msnn.training.devices import find_device
-    from msnn.training.own_loop import stage_loss as opened
+    from msnn.training.engines.devices import find_device
+    from msnn.training.stage_loss_module import stage_loss as opened
 
     place = find_device(device)
     dataset = measured(model, data, data_root, "training")
@@ -164,8 +165,8 @@ def validate(
     `data` as in `train`; entries with `files:` are measured on these all the same. Raises
     SpecError.
     """
-    from msnn import validation
-    from msnn.data.file_sets import load_file_sets
+    from msnn.data.reading.file_sets import load_file_sets
+    from msnn.validation import validate as validation
 
     checks, dataset = model.spec.checks, None
     if not checks or any(check.files is None for check in checks):
@@ -195,10 +196,10 @@ def simulate(
     `data` are arrays (rows, *shape) by signal, or files with the columns that the spec names;
     None takes the data of the spec. `horizon` ends each run after so many steps. Raises SpecError.
     """
-    from msnn.exporting import loop_fault
-    from msnn.simulation import simulate as run
-    from msnn.simulation import simulation_program
-    from msnn.simulation_data import file_data, record_data
+    from msnn.exports.export import loop_fault
+    from msnn.simulation.simulate import simulate as run
+    from msnn.simulation.simulate import simulation_program
+    from msnn.simulation.simulation_data import file_data, record_data
 
     try:
         program = simulation_program(model.program)
@@ -231,7 +232,7 @@ def linearize(
     (`F.history`) oldest sample first; `msnn show --interface` lists both. Matrices are (rows,
     columns), in the spec's units. Weights None: the initial values. Raises ValueError.
     """
-    from msnn.linearization import linearize as run
+    from msnn.simulation.linearize import linearize as run
 
     return run(model.program, inputs, states, known_in(model, weights))
 
@@ -249,7 +250,7 @@ def export(
     What the spec's `export` section says of the target holds. Weights None: the initial values.
     Raises SpecError, OSError.
     """
-    from msnn.exporting import plan_exports, target_names, write_export
+    from msnn.exports.export import plan_exports, target_names, write_export
 
     findings = Findings()
     plans = plan_exports(model, target_names([target], model.spec.export), findings)
@@ -263,8 +264,8 @@ def export(
 def _options(
     model: Model, runs: str | Path | None, tensorboard: bool, device: str
 ) -> TrainingOptions:
-    from msnn.model_weights import redrawn_weights
-    from msnn.training.devices import find_device
+    from msnn.model.model_weights import redrawn_weights
+    from msnn.training.engines.devices import find_device
     from msnn.training.train import TrainingOptions
 
     return TrainingOptions(

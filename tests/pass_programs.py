@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from compiler.builder import GraphBuilder
-from compiler.layers.fuzzy_sets import FuzzySets, triangular
-from compiler.ops import Add, Multiply, Relation
-from compiler.passes.fold_constants import fold_constants
-from compiler.passes.to_step_form import to_step_form
-from compiler.program import (
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Add, Multiply, Relation
+from compiler.ir.program import (
     Declared,
     Expected,
     Graph,
@@ -24,9 +21,12 @@ from compiler.program import (
     Signal,
     State,
 )
-from compiler.types import WINDOW, Axis, Type
-from spec_schema.source import Span
-from spec_schema.unit_parser import parse_unit
+from compiler.ir.types import WINDOW, Axis, Type
+from compiler.layers.rules.fuzzy_sets import FuzzySets, triangular
+from compiler.passes.fold_constants import fold_constants
+from compiler.passes.to_step_form import to_step_form
+from spec_schema.diagnostics.source import Span
+from spec_schema.units.parser import parse_unit
 
 METRE = parse_unit("m")
 

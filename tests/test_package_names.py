@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.package_names import COMPANIONS, check_package_names
+from msnn.project.package_names import COMPANIONS, check_package_names
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -57,5 +57,12 @@ def check_in_new_process(
         ]
     )
     path = f"{first}:{ROOT}" if first else ""
-    command = [sys.executable, *options, "-c", program, path, str(msnn / "package_names.py")]
+    command = [
+        sys.executable,
+        *options,
+        "-c",
+        program,
+        path,
+        str(msnn / "project" / "package_names.py"),
+    ]
     return subprocess.run(command, capture_output=True, text=True, check=False)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from backends.atomic_write import write_text
-from backends.c.file_texts import file_texts
-from backends.c.interface import c_interface
-from backends.c.options import COptions
-from compiler.interpreter import physical_weights
-from compiler.program import Program
+from backends.c.folder.file_texts import file_texts
+from backends.c.interface.interface import c_interface
+from backends.c_lowering.options import COptions
+from backends.files.atomic_write import write_text
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Program
 
 _DEFAULT_OPTIONS = COptions()
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from backends.c.c_language import (
+from backends.c_language.places import Index
+from backends.c_language.scope import Scope
+from backends.c_language.tree import (
     Binary,
     Convert,
     CType,
@@ -14,12 +16,10 @@ from backends.c.c_language import (
     Name,
     Statement,
 )
-from backends.c.places import Index
-from backends.c.scope import Scope
 from backends.fixed_point.helpers import FixedHelpers
 from backends.fixed_point.memories import element
 from backends.fixed_point.names import FixedNames
-from compiler.fixed_point.integer_program import CheckedInput, WordPort
+from compiler.fixed_point.integers.program import CheckedInput, WordPort
 
 
 def word_of(port: WordPort, field: str, at: Index) -> Expression:

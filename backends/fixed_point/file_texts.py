@@ -7,22 +7,22 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from backends.c.c_language import Function
-from backends.c.c_layout import comment
-from backends.c.c_printer import Printer
-from backends.c.ffi_texts import ffi_texts
-from backends.c.header_text import about_text, origin
-from backends.c.package_texts import package_texts
-from backends.c.rendering import render
-from backends.c.status import MEANING, SelfTest, status_macro
+from backends.c.folder.ffi_texts import ffi_texts
+from backends.c.folder.header_text import about_text, origin
+from backends.c.folder.package_texts import package_texts
+from backends.c.interface.status import MEANING, SelfTest, status_macro
+from backends.c_language.layout import comment
+from backends.c_language.printer import Printer
+from backends.c_language.rendering import render
+from backends.c_language.tree import Function
 from backends.fixed_point.functions import FixedFunctions
 from backends.fixed_point.golden_text import expected_text, golden_functions
 from backends.fixed_point.names import FixedNames, fixed_names
 from backends.fixed_point.structs import port_comment, structs
 from compiler.fixed_point.deviation import OutputError
 from compiler.fixed_point.golden import GoldenRun, golden_run
-from compiler.fixed_point.integer_program import IntegerProgram, WordPort
-from compiler.fixed_point.run_integers import FixedStatus
+from compiler.fixed_point.integers.interpret import FixedStatus
+from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 from spec_schema.version import __version__
 
 SELFTEST_STEPS = 16

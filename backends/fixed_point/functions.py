@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from backends.c.c_language import (
+from backends.c_language.places import Index
+from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.tree import (
     Argument,
     Binary,
     Convert,
@@ -22,20 +24,13 @@ from backends.c.c_language import (
     Statement,
     Unsigned,
 )
-from backends.c.places import Index
-from backends.c.scope import LocalNames, Scope
 from backends.fixed_point.checked_words import check_input, check_window, word_of
 from backends.fixed_point.helpers import FixedHelpers
 from backends.fixed_point.integer_nodes import IntegerNodes, Surroundings
 from backends.fixed_point.memories import MemoryWriter, element
 from backends.fixed_point.names import FixedNames
-from compiler.fixed_point.integer_program import (
-    ExpectedWords,
-    IntegerProgram,
-    Memory,
-    ReadMemory,
-)
-from compiler.fixed_point.run_integers import FixedStatus, initial
+from compiler.fixed_point.integers.interpret import FixedStatus, initial
+from compiler.fixed_point.integers.program import ExpectedWords, IntegerProgram, Memory, ReadMemory
 
 _FILLS, _WAITS = 1, 2
 """Bits of the field `waiting`: buffers wait for their first sample, states for reset."""

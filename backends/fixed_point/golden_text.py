@@ -6,12 +6,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from backends.c.c_language import Binary, CType, Expression, Function
-from backends.c.golden_tables import Array, Column, GoldenTables
-from backends.c.interface import Field
+from backends.c.interface.interface import Field
+from backends.c.selftest.golden_tables import Array, Column, GoldenTables
+from backends.c_language.tree import Binary, CType, Expression, Function
 from backends.fixed_point.names import FixedNames
 from compiler.fixed_point.golden import GoldenRun
-from compiler.fixed_point.integer_program import IntegerProgram, WordPort
+from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 
 _UNROLL = 4
 """Elements that are copied one by one."""

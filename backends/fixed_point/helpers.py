@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from backends.c.c_language import (
+from backends.c_language.tree import (
     Argument,
     Binary,
     Call,

@@ -6,7 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import assert_never
 
-from backends.c.c_language import (
+from backends.c_language.places import Index
+from backends.c_language.scope import Scope
+from backends.c_language.tree import (
     Binary,
     Conditional,
     Convert,
@@ -19,13 +21,11 @@ from backends.c.c_language import (
     Table,
     Unary,
 )
-from backends.c.places import Index
-from backends.c.scope import Scope
-from backends.c.spec_notes import span_text
-from backends.c.sums import in_blocks
+from backends.c_lowering.spec_notes import span_text
+from backends.c_lowering.sums import in_blocks
 from backends.fixed_point.helpers import FixedHelpers
 from backends.fixed_point.neighbours import neighbours
-from compiler.fixed_point.integer_program import (
+from compiler.fixed_point.integers.program import (
     Choose,
     IntegerNode,
     Larger,

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from backends.c.c_language import (
+from backends.c_language.places import Index
+from backends.c_language.scope import Scope
+from backends.c_language.tree import (
     Binary,
     Convert,
     CType,
@@ -15,21 +17,19 @@ from backends.c.c_language import (
     Member,
     Statement,
 )
-from backends.c.places import Index
-from backends.c.scope import Scope
-from backends.c.sums import in_blocks
+from backends.c_lowering.sums import in_blocks
 from backends.fixed_point.helpers import FixedHelpers
 from backends.fixed_point.integer_nodes import IntegerNodes
 from backends.fixed_point.names import FixedNames
 from backends.fixed_point.neighbours import neighbours
-from compiler.fixed_point.integer_program import (
+from compiler.fixed_point.integers.program import (
     IntegerNode,
     IntegerProgram,
     Memory,
     ReadMemory,
     ReadWord,
 )
-from compiler.types import Axis
+from compiler.ir.types import Axis
 
 _BLOCK = 4
 """Samples that one turn of a loop moves."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from backends.identifiers import c_identifier
-from compiler.fixed_point.integer_program import IntegerProgram
-from compiler.fixed_point.run_integers import FixedStatus
+from backends.ports.identifiers import c_identifier
+from compiler.fixed_point.integers.interpret import FixedStatus
+from compiler.fixed_point.integers.program import IntegerProgram
 
 
 @dataclass(frozen=True, slots=True)

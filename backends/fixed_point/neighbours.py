@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from compiler.fixed_point.integer_program import IntegerNode, ReadMemory, ReadWord
+from compiler.fixed_point.integers.program import IntegerNode, ReadMemory, ReadWord
 
 _FEWEST = 8
 """Elements from which a loop is shorter than its turns written out."""

@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from backends.c.c_layout import comment
-from backends.c.spec_notes import span_text
+from backends.c_language.layout import comment
+from backends.c_lowering.spec_notes import span_text
 from backends.fixed_point.names import FixedNames
-from compiler.fixed_point.integer_program import IntegerProgram, Memory, WordPort
-from compiler.types import Axis
+from compiler.fixed_point.integers.program import IntegerProgram, Memory, WordPort
+from compiler.ir.types import Axis
 
 
 def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:

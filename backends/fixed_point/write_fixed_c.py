@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from backends.atomic_write import write_text
+from backends.files.atomic_write import write_text
 from backends.fixed_point.file_texts import file_texts
 from compiler.fixed_point.compile_integers import integer_program
 from compiler.fixed_point.deviation import OutputError, output_errors
-from compiler.fixed_point.integer_program import Q15, Q31
-from compiler.interpreter import physical_weights
-from compiler.program import Program
+from compiler.fixed_point.integers.program import Q15, Q31
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Program
 
 WIDTHS = {"q15": Q15, "q31": Q31}
 

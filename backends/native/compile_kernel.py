@@ -11,8 +11,8 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from backends.atomic_write import replacing
-from backends.c_compiler import CompilerMissingError, find_compiler
+from backends.files.atomic_write import replacing
+from backends.files.c_compiler import CompilerMissingError, find_compiler
 
 FLAGS = (
     "-std=gnu11",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from backends.c.c_literals import Dtype
+from backends.c_language.literals import Dtype
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_data import Data
 from backends.native.kernel_source import KernelSource, kernel_source
@@ -22,10 +22,10 @@ from backends.native.kernel_structs import (
     aligned,
     pointer,
 )
-from backends.native.lane_groups import LANES, Groups, Rows, group_type, lane_groups
+from backends.native.lanes.lane_groups import LANES, Groups, Rows, group_type, lane_groups
 from backends.raw_parameters import mapping_of, raw_value
-from compiler.program import Parameter, Program
-from compiler.training_step import training_step
+from compiler.differentiation.training_step import training_step
+from compiler.ir.program import Parameter, Program
 
 FloatArray = NDArray[np.float64]
 

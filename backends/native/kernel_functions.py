@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from backends.c.c_language import Argument, Binary, Expression, Function, Real
-from backends.c.functions import FunctionTable
-from backends.c.places import Index, Place
-from backends.c.scope import Scope
-from backends.native.lane_functions import GRADIENT, PARAMETERS, LaneWriter, array
-from backends.native.lane_memory import Memory, size_of
-from backends.native.phases import Addends, LateGradient, is_zero, read_from_rows
+from backends.c_language.functions import FunctionTable
+from backends.c_language.places import Index, Place
+from backends.c_language.scope import Scope
+from backends.c_language.tree import Argument, Binary, Expression, Function, Real
+from backends.native.lanes.lane_functions import GRADIENT, PARAMETERS, LaneWriter, array
+from backends.native.lanes.lane_memory import Memory, size_of
+from backends.native.loop_splitting import Addends, LateGradient, is_zero, read_from_rows
 from backends.native.tiled_sums import HORIZON, MOMENT, TIME, TiledSum
-from compiler.ops import Concat, Contract
-from compiler.program import Graph, NodeId
-from compiler.types import Axis
+from compiler.ir.ops import Concat, Contract
+from compiler.ir.program import Graph, NodeId
+from compiler.ir.types import Axis
 
 
 @dataclass(frozen=True, slots=True)

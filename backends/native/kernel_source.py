@@ -8,16 +8,16 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from backends.c.c_language import Call, Expression
-from backends.c.c_literals import Dtype
-from backends.c.functions import FunctionNames, FunctionTable
+from backends.c_language.functions import FunctionNames, FunctionTable
+from backends.c_language.literals import Dtype
+from backends.c_language.tree import Call, Expression
 from backends.native.kernel_functions import ModelFunction, ModelFunctions
-from backends.native.lane_kernels import lane_kernels
-from backends.native.lane_memory import Memory, size_of
-from backends.native.lane_printer import LanePrinter
-from compiler.kernels.formats import DOUBLE, FLOAT
-from compiler.scalar_functions import SCALAR_FUNCTIONS
-from compiler.training_step import TrainingStep
+from backends.native.lanes.lane_kernels import lane_kernels
+from backends.native.lanes.lane_memory import Memory, size_of
+from backends.native.lanes.lane_printer import LanePrinter
+from compiler.differentiation.training_step import TrainingStep
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.kernels.tables.formats import DOUBLE, FLOAT
 
 _TEMPLATES = Path(__file__).resolve().parents[2] / "templates" / "native"
 PREFIX = "msnn"

@@ -8,13 +8,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from backends.gauss_newton_products import Products
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_data import Data
 from backends.native.kernel_structs import aligned, pointer
-from backends.native.lane_groups import LANES, Rows, group_type, lane_groups
+from backends.native.lanes.lane_groups import LANES, Rows, group_type, lane_groups
 from backends.native.sensitivity_source import sensitivity_source
-from backends.products import Products
-from compiler.sensitivities import Sensitivities
+from compiler.differentiation.sensitivities import Sensitivities
 
 FloatArray = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from backends.c.functions import FunctionNames
-from backends.c.places import Index, Place
+from backends.c_language.functions import FunctionNames
+from backends.c_language.places import Index, Place
 from backends.native.kernel_functions import ModelFunctions, Stored
 from backends.native.kernel_source import (
     PREFIX,
@@ -15,12 +15,12 @@ from backends.native.kernel_source import (
     rendered,
     whole_source,
 )
-from backends.native.lane_functions import array
-from backends.native.lane_memory import Memory
-from compiler.differentiate import StepGradients
-from compiler.program import NodeId
-from compiler.sensitivities import Sensitivities
-from compiler.training_step import Reverse, TrainingStep, newest_samples
+from backends.native.lanes.lane_functions import array
+from backends.native.lanes.lane_memory import Memory
+from compiler.differentiation.reverse_mode import StepGradients
+from compiler.differentiation.sensitivities import Sensitivities
+from compiler.differentiation.training_step import Reverse, TrainingStep, newest_samples
+from compiler.ir.program import NodeId
 
 _BLOCK = 4
 """Rows are as long as a multiple of it; BLOCK of templates/native/sensitivities.c.j2."""

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
-from backends.c.c_language import Binary, Expression, Loop, Name, Real
-from backends.c.places import Index, Place, variable
-from backends.c.scope import Scope
+from backends.c_language.places import Index, Place, variable
+from backends.c_language.scope import Scope
+from backends.c_language.tree import Binary, Expression, Loop, Name, Real
 
 TIME = "t"
 HORIZON = "horizon"

@@ -11,7 +11,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from compiler.program import Program
+from compiler.ir.program import Program
 
 _CENTERS = np.linspace(-45.0, 45.0, 7)
 _WIDTH = 15.0

@@ -11,7 +11,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 from msnn.cli.application import run
-from msnn.verification.check import Figures, Result
+from msnn.verification.proof_step import Figures, Result
 from msnn.verification.verify import TARGETS, Verification, Wanted, verify
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"

@@ -13,9 +13,9 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 from msnn.cli.application import run
-from msnn.verification.check import ToolFailedError
 from msnn.verification.exported_c import read_exported_c
-from msnn.verification.fuzz import fuzz
+from msnn.verification.host.fuzz import fuzz
+from msnn.verification.proof_step import ToolFailedError
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
 _RUNS = 10_000_000

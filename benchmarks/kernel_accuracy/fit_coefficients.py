@@ -1,4 +1,4 @@
-"""Writes compiler/kernels/coefficients.py: every number that the kernels are built from.
+"""Writes compiler/kernels/tables/coefficients.py: every number that the kernels are built from.
 
     python benchmarks/kernel_accuracy/fit_coefficients.py
 
@@ -137,7 +137,7 @@ def main() -> None:
         "Written by benchmarks/kernel_accuracy/fit_coefficients.py, which holds the definitions.\n",
         '"""\n\n',
         "from __future__ import annotations\n\n",
-        "from compiler.kernels.formats import DOUBLE, FLOAT, Format\n\n\n",
+        "from compiler.kernels.tables.formats import DOUBLE, FLOAT, Format\n\n\n",
         "def _read(texts: str) -> tuple[float, ...]:\n",
         "    return tuple(float.fromhex(text) for text in texts.split())\n\n\n",
         "def _read_words(texts: str) -> tuple[int, ...]:\n",

@@ -17,7 +17,8 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.kernel_accuracy.report import Measurement, keep, write_report
-from compiler.kernels import KERNELS, c_sources
+from compiler.kernels.c_sources import c_sources
+from compiler.kernels.table import KERNELS
 
 HERE = Path(__file__).parent
 ALL_PAIRS = 10**9

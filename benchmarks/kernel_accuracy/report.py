@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from compiler.kernels import KERNELS
+from compiler.kernels.table import KERNELS
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results.json"

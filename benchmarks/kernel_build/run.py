@@ -19,9 +19,9 @@ from written_out_arm import written_out_arm
 
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_source import kernel_source
-from compiler.compile import compile_spec
-from compiler.training_step import training_step
-from spec_schema.reader import read_spec
+from compiler.differentiation.training_step import training_step
+from compiler.elaboration.compile import compile_spec
+from spec_schema.reading.reader import read_spec
 
 
 def main() -> None:

@@ -15,9 +15,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from compiler.compile import compile_spec
-from msnn.model_file import load_model
-from spec_schema.reader import read_spec
+from compiler.elaboration.compile import compile_spec
+from msnn.model.load import load_model
+from spec_schema.reading.reader import read_spec
 
 ROOT = Path(__file__).parents[2]
 DRAFTS = ROOT / "tests" / "language" / "drafts"

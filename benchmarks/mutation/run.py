@@ -19,10 +19,10 @@ import numpy as np
 
 from benchmarks.mutation.equivalents import EQUIVALENTS
 from benchmarks.mutation.mutants import Mutant, mutants
-from compiler.interpreter import physical_weights
-from msnn.exporting import plan_exports, write_export
-from msnn.model_file import load_model
-from spec_schema.diagnostics import Findings
+from compiler.interpreter.interpreter import physical_weights
+from msnn.exports.export import plan_exports, write_export
+from msnn.model.load import load_model
+from spec_schema.diagnostics.diagnostic import Findings
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
 _FLAGS = ("-std=c99", "-O0", "-w", "-ffp-contract=off")

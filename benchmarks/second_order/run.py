@@ -18,8 +18,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from msnn import api
-from msnn.model_file import Model, load_model
-from msnn.training.progress import EpochEnd, Silent
+from msnn.model.load import load_model
+from msnn.model.model import Model
+from msnn.training.records.progress import EpochEnd, Silent
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

@@ -9,8 +9,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from compiler.fixed_point.constants import finite, with_numbers, word_format
-from compiler.fixed_point.integer_builder import CannotFitError
-from compiler.fixed_point.integer_program import (
+from compiler.fixed_point.integers.builder import CannotFitError
+from compiler.fixed_point.integers.drop_unused import without_unused
+from compiler.fixed_point.integers.program import (
     CheckedInput,
     ExpectedWords,
     IntegerProgram,
@@ -21,11 +22,20 @@ from compiler.fixed_point.integer_program import (
 )
 from compiler.fixed_point.invariants import is_buffer, proved_bounds
 from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
-from compiler.fixed_point.unused import without_unused
-from compiler.ops import ReadLog, ReadSignal, Window
-from compiler.program import Expected, Graph, History, Node, NodeId, Output, Program, Signal, State
-from compiler.types import WINDOW, Axis
-from spec_schema.diagnostics import SpecError
+from compiler.ir.ops import ReadLog, ReadSignal, Window
+from compiler.ir.program import (
+    Expected,
+    Graph,
+    History,
+    Node,
+    NodeId,
+    Output,
+    Program,
+    Signal,
+    State,
+)
+from compiler.ir.types import WINDOW, Axis
+from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.errors import fixed_point as errors
 
 _MOST_NODES = 20_000

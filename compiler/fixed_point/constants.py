@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, with_start, with_step
-from compiler.ops import Constant, ReadParameter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.ops import Constant, ReadParameter
+from compiler.ir.program import Graph, NodeId, Program
 from compiler.passes import run_passes
-from compiler.program import Graph, NodeId, Program
 
 
 def with_numbers(program: Program, weights: Mapping[str, NDArray[Any]]) -> Program:

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.fixed_point.golden import drawn
-from compiler.fixed_point.integer_program import IntegerProgram, WordPort
-from compiler.fixed_point.run_integers import reset, step
-from compiler.interpreter import Interpreter
-from compiler.ops import ReadSignal
-from compiler.program import Declared, Program
+from compiler.fixed_point.integers.interpret import reset, step
+from compiler.fixed_point.integers.program import IntegerProgram, WordPort
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.ops import ReadSignal
+from compiler.ir.program import Declared, Program
 
 _RUNS, _STEPS, _SEED = 8, 60, 11
 _HELD = 20

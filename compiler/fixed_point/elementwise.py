@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from compiler.fixed_point.forms import Form
-from compiler.fixed_point.integer_builder import CannotFitError
+from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.settle import Settler
 from compiler.fixed_point.tables import fitted_table
-from compiler.ops import Relation
-from compiler.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.ops import Relation
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compiler.fixed_point.integer_program import IntegerProgram, WordPort
-from compiler.fixed_point.run_integers import Words, initial, reset, step
+from compiler.fixed_point.integers.interpret import Words, initial, reset, step
+from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 
 _INVALID_EVERY = 7
 """Steps from one word outside its range to the next."""

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from compiler.fixed_point.constants import word_format
 from compiler.fixed_point.forms import Form
-from compiler.fixed_point.integer_program import Width
+from compiler.fixed_point.integers.program import Width
 from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
-from compiler.ops import Broadcast, Clamp, Constant, Window
-from compiler.program import Graph, Node, NodeId, Program, State
+from compiler.ir.ops import Broadcast, Clamp, Constant, Window
+from compiler.ir.program import Graph, Node, NodeId, Program, State
 
 _MARGIN = 1.0 + 2.0**-6
 """What roundings may add; a state is saturated at its bound all the same."""

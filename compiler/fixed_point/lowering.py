@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from compiler.fixed_point.elementwise import Elementwise
 from compiler.fixed_point.forms import Form
-from compiler.fixed_point.integer_builder import CannotFitError
-from compiler.fixed_point.integer_program import Width
+from compiler.fixed_point.integers.builder import CannotFitError
+from compiler.fixed_point.integers.program import Width
 from compiler.fixed_point.settle import Ramp, Settler
-from compiler.fuzzy_support import CompactSets, compact_sets
-from compiler.node_evaluators import NOWHERE, evaluator
-from compiler.ops import (
+from compiler.interpreter.operations import NOWHERE, evaluator
+from compiler.ir.ops import (
     Add,
     Apply,
     Broadcast,
@@ -44,8 +43,9 @@ from compiler.ops import (
     Sum,
     Window,
 )
-from compiler.program import Graph, Node, NodeId
-from spec_schema.source import Span
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.passes.analyses.compact_sets import CompactSets, compact_sets
+from spec_schema.diagnostics.source import Span
 
 Elements = NDArray[np.object_]
 """Forms or conditions in the shape of a node, after an axis of length 1."""

@@ -7,8 +7,8 @@ from collections import Counter
 from dataclasses import dataclass
 
 from compiler.fixed_point.forms import Form, Monomial
-from compiler.fixed_point.integer_builder import CannotFitError, IntegerBuilder
-from compiler.fixed_point.integer_program import Width
+from compiler.fixed_point.integers.builder import CannotFitError, IntegerBuilder
+from compiler.fixed_point.integers.program import Width
 
 _ROOM = 0.9
 """Part of the range of a sum that values may fill; the rest is for roundings."""

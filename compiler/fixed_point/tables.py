@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.fixed_point.integer_builder import CannotFitError
-from compiler.fixed_point.integer_program import Lookup, Width
+from compiler.fixed_point.integers.builder import CannotFitError
+from compiler.fixed_point.integers.program import Lookup, Width
 
 Reals = NDArray[np.float64]
 _MOST_CELLS = {"q15": 512, "q31": 4096}

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from compiler.kernels.formats import Format
-from compiler.kernels.statements import Kind, Operator
+from compiler.kernels.tables.formats import Format
+from compiler.kernels.trace.statements import Kind, Operator
 
 SELECT = {
     Kind.REAL: "select_real",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from compiler.kernels.formats import Format
-from compiler.kernels.statements import Kind, Table
+from compiler.kernels.tables.formats import Format
+from compiler.kernels.trace.statements import Kind, Table
 
 _TABLE_WIDTH = 88
 

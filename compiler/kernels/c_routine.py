@@ -12,8 +12,8 @@ from typing import assert_never
 
 from compiler.kernels.c_choices import COMBINE, SELECT, TRUTH
 from compiler.kernels.c_literals import bare, c_kind, literal, unsigned_literal
-from compiler.kernels.operand_uses import branch_values, operands, plain_operands
-from compiler.kernels.statements import (
+from compiler.kernels.trace.operand_uses import branch_values, operands, plain_operands
+from compiler.kernels.trace.statements import (
     COMPARISONS,
     Assign,
     Binary,

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from compiler.kernels.c_choices import choice_functions
 from compiler.kernels.c_literals import c_kind, table_lines
 from compiler.kernels.c_routine import RoutineText
-from compiler.kernels.formats import FORMATS, RealName
-from compiler.kernels.statements import Block, Branch, Call, Routine
-from compiler.kernels.subroutine import trace
 from compiler.kernels.table import KERNELS
-from compiler.kernels.without_branches import without_branches
+from compiler.kernels.tables.formats import FORMATS, RealName
+from compiler.kernels.trace.statements import Block, Branch, Call, Routine
+from compiler.kernels.trace.subroutine import trace
+from compiler.kernels.trace.without_branches import without_branches
 
 
 @dataclass(frozen=True, slots=True)

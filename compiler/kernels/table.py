@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from compiler.kernels.exponential import EXP
-from compiler.kernels.hyperbolic import COSH, SINH, TANH
-from compiler.kernels.inverse_trigonometric import ACOS, ASIN, ATAN, ATAN2
-from compiler.kernels.logarithm import LOG
-from compiler.kernels.logistic import SIGMOID, SOFTPLUS
-from compiler.kernels.operations import square_root
-from compiler.kernels.power import POW
-from compiler.kernels.subroutine import Subroutine
-from compiler.kernels.trigonometric import COS, SIN, TAN
-from compiler.kernels.values import Real, Value
+from compiler.kernels.routines.exponential import EXP
+from compiler.kernels.routines.hyperbolic import COSH, SINH, TANH
+from compiler.kernels.routines.inverse_trigonometric import ACOS, ASIN, ATAN, ATAN2
+from compiler.kernels.routines.logarithm import LOG
+from compiler.kernels.routines.logistic import SIGMOID, SOFTPLUS
+from compiler.kernels.routines.power import POW
+from compiler.kernels.routines.trigonometric import COS, SIN, TAN
+from compiler.kernels.trace.operations import square_root
+from compiler.kernels.trace.subroutine import Subroutine
+from compiler.kernels.trace.values import Real, Value
 
 
 def _sqrt(x: Real) -> tuple[Value, ...]:

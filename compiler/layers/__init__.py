@@ -7,11 +7,11 @@ from compiler.layers.fir import FIR
 from compiler.layers.fuzzify import FUZZIFY
 from compiler.layers.iir import IIR
 from compiler.layers.interpolation import INTERPOLATION
-from compiler.layers.layer_rule import AnyRule
 from compiler.layers.linear import LINEAR
 from compiler.layers.local_model import LOCAL_MODEL
 from compiler.layers.mlp import MLP
 from compiler.layers.normalize import NORMALIZE
+from compiler.layers.rules.layer_rule import AnyRule
 from compiler.layers.savitzky_golay import SAVITZKY_GOLAY
 from compiler.layers.state_space import STATE_SPACE
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.named_arrays import named_array
-from compiler.program import NodeId
-from compiler.types import Axis, describe_axes
+from compiler.ir.program import NodeId
+from compiler.ir.types import Axis, describe_axes
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.named_arrays import named_array
 from spec_schema.errors import shapes
-from spec_schema.located import Located
-from spec_schema.values import Initializer
+from spec_schema.fields.located import Located
+from spec_schema.sections.values import Initializer
 
 
 @dataclass(frozen=True)

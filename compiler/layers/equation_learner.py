@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from compiler.builder import GraphBuilder
+from compiler.builtins.table import BUILTINS
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import NodeId
+from compiler.ir.types import UNNAMED, Axis, describe_axes
 from compiler.layers.affine import Affine
-from compiler.layers.arguments import read_elements
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.lowering.builtins import BUILTINS
-from compiler.program import NodeId
-from compiler.types import UNNAMED, Axis, describe_axes
+from compiler.layers.rules.arguments import read_elements
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from spec_schema.errors import names, shapes
-from spec_schema.layers import EquationLearner
-from spec_schema.located import Located
-from spec_schema.values import Function
+from spec_schema.fields.located import Located
+from spec_schema.sections.layers import EquationLearner
+from spec_schema.sections.values import Function
 
 
 def equation_learner(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from compiler.layers.arguments import read_window
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.layers.named_arrays import named_array
-from compiler.program import NodeId
-from compiler.types import WINDOW, Axis, describe_axes
+from compiler.ir.program import NodeId
+from compiler.ir.types import WINDOW, Axis, describe_axes
+from compiler.layers.rules.arguments import read_window
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.named_arrays import named_array
 from spec_schema.errors import shapes
-from spec_schema.layers import Fir
-from spec_schema.located import Located
+from spec_schema.fields.located import Located
+from spec_schema.sections.layers import Fir
 
 
 def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:

@@ -5,21 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import assert_never
 
-from compiler.layers.arguments import read_scalars
-from compiler.layers.centers import ascending, learned_centers
-from compiler.layers.fuzzy_sets import (
+from compiler.ir.program import NodeId
+from compiler.ir.types import UNNAMED, Axis
+from compiler.layers.rules.arguments import read_scalars
+from compiler.layers.rules.centers import ascending, learned_centers
+from compiler.layers.rules.fuzzy_sets import (
     FuzzySets,
     gaussian,
     neighbour_widths,
     rectangular,
     triangular,
 )
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.program import NodeId
-from compiler.types import UNNAMED, Axis
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from spec_schema.errors import names, shapes
-from spec_schema.layers import CustomMembership, Fuzzify, Layer
+from spec_schema.sections.layers import CustomMembership, Fuzzify, Layer
 
 
 def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> NodeId:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from compiler.builder import GraphBuilder
-from compiler.layers.fit import Orders, declare_fit
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.layers.memory import Memory, initial_value, read_signal, starting
-from compiler.program import NodeId
-from compiler.types import Axis
-from spec_schema.layers import Iir
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import NodeId
+from compiler.ir.types import Axis
+from compiler.layers.rules.fit import Orders, declare_fit
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.memory import Memory, initial_value, read_signal, starting
+from spec_schema.sections.layers import Iir
 
 
 def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiler.layers.arguments import read_scalars
-from compiler.layers.centers import ascending
-from compiler.layers.fuzzy_sets import FuzzySets, beyond, triangular
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.program import NodeId
-from compiler.scalar_functions import Array
+from compiler.ir.program import NodeId
+from compiler.ir.scalar_functions import Array
+from compiler.layers.rules.arguments import read_scalars
+from compiler.layers.rules.centers import ascending
+from compiler.layers.rules.fuzzy_sets import FuzzySets, beyond, triangular
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from spec_schema.errors import names, shapes
-from spec_schema.expression import Expression
-from spec_schema.layers import Interpolation
-from spec_schema.units import ONE, Unit
+from spec_schema.expressions.tree import Expression
+from spec_schema.sections.layers import Interpolation
+from spec_schema.units.unit import ONE, Unit
 
 
 def interpolation(context: LayerContext, settings: Interpolation, arguments: Arguments) -> NodeId:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from compiler.ir.program import NodeId
 from compiler.layers.affine import Affine
-from compiler.layers.arguments import read_elements
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.program import NodeId
-from spec_schema.layers import Linear
+from compiler.layers.rules.arguments import read_elements
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from spec_schema.sections.layers import Linear
 
 
 def linear(context: LayerContext, settings: Linear, arguments: Arguments) -> NodeId:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
+from compiler.ir.program import NodeId
+from compiler.ir.types import UNNAMED, Axis
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.lowering.expressions import lower_all
-from compiler.program import NodeId
-from compiler.types import UNNAMED, Axis
 from spec_schema.errors import shapes
-from spec_schema.layers import LocalModel
+from spec_schema.sections.layers import LocalModel
 
 
 def local_model(context: LayerContext, settings: LocalModel, arguments: Arguments) -> NodeId:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
+from compiler.ir.program import NodeId
 from compiler.layers.affine import Affine
-from compiler.layers.arguments import read_elements
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.program import NodeId
-from spec_schema.layers import Mlp
-from spec_schema.located import Located
+from compiler.layers.rules.arguments import read_elements
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from spec_schema.fields.located import Located
+from spec_schema.sections.layers import Mlp
 
 
 def mlp(context: LayerContext, settings: Mlp, arguments: Arguments) -> NodeId:

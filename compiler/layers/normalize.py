@@ -6,17 +6,17 @@ from typing import Literal
 
 import numpy as np
 
-from compiler.layers.arguments import read_value
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
+from compiler.ir.program import NodeId, Statistic
+from compiler.ir.types import Axis, describe_axes
+from compiler.layers.rules.arguments import read_value
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.linking.connected import Connected
-from compiler.program import NodeId, Statistic
-from compiler.types import Axis, describe_axes
 from spec_schema.errors import names, shapes
-from spec_schema.expression import Expression, Future, Member, Name, Past, Window
-from spec_schema.layers import Normalize
-from spec_schema.signals import Signal
-from spec_schema.units import Unit
+from spec_schema.expressions.tree import Expression, Future, Member, Name, Past, Window
+from spec_schema.sections.layers import Normalize
+from spec_schema.sections.signals import Signal
+from spec_schema.units.unit import Unit
 
 
 def normalize(context: LayerContext, settings: Normalize, arguments: Arguments) -> NodeId:

@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
-from compiler.layers.arguments import read_window
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.program import NodeId
-from compiler.scalar_functions import Array
-from compiler.types import WINDOW, Axis
+from compiler.ir.program import NodeId
+from compiler.ir.scalar_functions import Array
+from compiler.ir.types import WINDOW, Axis
+from compiler.layers.rules.arguments import read_window
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from spec_schema.errors import names
-from spec_schema.layers import SavitzkyGolay
-from spec_schema.unit_parser import parse_unit
+from spec_schema.sections.layers import SavitzkyGolay
+from spec_schema.units.parser import parse_unit
 
 
 def savitzky_golay(context: LayerContext, settings: SavitzkyGolay, arguments: Arguments) -> NodeId:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from compiler.ir.program import NodeId
+from compiler.ir.types import UNNAMED, Axis
 from compiler.layers.affine import Affine
-from compiler.layers.fit import Orders, declare_fit
-from compiler.layers.layer_context import LayerContext
-from compiler.layers.layer_rule import Arguments, LayerRule
-from compiler.layers.memory import Memory, initial_value, read_vector, starting
-from compiler.program import NodeId
-from compiler.types import UNNAMED, Axis
+from compiler.layers.rules.fit import Orders, declare_fit
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.memory import Memory, initial_value, read_vector, starting
 from spec_schema.errors import names
-from spec_schema.layers import StateSpace
+from spec_schema.sections.layers import StateSpace
 
 
 def state_space(context: LayerContext, settings: StateSpace, arguments: Arguments) -> NodeId:

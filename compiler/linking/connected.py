@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import PlainValidator
 
-from spec_schema.signals import Equation, Signal
+from spec_schema.sections.signals import Equation, Signal
 
 
 class Connected(Equation):

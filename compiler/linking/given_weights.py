@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from fnmatch import fnmatchcase
 
+from compiler.ir.scalar_functions import Array
 from compiler.linking.link import Linked
-from compiler.scalar_functions import Array
-from spec_schema.diagnostics import Findings
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
 from spec_schema.errors import submodels as errors
-from spec_schema.errors import training
-from spec_schema.source import Span
+from spec_schema.errors.names import no_parameter
 
 
 class GivenWeights:
@@ -68,7 +68,7 @@ class GivenWeights:
             own = [n.removeprefix(f"{part}.") for n in names if n.startswith(f"{part}.")]
             for pattern in use.freeze.patterns:
                 if pattern.value != "*" and not any(fnmatchcase(n, pattern.value) for n in own):
-                    report = training.no_parameter(pattern.value, pattern.span, own)
+                    report = no_parameter(pattern.value, pattern.span, own)
                     self._findings.report(report)
 
     # ---- inside

@@ -6,19 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from compiler.ir.scalar_functions import Array
 from compiler.linking.connected import Connected
 from compiler.linking.renaming import Renaming
-from compiler.scalar_functions import Array
-from spec_schema.data_section import Data
-from spec_schema.diagnostics import Findings
-from spec_schema.dimensions import Dimension
-from spec_schema.entry import Entry
+from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
-from spec_schema.integrators import Integrator
-from spec_schema.reader import ReadResult
-from spec_schema.signals import Output, Signal
-from spec_schema.spec import Spec
-from spec_schema.submodels import Connection, Use
+from spec_schema.fields.entry import Entry
+from spec_schema.reading.reader import ReadResult
+from spec_schema.sections.data.data import Data
+from spec_schema.sections.dimensions import Dimension
+from spec_schema.sections.integrators import Integrator
+from spec_schema.sections.signals import Output, Signal
+from spec_schema.sections.spec import Spec
+from spec_schema.sections.submodels import Connection, Use
 
 WeightsByPart = Mapping[str, Mapping[str, Array]]
 """For each sub-model that has `weights:`, its arrays by the names of its own file."""

@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
-from compiler.constant_value import constant_value
+from compiler.interpreter.constant_value import constant_value
+from compiler.ir.scalar_functions import Array
+from compiler.ir.types import Axis, describe_axes
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
-from compiler.scalar_functions import Array
-from compiler.types import Axis, describe_axes
+from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
-from spec_schema.expression import Call, Expression, LanguageName, ListLiteral, Name
-from spec_schema.source import Span
-from spec_schema.units import ONE, Unit
-from spec_schema.values import Constant
+from spec_schema.expressions.tree import Call, Expression, LanguageName, ListLiteral, Name
+from spec_schema.sections.values import Constant
+from spec_schema.units.unit import ONE, Unit
 
 if TYPE_CHECKING:
-    from compiler.lowering.model import Model
+    from compiler.elaboration.names import Model
 
 
 LARGEST_EYE = 1000

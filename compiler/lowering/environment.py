@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
-from compiler.program import NodeId
-from spec_schema.expression import Expression
+from compiler.ir.program import NodeId
+from spec_schema.expressions.tree import Expression
 
 Time = tuple[int, tuple[int, int] | None]
 """Shift and window: when an expression is evaluated, seen from t."""

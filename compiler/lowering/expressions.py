@@ -6,19 +6,20 @@ from collections.abc import Iterable
 from fractions import Fraction
 from typing import TYPE_CHECKING, assert_never
 
-from compiler.alignment import AxisConflict
-from compiler.builder import GraphBuilder
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Constant
+from compiler.ir.ops import Negate as CoreNegate
+from compiler.ir.ops import Relation as CoreRelation
+from compiler.ir.program import NodeId
+from compiler.ir.rules.alignment import AxisConflict
+from compiler.ir.rules.unit_rules import power_unit
+from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
 from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.unit_conflicts import report_unit_conflicts
-from compiler.ops import Constant
-from compiler.ops import Negate as CoreNegate
-from compiler.ops import Relation as CoreRelation
-from compiler.program import NodeId
-from compiler.types import UNNAMED, WINDOW, Axis, describe_axes
-from compiler.unit_rules import power_unit
+from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes, time
-from spec_schema.expression import (
+from spec_schema.expressions.tree import (
     Binary,
     Call,
     Compare,
@@ -35,12 +36,11 @@ from spec_schema.expression import (
     Relation,
     Window,
 )
-from spec_schema.source import Span
-from spec_schema.unit_parser import parse_unit
-from spec_schema.units import ONE
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import ONE
 
 if TYPE_CHECKING:
-    from compiler.lowering.model import Model
+    from compiler.elaboration.names import Model
 
 LARGEST_POWER = 64
 _SECOND = parse_unit("s")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from compiler.builder import GraphBuilder
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import NodeId
+from compiler.ir.types import Type, describe_axes
 from compiler.lowering.failure import LoweringFailed
-from compiler.program import NodeId
-from compiler.types import Type, describe_axes
 from spec_schema.errors import shapes
-from spec_schema.expression import Expression
+from spec_schema.expressions.tree import Expression
 
 if TYPE_CHECKING:
-    from compiler.lowering.model import Model
+    from compiler.elaboration.names import Model
 
 
 def fitted(

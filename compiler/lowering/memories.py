@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 
-from compiler.program import State
+from compiler.ir.program import State
 
 
 class Memories:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from compiler.ir.program import Prediction
+from compiler.ir.rules.unit_rules import same_unit
+from compiler.ir.types import describe_axes
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.scope import Kind
-from compiler.program import Prediction
-from compiler.types import describe_axes
-from compiler.unit_rules import same_unit
 from spec_schema.errors import names, shapes, states, units
-from spec_schema.expression_fields import Prediction as PredictionEntry
-from spec_schema.signals import Output as OutputEntry
-from spec_schema.signals import Signal as SignalEntry
-from spec_schema.signals import State as StateEntry
+from spec_schema.fields.formulas import Prediction as PredictionEntry
+from spec_schema.sections.signals import Output as OutputEntry
+from spec_schema.sections.signals import Signal as SignalEntry
+from spec_schema.sections.signals import State as StateEntry
 
 if TYPE_CHECKING:
-    from compiler.lowering.model import Model
+    from compiler.elaboration.names import Model
 
 _STEP = Environment(Part.STEP)
 _LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)

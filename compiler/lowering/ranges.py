@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from compiler.ir.program import Expected
 from compiler.linking.connected import Connected
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
-from compiler.program import Expected
 from spec_schema.errors import schema, units
-from spec_schema.quantity import Quantity, Range
-from spec_schema.signals import Equation
-from spec_schema.units import Unit
+from spec_schema.sections.signals import Equation
+from spec_schema.units.quantity import Quantity, Range
+from spec_schema.units.unit import Unit
 
 if TYPE_CHECKING:
-    from compiler.lowering.model import Model
+    from compiler.elaboration.names import Model
 
 _STEP = Environment(Part.STEP)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from compiler.lowering.failure import LoweringFailed
-from spec_schema.diagnostics import Findings
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
 from spec_schema.errors import time as errors
-from spec_schema.expression import Duration, Length, Samples, TimeOffset
-from spec_schema.source import Span
+from spec_schema.expressions.tree import Duration, Length, Samples, TimeOffset
 
 LONGEST_WINDOW = 1_000_000
 # A duration such as 0.3 s at 0.1 s is 2.9999999999999996 samples in floating point.

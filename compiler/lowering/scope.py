@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from spec_schema.diagnostics import Findings
-from spec_schema.dimensions import Dimension
+from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import names as errors
-from spec_schema.layers import Layer
-from spec_schema.signals import Equation, Output, Signal, State
-from spec_schema.spec import Spec
-from spec_schema.submodels import Use
-from spec_schema.values import Constant, Function, Parameter
+from spec_schema.sections.dimensions import Dimension
+from spec_schema.sections.layers import Layer
+from spec_schema.sections.signals import Equation, Output, Signal, State
+from spec_schema.sections.spec import Spec
+from spec_schema.sections.submodels import Use
+from spec_schema.sections.values import Constant, Function, Parameter
 
 Entry = (
     Use | Dimension | Signal | Constant | Parameter | Layer | Function | State | Equation | Output

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from compiler.builder import GraphBuilder
-from compiler.unit_rules import UnitConflict
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.rules.unit_rules import UnitConflict
 from spec_schema.errors import units
-from spec_schema.expression import Binary, Expression, Number
-from spec_schema.expression_text import number_text
+from spec_schema.expressions.text import number_text
+from spec_schema.expressions.tree import Binary, Expression, Number
 
 if TYPE_CHECKING:
-    from compiler.lowering.model import Model
+    from compiler.elaboration.names import Model
 
 
 def report_unit_conflicts(model: Model, builder: GraphBuilder, expression: Expression) -> None:

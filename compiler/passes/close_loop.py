@@ -6,14 +6,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from compiler.builder import GraphBuilder
-from compiler.evaluation_order import CycleError, evaluation_order
-from compiler.graph_copy import copy_node, samples, with_step
-from compiler.ops import ReadSignal, Window
-from compiler.program import Node, NodeId, Output, Program, Role, Signal, State, Tape
-from compiler.program import extents as extents_of
-from compiler.types import WINDOW, Axis, Type
-from spec_schema.source import Span
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.evaluation_order import CycleError, evaluation_order
+from compiler.ir.graph_copy import copy_node, samples, with_step
+from compiler.ir.ops import ReadSignal, Window
+from compiler.ir.program import Node, NodeId, Output, Program, Role, Signal, State, Tape
+from compiler.ir.program import extents as extents_of
+from compiler.ir.types import WINDOW, Axis, Type
+from spec_schema.diagnostics.source import Span
 
 
 class LoopFault(Enum):

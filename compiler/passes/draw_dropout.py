@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, with_start, with_step
-from compiler.ops import Dropout
-from compiler.program import Graph, NodeId, Program, Role, Signal
-from compiler.types import Axis, Type
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.ops import Dropout
+from compiler.ir.program import Graph, NodeId, Program, Role, Signal
+from compiler.ir.types import Axis, Type
 
 
 @dataclass(frozen=True, slots=True)

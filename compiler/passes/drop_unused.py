@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from compiler.filter_fit import Fit
-from compiler.liveness import needed, needed_over_time
-from compiler.ops import ReadLog, ReadSignal
-from compiler.program import Graph, Node, NodeId, Output, Program, Role, parameters_read
+from compiler.ir.fit import Fit
+from compiler.ir.liveness import needed, needed_over_time
+from compiler.ir.ops import ReadLog, ReadSignal
+from compiler.ir.program import Graph, Node, NodeId, Output, Program, Role, parameters_read
 
 
 def drop_unused(program: Program) -> Program:

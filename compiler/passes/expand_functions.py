@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, with_start, with_step
-from compiler.ops import Apply
-from compiler.program import Graph, NodeId, Program
-from compiler.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.ops import Apply
+from compiler.ir.program import Graph, NodeId, Program
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
 
 
 def expand_functions(program: Program, native: frozenset[str]) -> Program:

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, with_start, with_step
-from compiler.node_evaluators import NOWHERE, Array, evaluator
-from compiler.ops import (
+from compiler.interpreter.operations import NOWHERE, Array, evaluator
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.ops import (
     Broadcast,
     Constant,
     ReadLog,
@@ -19,7 +19,7 @@ from compiler.ops import (
     Select,
     Window,
 )
-from compiler.program import Graph, Node, NodeId, Program
+from compiler.ir.program import Graph, Node, NodeId, Program
 
 LARGEST_FOLDED = 4096
 """Elements of the largest value that is computed; beyond it the program stays smaller as it is."""

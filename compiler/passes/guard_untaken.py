@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, with_start, with_step
-from compiler.ops import Apply, Broadcast, Concat, Divide, Op, Reshape, Select, Slice
-from compiler.program import Graph, Node, NodeId, Program
-from compiler.types import Axis
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.ops import Apply, Broadcast, Concat, Divide, Op, Reshape, Select, Slice
+from compiler.ir.program import Graph, Node, NodeId, Program
+from compiler.ir.types import Axis
 
 SINGULAR = frozenset({"sqrt", "log", "pow", "asin", "acos", "atan2", "exp", "sinh", "cosh"})
 """Functions whose value or slope is infinite or NaN somewhere; division is the other operation."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, with_step
-from compiler.program import NodeId, Program
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_step
+from compiler.ir.program import NodeId, Program
 
 
 def limit_expected(program: Program) -> Program:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from compiler.ops import ReadSignal, ReadState
+from compiler.ir.ops import ReadSignal, ReadState
+from compiler.ir.program import Graph, Node, Program, Role, Signal, State
 from compiler.passes.drop_unused import drop_unused
-from compiler.program import Graph, Node, Program, Role, Signal, State
 
 
 def prune_outputs(program: Program, names: Iterable[str]) -> Program:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, with_step
-from compiler.ops import ReadState, Slice, Window
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_step
+from compiler.ir.ops import ReadState, Slice, Window
+from compiler.ir.program import Expected, Graph, History, NodeId, Program, State
+from compiler.ir.types import WINDOW, Axis
+from compiler.passes.analyses.pointwise_windows import Sampled, Samplewise, at_samples, samplewise
 from compiler.passes.drop_unused import drop_unused
-from compiler.program import Expected, Graph, History, NodeId, Program, State
-from compiler.samplewise import Sampled, Samplewise, at_samples, samplewise
-from compiler.types import WINDOW, Axis
 
 
 def retime(program: Program, *, fixed_parameters: bool) -> Program:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from compiler.builder import GraphBuilder
-from compiler.fuzzy_support import active_sums, compact_sets, is_positive_zero, supports
-from compiler.graph_copy import copy_node, with_step
-from compiler.program import NodeId, Program
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_step
+from compiler.ir.program import NodeId, Program
+from compiler.passes.analyses.compact_sets import (
+    active_sums,
+    compact_sets,
+    is_positive_zero,
+    supports,
+)
 
 
 def settle_zeros(program: Program) -> Program:

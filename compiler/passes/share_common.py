@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, with_start, with_step
-from compiler.ops import Reshape
-from compiler.program import Graph, NodeId, Program
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.ops import Reshape
+from compiler.ir.program import Graph, NodeId, Program
 
 
 def share_common(program: Program) -> Program:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from compiler.builder import GraphBuilder
-from compiler.graph_copy import copy_node, samples, with_step
-from compiler.ops import ReadSignal, Window
-from compiler.program import Extent, History, Node, NodeId, Program, Signal, State, extents
-from compiler.types import WINDOW, Axis, Type
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, samples, with_step
+from compiler.ir.ops import ReadSignal, Window
+from compiler.ir.program import Extent, History, Node, NodeId, Program, Signal, State, extents
+from compiler.ir.types import WINDOW, Axis, Type
 
 
 def to_step_form(program: Program) -> Program:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.agreement.judge import Arrays
-from msnn.failures import MissingExtraError
+from msnn.errors.failures import MissingExtraError
 
 
 class Artefact(Protocol):

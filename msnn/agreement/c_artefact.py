@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from backends.c import COptions
-from backends.c.c_step import CStep
-from backends.c.host_build import CompilerFailedError, build_library
-from backends.c.interface import Interface, c_interface
-from backends.c_compiler import CompilerMissingError
+from backends.c.host.build import CompilerFailedError, build_library
+from backends.c.host.library import CStep
+from backends.c.interface.interface import Interface, c_interface
+from backends.files.c_compiler import CompilerMissingError
 from msnn.agreement.judge import Arrays, Judgement
-from msnn.exporting import ExportPlan
-from msnn.failures import MissingExtraError
+from msnn.errors.failures import MissingExtraError
+from msnn.exports.export import ExportPlan
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import assert_never
 
 import numpy as np
 
-from compiler.jacobian_values import JacobianInterpreter
+from compiler.jacobian.interpret import JacobianInterpreter
 from msnn.agreement.artefacts import Artefact, CasadiArtefact, OnnxArtefact, TorchArtefact
 from msnn.agreement.c_artefact import CModel, built_c
 from msnn.agreement.deviation import differing_bits, worst_deviation
@@ -17,7 +17,7 @@ from msnn.agreement.judge import Arrays, Judgement, judge
 from msnn.agreement.judged_words import judged_words
 from msnn.agreement.record import Record
 from msnn.data.dataset import FloatArray
-from msnn.exporting import ExportPlan, FixedPoint
+from msnn.exports.export import ExportPlan, FixedPoint
 
 # one step in the arithmetic of the target, from the judge's state in float64
 STEP_LIMIT = {"float64": 1e-12, "float32": 1e-5}
@@ -64,7 +64,7 @@ def compare(
         case "casadi":
             return _explicit(plan, weights, record, CasadiArtefact(folder, plan.prefix))
         case "onnx":
-            from backends.onnx_model import onnx_names
+            from backends.onnx_model.model import onnx_names
 
             names = onnx_names(plan.program)
             tables = {

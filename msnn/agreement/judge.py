@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from backends.step_interface import Port, step_interface
-from compiler.interpreter import Interpreter
-from compiler.program import Program
+from backends.ports.step_interface import Port, step_interface
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
 from msnn.agreement.record import Record
 from msnn.data.dataset import FloatArray
 

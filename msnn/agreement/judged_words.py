@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from backends.fixed_point.write_fixed_c import WIDTHS
 from compiler.fixed_point.compile_integers import integer_program
-from compiler.fixed_point.integer_program import IntegerProgram, WordPort
-from compiler.fixed_point.run_integers import reset, step
-from compiler.interpreter import physical_weights
-from compiler.program import Program
+from compiler.fixed_point.integers.interpret import reset, step
+from compiler.fixed_point.integers.program import IntegerProgram, WordPort
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Program
 from msnn.agreement.judge import Arrays, Judgement
 from msnn.data.dataset import FloatArray
-from msnn.exporting import FixedPoint
+from msnn.exports.export import FixedPoint
 
 
 @dataclass(frozen=True, slots=True)

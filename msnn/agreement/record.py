@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from compiler.program import Program, Signal
+from compiler.ir.program import Program, Signal
 from msnn.data.dataset import FloatArray
-from msnn.data.load import load_data
+from msnn.data.reading.load import load_data
 from msnn.data.starts import reach
-from msnn.model_file import Model
-from spec_schema.diagnostics import SpecError
+from msnn.model.model import Model
+from spec_schema.diagnostics.diagnostic import SpecError
 
 MOST_STEPS = 2000
 """Steps that are compared at most."""

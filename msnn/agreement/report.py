@@ -10,9 +10,9 @@ from typing import Any
 from msnn.agreement.compare import Agreement, compare
 from msnn.agreement.record import agreement_record
 from msnn.data.dataset import FloatArray
-from msnn.exporting import ExportPlan
-from msnn.failures import MissingExtraError
-from msnn.model_file import Model
+from msnn.errors.failures import MissingExtraError
+from msnn.exports.export import ExportPlan
+from msnn.model.model import Model
 from msnn.tables import table_text
 
 

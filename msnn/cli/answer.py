@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from msnn.cli.console import note, report
 from msnn.cli.exit_codes import ExitCode
-from msnn.failures import MissingExtraError
-from spec_schema.diagnostics import SpecError
-from spec_schema.errors.commands import refused_by_system
+from msnn.errors.commands import refused_by_system
+from msnn.errors.failures import MissingExtraError
+from spec_schema.diagnostics.diagnostic import SpecError
 
 
 def answer(error: Exception) -> ExitCode:

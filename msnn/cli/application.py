@@ -9,7 +9,9 @@ from collections.abc import Sequence
 
 import typer
 
-from msnn.cli import (
+from msnn.cli.exit_codes import ExitCode
+from msnn.cli.interrupts import is_interrupt
+from msnn.cli.verbs import (
     check,
     compile,
     diff,
@@ -25,9 +27,7 @@ from msnn.cli import (
     validate,
     verify,
 )
-from msnn.cli.exit_codes import ExitCode
-from msnn.cli.interrupts import is_interrupt
-from msnn.failures import ReaderGoneError
+from msnn.errors.failures import ReaderGoneError
 
 app = typer.Typer(
     name="msnn",

@@ -74,7 +74,7 @@ def refuse_undrawable(plot: Path | None) -> None:
     """A usage error for a picture in no format of ours; MissingExtraError without matplotlib."""
     if plot is None:
         return
-    from msnn.plotting import FORMATS, require_plotting
+    from msnn.reports.plotting import FORMATS, require_plotting
 
     if plot.suffix.removeprefix(".") not in FORMATS:
         message = f"`{plot}` does not end with one of .{', .'.join(FORMATS)}"

@@ -9,10 +9,10 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TextIO, cast
 
-from msnn.failures import ReaderGoneError
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.render import render
-from spec_schema.source import SourceText
+from msnn.errors.failures import ReaderGoneError
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.render import render
+from spec_schema.diagnostics.source import SourceText
 
 JSON_VERSION = 1
 """Version of what `--format json` prints, raised when a reader of the former one would misread."""

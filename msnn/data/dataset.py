@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spec_schema.diagnostics import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from compiler.program import Extent, Graph, Loss, Program
+from compiler.ir.program import Extent, Graph, Loss, Program
 from msnn.data.dataset import BoolArray, Dataset
 from msnn.data.reads import reads, span
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from compiler.program import Extent, Program
+from compiler.ir.program import Extent, Program
 from msnn.data.dataset import IntArray
 from msnn.data.reads import reads, span
 

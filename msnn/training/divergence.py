@@ -6,15 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from compiler import ops
-from compiler.interpreter import Interpreter
-from compiler.program import Node, NodeId, Program
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir import ops
+from compiler.ir.program import Node, NodeId, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
-from msnn.rollout import Moment, moments
-from msnn.training.stage_plan import StagePlan
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.errors import training as errors
+from msnn.errors import training as errors
+from msnn.simulation.rollout import Moment, moments
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.diagnostics.diagnostic import Diagnostic
 
 
 def explain_divergence(

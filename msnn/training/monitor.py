@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from compiler.program import Measure
+from compiler.ir.program import Measure
 from msnn.data.starts import Runs
-from msnn.rollout import entry_value
-from msnn.training.engine import LossSums
-from msnn.training.stage_plan import TOTAL, StagePlan
+from msnn.simulation.rollout import entry_value
+from msnn.training.engines.engine import LossSums
+from msnn.training.plans.stage_plan import TOTAL, StagePlan
 
 
 def monitor(plan: StagePlan, evaluate: Callable[[Runs], LossSums], watched: Runs) -> float:

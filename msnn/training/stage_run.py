@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.starts import Runs
-from msnn.rollout import LossSum
-from msnn.training.checkpoint import Checkpoint
-from msnn.training.engine import Engine, LossSums
-from msnn.training.epoch_order import order_key
-from msnn.training.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
+from msnn.simulation.rollout import LossSum
+from msnn.training.engines.engine import Engine, LossSums
 from msnn.training.monitor import loss_values, monitor, weighted_total
-from msnn.training.progress import EpochEnd
-from msnn.training.stage_data import StageData
-from msnn.training.stage_plan import StagePlan
-from msnn.training.stage_result import StageResult, Weights
+from msnn.training.plans.epoch_order import order_key
+from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
+from msnn.training.plans.stage_data import StageData
+from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.records.checkpoint import Checkpoint
+from msnn.training.records.progress import EpochEnd
 
 
 class Interrupted(Exception):  # noqa: N818  (an event, no error)

@@ -9,35 +9,35 @@ from pathlib import Path
 
 import numpy as np
 
-from compiler.program import Program
+from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.training.checkpoint import Checkpoint, write_checkpoint
-from msnn.training.devices import on_device
+from msnn.errors import stages as stage_errors
+from msnn.errors import training as errors
+from msnn.errors import weights as weight_errors
+from msnn.model.weights_file import initial_weights
 from msnn.training.divergence import explain_divergence
-from msnn.training.engine import Engine, NonFiniteLossError
-from msnn.training.engines import open_engine, try_optimizers
-from msnn.training.first_weights import first_weights
-from msnn.training.interrupts import end_on_interrupt
-from msnn.training.kept_run import NotedProgress, open_run
-from msnn.training.parameters_record import parameters_record
-from msnn.training.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
-from msnn.training.run_folder import RunFolder
-from msnn.training.run_record import run_record
-from msnn.training.stage_attempts import StageAttempts
-from msnn.training.stage_data import StageData, stage_data
-from msnn.training.stage_plan import StagePlan, plan_stages
-from msnn.training.stage_result import StageResult
+from msnn.training.engines.devices import on_device
+from msnn.training.engines.engine import Engine, NonFiniteLossError
+from msnn.training.engines.open_engine import open_engine, try_optimizers
+from msnn.training.multi_start import StageAttempts
+from msnn.training.parameter_warnings import parameter_warnings
+from msnn.training.plans.stage_data import StageData, stage_data
+from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from msnn.training.plans.stage_result import StageResult
+from msnn.training.records.checkpoint import Checkpoint, write_checkpoint
+from msnn.training.records.interrupts import end_on_interrupt
+from msnn.training.records.parameters_record import parameters_record
+from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
+from msnn.training.records.resumable_run import NotedProgress, open_run
+from msnn.training.records.run_folder import RunFolder
+from msnn.training.records.run_record import run_record
+from msnn.training.records.standard_errors import StandardErrors, standard_errors
+from msnn.training.records.tensorboard_curves import Curves, require_tensorboard
+from msnn.training.records.training_options import TrainingOptions
 from msnn.training.stage_run import Interrupted, StageRun
-from msnn.training.standard_errors import StandardErrors, standard_errors
-from msnn.training.tensorboard_curves import Curves, require_tensorboard
-from msnn.training.training_options import TrainingOptions
-from msnn.training_summary import parameter_warnings
-from msnn.weights_file import initial_weights
-from spec_schema.diagnostics import Diagnostic, Findings
-from spec_schema.errors import stages as stage_errors
-from spec_schema.errors import training as errors
-from spec_schema.errors import weights as weight_errors
-from spec_schema.training import Stage
+from msnn.training.starts.initial_weights_of_run import first_weights
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+from spec_schema.sections.training.training import Stage
 
 
 @dataclass(frozen=True, slots=True)

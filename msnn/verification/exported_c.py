@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from spec_schema.diagnostics import SpecError
-from spec_schema.errors.commands import not_exported_c
+from msnn.errors.commands import not_exported_c
+from spec_schema.diagnostics.diagnostic import SpecError
 
 Range = tuple[float, float]
 

@@ -7,8 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 from msnn.tables import table_text
-from msnn.verification.check import Figures, Result
-from msnn.verification.trace import by_spec_line, traced
+from msnn.verification.proof.trace import by_spec_line, traced
+from msnn.verification.proof_step import Figures, Result
 from msnn.verification.verify import Verification
 
 _CHECKS = ("check", "target", "", "detail")

@@ -10,13 +10,13 @@ from os import cpu_count
 from pathlib import Path
 from typing import Literal
 
-from msnn.verification.bare_metal import board_checks
-from msnn.verification.check import Check, Result
-from msnn.verification.coverage import coverage_check
+from msnn.verification.boards.bare_metal import board_checks
 from msnn.verification.exported_c import ExportedC, read_exported_c
-from msnn.verification.fuzz import fuzz_check
-from msnn.verification.host import host_checks, misra_check
-from msnn.verification.proof import proof_check
+from msnn.verification.host.coverage import coverage_check
+from msnn.verification.host.fuzz import fuzz_check
+from msnn.verification.host.host_checks import host_checks, misra_check
+from msnn.verification.proof.proof import proof_check
+from msnn.verification.proof_step import Check, Result
 from msnn.verification.tools import Tool
 
 Target = Literal["host", "m0", "m4", "m7", "rv32"]

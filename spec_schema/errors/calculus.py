@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.source import Span
-from spec_schema.suggest import nearest
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import nearest
 
 
 def gradient_of_unrelated(x: str, span: Span, y_span: Span) -> Diagnostic:

@@ -1,7 +1,7 @@
 """E0320-E0399: the grammar of expressions."""
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.source import Span
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
 
 
 def _error(

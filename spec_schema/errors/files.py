@@ -1,6 +1,6 @@
 """E10xx: files, the command line and missing extras."""
 
-from spec_schema.diagnostics import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic
 
 
 def unreadable_file(path: str, reason: str) -> Diagnostic:

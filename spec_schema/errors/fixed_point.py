@@ -1,7 +1,7 @@
 """E0960-E0969: models that cannot be exported in fixed point."""
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.source import Span
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
 
 
 def range_needed(what: str, name: str, span: Span | None) -> Diagnostic:

@@ -1,10 +1,10 @@
 """E0301-E0319: names, and what a name is used for."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.source import Span
-from spec_schema.suggest import nearest
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import nearest
 
 
 def unknown_name(
@@ -199,4 +199,18 @@ def never_finite(span: Span) -> Diagnostic:
         "this is infinite or not a number, whatever the data",
         span,
         "never finite",
+    )
+
+
+def no_parameter(pattern: str, span: Span, names: Sequence[str]) -> Diagnostic:
+    """E0908: a pattern of parameter names that fits none."""
+    meant = nearest(pattern, names)
+    return Diagnostic(
+        "E0908",
+        "error",
+        f"`{pattern}` fits no learnable parameter",
+        span,
+        "no such parameter",
+        notes=(f"parameters: {', '.join(names) or 'none'}",),
+        help=f"did you mean `{meant}`?" if meant else None,
     )

@@ -1,6 +1,6 @@
 """E1050-E1059: program files, which `msnn compile` writes."""
 
-from spec_schema.diagnostics import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _REPAIR = "write it again with `msnn compile`"
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable
 
-from spec_schema.diagnostics import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import nearest
 from spec_schema.names import similar_name
-from spec_schema.source import Span
-from spec_schema.suggest import nearest
 
 # The keys of a layer are worth listing, those of a whole spec are in the documentation.
 _SHORT_LIST = 12
@@ -270,4 +270,16 @@ def excluded_key(key: str, other: str, span: Span, owner: str) -> Diagnostic:
         span,
         "only one of the two",
         help=f"remove `{key}:` or `{other}:`",
+    )
+
+
+def no_unit_of_time(unit: str, span: Span) -> Diagnostic:
+    """E0824: a unit of the time column that is no time."""
+    return Diagnostic(
+        "E0824",
+        "error",
+        f"the time column cannot be in {unit}",
+        span,
+        "not a unit of time",
+        help="units of time are s, ms, us, min, h",
     )

@@ -1,7 +1,7 @@
 """E07xx: states and loops."""
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.source import Span
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
 
 
 def state_without_law(span: Span) -> Diagnostic:

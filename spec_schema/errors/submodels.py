@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable, Sequence
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.source import Span
-from spec_schema.suggest import nearest
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import nearest
 
 
 def unreadable_spec(path: str, reason: str, span: Span) -> Diagnostic:

@@ -1,7 +1,7 @@
 """E06xx: time, samples and windows."""
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.source import Span
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
 
 
 def not_a_multiple(

@@ -1,7 +1,7 @@
 """E05xx: units of measurement."""
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.source import Span
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
 
 
 def malformed_unit(problem: str, span: Span, repair: str | None) -> Diagnostic:

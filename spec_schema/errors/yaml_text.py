@@ -1,7 +1,7 @@
 """E01xx: the text of a file as YAML 1.2 or JSON, before anything is known of its meaning."""
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.source import Span
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
 
 
 def _error(

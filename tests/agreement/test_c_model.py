@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from backends.c import COptions, write_c
-from backends.c.c_step import CStep
-from backends.c.host_build import build_library
-from backends.c.options import Ring
-from backends.step_interface import step_interface
+from backends.c.host.build import build_library
+from backends.c.host.library import CStep
+from backends.c_lowering.options import Ring
+from backends.ports.step_interface import step_interface
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from tests.conditions import require_tool

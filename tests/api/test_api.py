@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.new_project import new_project
-from msnn.simulation_data import record_data
+from msnn.project.new_project import new_project
+from msnn.simulation.simulation_data import record_data
 from tests.cli.test_check import SPEC
 
 

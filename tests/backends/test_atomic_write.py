@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from backends.atomic_write import replacing, write_bytes, write_text
+from backends.files.atomic_write import replacing, write_bytes, write_text
 
 
 def test_writes_text_with_unix_line_ends_into_new_folders(tmp_path: Path):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.c_compiler import CompilerMissingError, find_compiler
+from backends.files.c_compiler import CompilerMissingError, find_compiler
 from backends.native.kernel import Kernel
 from tests.language.compiled import compiled
 from tests.native.test_kernel import FIR, flat, initial, log_of

@@ -9,10 +9,10 @@ import casadi
 import numpy as np
 import pytest
 
-from backends.casadi_files import write_casadi
-from backends.casadi_function import build_function
+from backends.casadi_function.files import write_casadi
+from backends.casadi_function.function import build_function
+from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from tests.backends.readme_code import run_example
 from tests.programs import SAMPLES
 

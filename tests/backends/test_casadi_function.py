@@ -6,14 +6,14 @@ import casadi
 import numpy as np
 import pytest
 
-from backends.casadi_function import build_function, build_initial_state, casadi_names
-from backends.step_interface import step_interface
-from compiler.builder import GraphBuilder
-from compiler.interpreter import Interpreter
+from backends.casadi_function.function import build_function, build_initial_state, casadi_names
+from backends.ports.step_interface import step_interface
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Declared, Output, Program, Role, Signal, State
+from compiler.ir.types import WINDOW, Axis, Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Declared, Output, Program, Role, Signal, State
-from compiler.types import WINDOW, Axis, Type
 from tests.every_op.agreement import assert_agrees
 from tests.every_op.runners import run_casadi
 from tests.programs import SAMPLES

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from backends.identifiers import LONGEST, ascii_text, c_identifier
+from backends.ports.identifiers import LONGEST, ascii_text, c_identifier
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,11 @@ import numpy as np
 import onnx
 import pytest
 
-from backends.onnx_files import write_onnx
-from compiler.builder import GraphBuilder
+from backends.onnx_model.files import write_onnx
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Output, Program, Role, Signal
+from compiler.ir.types import Type
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Output, Program, Role, Signal
-from compiler.types import Type
 from tests.backends.readme_code import run_example
 from tests.programs import SAMPLES
 

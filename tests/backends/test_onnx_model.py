@@ -11,14 +11,14 @@ import onnxruntime
 import pytest
 from numpy.typing import NDArray
 
-from backends.onnx_model import build_initial_state, build_model, build_rollout, onnx_names
-from backends.step_interface import step_interface
-from compiler.builder import GraphBuilder
-from compiler.interpreter import Interpreter
+from backends.onnx_model.model import build_initial_state, build_model, build_rollout, onnx_names
+from backends.ports.step_interface import step_interface
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Declared, Output, Program, State
+from compiler.ir.types import Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Declared, Output, Program, State
-from compiler.types import Type
 from tests.every_op.agreement import assert_agrees
 from tests.every_op.runners import run_onnx
 from tests.programs import SAMPLES

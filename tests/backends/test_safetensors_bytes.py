@@ -7,7 +7,7 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import load
 
-from backends.safetensors_bytes import safetensors_bytes
+from backends.files.safetensors_bytes import safetensors_bytes
 
 ARRAYS = {
     "β": np.array([[1.0, np.nan], [-0.0, 1e-310]]),

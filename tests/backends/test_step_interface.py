@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import pytest
 
-from backends.interface_metadata import interface_metadata, metadata_text
-from backends.readme import one_line, readme_text
-from backends.step_interface import port_names, step_interface
-from compiler.builder import GraphBuilder
+from backends.files.readme import one_line, readme_text
+from backends.ports.metadata import interface_metadata, metadata_text
+from backends.ports.step_interface import port_names, step_interface
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Output, Program, Role, Signal
+from compiler.ir.types import Type
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Output, Program, Role, Signal
-from compiler.types import Type
 from tests.programs import SAMPLES
 
 

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import torch
 
-from backends.torch_files import write_torch
-from compiler.interpreter import Interpreter
-from compiler.ops import ReadSignal
+from backends.torch_module.files import write_torch
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.ops import ReadSignal
+from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from tests.backends.readme_code import run_example
 from tests.backends.test_torch_module import agree
 from tests.programs import SAMPLES
@@ -66,7 +66,7 @@ def run(module: Any, program: Program, log: dict[str, np.ndarray], steps: int) -
 
 
 def start_extents(program: Program) -> dict[str, tuple[int, int]]:
-    from backends.step_interface import step_interface
+    from backends.ports.step_interface import step_interface
 
     return {p.signal.name: (p.first, p.last) for p in step_interface(program).start_windows}
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from backends.torch_module import build_module
-from compiler.builder import GraphBuilder
-from compiler.interpreter import Interpreter
-from compiler.ops import Relation
+from backends.torch_module.module import build_module
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.program import NodeId, Output, Parameter, Program, Role, Signal
+from compiler.ir.types import Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import NodeId, Output, Parameter, Program, Role, Signal
-from compiler.types import Type
 from tests.programs import SAMPLES, Sample
 
 # Both sides round in float64 and may only add in another order.

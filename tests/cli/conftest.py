@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.new_project import new_project
+from msnn.project.new_project import new_project
 from tests.cli.command_line import CommandLine
 
 

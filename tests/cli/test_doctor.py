@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn import installation
+from msnn.project import installation
 from tests.cli.command_line import ROOT, CommandLine
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import msnn.cli.application
 from msnn.cli.exit_codes import ExitCode
-from msnn.failures import MissingExtraError
+from msnn.errors.failures import MissingExtraError
 from tests.cli.command_line import ROOT, CommandLine, in_new_process
 from tests.cli.test_check import SPEC, change
 
@@ -70,7 +70,7 @@ def test_a_bug_ends_with_70_and_one_sentence(
     def broken(*arguments: object) -> None:
         raise ZeroDivisionError("ours")
 
-    monkeypatch.setattr("msnn.show.interface_text", broken)
+    monkeypatch.setattr("msnn.reports.show.interface_text", broken)
     said = msnn("show", SPEC)
     assert said.code == ExitCode.BUG
     assert said.err == (
@@ -87,7 +87,7 @@ def test_a_missing_extra_ends_with_5_and_its_install_line(
     def missing() -> None:
         raise MissingExtraError("matplotlib, which draws plots,", "pip install 'msnn[plot]'")
 
-    monkeypatch.setattr("msnn.plotting.require_plotting", missing)
+    monkeypatch.setattr("msnn.reports.plotting.require_plotting", missing)
     said = msnn("simulate", SPEC, "--initial", "--plot", "a.png")
     assert said.code == ExitCode.MISSING_EXTRA
     assert said.err == (
@@ -154,7 +154,9 @@ main()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["typer", "compiler.compile", "numpy", "msnn.training.train"])
+@pytest.mark.parametrize(
+    "module", ["typer", "compiler.elaboration.compile", "numpy", "msnn.training.train"]
+)
 def test_interrupting_an_import_ends_with_130(project: Path, module: str, number: signal.Signals):
     environment = {"SIGNAL_AT": module, "SIGNAL": str(int(number))}
     said = in_new_process(("train", SPEC), project, environment, _SIGNAL_AT_IMPORT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from spec_schema.explain import known_codes
+from spec_schema.diagnostics.explain import known_codes
 from tests.cli.command_line import CommandLine
 
 

@@ -7,9 +7,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.render import render
-from spec_schema.source import SourceText
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.render import render
+from spec_schema.diagnostics.source import SourceText
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC, change
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from msnn import api
-from msnn.model_file import with_engine
-from msnn.training.progress import EpochEnd, Silent
+from msnn.model.load import with_engine
+from msnn.training.records.progress import EpochEnd, Silent
 from msnn.training.train import TrainingInterruptedError
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC, change

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from compiler.builder import GraphBuilder
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Graph, NodeId, Output, Prediction, Program, Role, Signal
+from compiler.ir.types import Axis, Type
 from compiler.passes.close_loop import LoopError, LoopFault, close_loop
-from compiler.program import Graph, NodeId, Output, Prediction, Program, Role, Signal
-from compiler.types import Axis, Type
-from spec_schema.source import Span
+from spec_schema.diagnostics.source import Span
 from tests.programs import SAMPLES
 
 PLACE = Span("loop.msnn.yaml", 7, 3, 7, 20)

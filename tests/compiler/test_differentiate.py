@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compiler.builder import GraphBuilder
-from compiler.differentiate import step_gradients
-from compiler.interpreter import Interpreter
-from compiler.ops import Relation
+from compiler.differentiation.reverse_mode import step_gradients
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.program import Graph, NodeId, Output, Program, Role, Signal
+from compiler.ir.types import Type
 from compiler.passes.guard_untaken import guard_untaken
-from compiler.program import Graph, NodeId, Output, Program, Role, Signal
-from compiler.types import Type
 from tests.every_op.gradients import Problem, Variables, by_differences, problem
 from tests.every_op.record import Record
 from tests.every_op.records import RECORDS

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from compiler.builder import GraphBuilder
-from compiler.evaluation_order import CycleError, evaluation_order
-from compiler.types import Type
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.evaluation_order import CycleError, evaluation_order
+from compiler.ir.types import Type
 
 
 def test_order_stays_where_it_can() -> None:

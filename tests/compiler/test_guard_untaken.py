@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compiler.builder import GraphBuilder
-from compiler.interpreter import Interpreter
-from compiler.ops import Apply, Constant, Divide, Relation, Select
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Apply, Constant, Divide, Relation, Select
+from compiler.ir.program import NodeId, Output, Program, Role, Signal
+from compiler.ir.types import Type
 from compiler.passes.guard_untaken import guard_untaken
-from compiler.program import NodeId, Output, Program, Role, Signal
-from compiler.types import Type
 from tests.programs import SAMPLES
 
 LOG = {"x": np.array([-2.0, -0.0, 0.0, 0.5, 3.0, np.nan]), "y": np.array([1.0, -1, 0, 2, -3, 1])}

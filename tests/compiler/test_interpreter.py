@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from compiler.builder import GraphBuilder
-from compiler.interpreter import Interpreter, physical_weights
+from compiler.interpreter.interpreter import Interpreter, physical_weights
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Graph, Output, Parameter, Program, Role, Signal
+from compiler.ir.types import Axis, Type
 from compiler.passes.close_loop import close_loop
-from compiler.program import Graph, Output, Parameter, Program, Role, Signal
-from compiler.types import Axis, Type
 from tests.programs import SAMPLES, Log
 
 Weights = dict[str, NDArray[np.float64]]

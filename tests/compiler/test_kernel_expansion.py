@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compiler.builder import GraphBuilder
-from compiler.interpreter import Interpreter
-from compiler.kernel_expansion import expand_kernel
-from compiler.kernels import evaluate
-from compiler.program import Graph, Output, Program, Role, Signal
-from compiler.types import Axis, Type
-from compiler.verifier import verify
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Graph, Output, Program, Role, Signal
+from compiler.ir.rules.verifier import verify
+from compiler.ir.types import Axis, Type
+from compiler.kernels.expand import expand_kernel
+from compiler.kernels.trace.evaluate import evaluate
 
 SPECIAL = np.array(
     [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 2.0, 1e-300, 1e300, np.inf, -np.inf, np.nan, 0.4375, 2.4375]

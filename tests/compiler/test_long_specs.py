@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
 from tests.language.compiled import codes, compiled
 
 COUNT = 2000

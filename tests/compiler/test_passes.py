@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.builder import GraphBuilder
-from compiler.interpreter import Interpreter
-from compiler.ops import Constant, ReadSignal
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Constant, ReadSignal
+from compiler.ir.program import Graph, Output, Program, Role, Signal, extents
+from compiler.ir.rules.verifier import verify
+from compiler.ir.text import program_text
+from compiler.ir.types import Axis, Type
 from compiler.passes import PASSES, run_passes
 from compiler.passes.close_loop import close_loop
 from compiler.passes.draw_dropout import draw_dropout
@@ -24,10 +28,6 @@ from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
 from compiler.passes.share_common import share_common
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Graph, Output, Program, Role, Signal, extents
-from compiler.program_text import program_text
-from compiler.types import Axis, Type
-from compiler.verifier import verify
 from tests.golden import assert_golden
 from tests.pass_programs import PASS_PROGRAMS
 from tests.programs import SAMPLES

@@ -13,21 +13,21 @@ from typing import Any
 
 import pytest
 
-from compiler.builder import GraphBuilder
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Graph, Output, Program, Role, Signal
+from compiler.ir.text import program_text
+from compiler.ir.types import Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Graph, Output, Program, Role, Signal
-from compiler.program_file import (
+from compiler.program_file.file import (
     program_from_data,
     program_from_json,
     program_to_data,
     program_to_json,
 )
-from compiler.program_text import program_text
-from compiler.types import Type
-from spec_schema.diagnostics import SpecError, describe
-from spec_schema.source import Span
-from spec_schema.unit_parser import parse_unit
+from spec_schema.diagnostics.diagnostic import SpecError, describe
+from spec_schema.diagnostics.source import Span
+from spec_schema.units.parser import parse_unit
 from tests.golden import assert_golden
 from tests.pass_programs import PASS_PROGRAMS
 from tests.programs import SAMPLES

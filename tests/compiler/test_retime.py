@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compiler.builder import GraphBuilder
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Graph, Output, Parameter, Program, Role, Signal
+from compiler.ir.rules.verifier import verify
+from compiler.ir.types import WINDOW, Axis, Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.retime import retime
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Graph, Output, Parameter, Program, Role, Signal
-from compiler.types import WINDOW, Axis, Type
-from compiler.verifier import verify
 from tests.pass_programs import mapped_windows
 from tests.programs import SAMPLES
 

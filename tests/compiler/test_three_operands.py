@@ -1,8 +1,8 @@
 """`select` and `clamp` align three operands, also where the last one's window renames an axis."""
 
-from compiler.builder import GraphBuilder
-from compiler.ops import Relation
-from compiler.types import WINDOW, Axis, Type
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.types import WINDOW, Axis, Type
 
 JOINT, WINDOW_OF_3 = Axis("joint", 3), Axis(WINDOW, 3)
 

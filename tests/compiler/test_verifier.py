@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from compiler.op_rules import LARGEST_SIZE, MOST_AXES
-from compiler.ops import (
+from compiler.ir.ops import (
     Add,
     Apply,
     Broadcast,
@@ -30,9 +29,7 @@ from compiler.ops import (
     Sum,
     Window,
 )
-from compiler.passes.close_loop import close_loop
-from compiler.passes.to_step_form import to_step_form
-from compiler.program import (
+from compiler.ir.program import (
     Declared,
     Dimension,
     Graph,
@@ -50,8 +47,11 @@ from compiler.program import (
     State,
     Tape,
 )
-from compiler.types import Axis, Kind, Type
-from compiler.verifier import InvalidProgram, verify
+from compiler.ir.rules.op_rules import LARGEST_SIZE, MOST_AXES
+from compiler.ir.rules.verifier import InvalidProgram, verify
+from compiler.ir.types import Axis, Kind, Type
+from compiler.passes.close_loop import close_loop
+from compiler.passes.to_step_form import to_step_form
 from tests.programs import SAMPLES
 
 K, T = Axis("k", 3), Axis("t", 4)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from textwrap import indent
 
-from compiler.program import Program
+from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
-from msnn.data.load import load_data
-from spec_schema.data_section import Data
-from spec_schema.reader import read_spec
+from msnn.data.reading.load import load_data
+from spec_schema.reading.reader import read_spec
+from spec_schema.sections.data.data import Data
 from tests.programs import fir_closed_loop
 
 

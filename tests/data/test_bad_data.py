@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from msnn.data.load import load_data
-from spec_schema.diagnostics import SpecError
-from spec_schema.render import render
+from msnn.data.reading.load import load_data
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.render import render
 from tests.data.specs import data_section
 from tests.golden import assert_golden
 from tests.programs import fir_closed_loop

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import Dataset
-from msnn.data.load import load_data
-from msnn.data.row_filter import row_filters
-from msnn.model_file import load_model
-from spec_schema.diagnostics import SpecError
+from msnn.data.reading.load import load_data
+from msnn.data.reading.row_filter import row_filters
+from msnn.model.load import load_model
+from spec_schema.diagnostics.diagnostic import SpecError
 
 SPEC = """
 msnn: 1

@@ -17,9 +17,9 @@ from rosbags.rosbag2.enums import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
-from msnn.data.formats import FORMATS, Format, format_of, require_reader
-from msnn.failures import MissingExtraError
-from spec_schema.diagnostics import SpecError
+from msnn.data.formats.table_of_formats import FORMATS, Format, format_of, require_reader
+from msnn.errors.failures import MissingExtraError
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.data.specs import load
 
 TIME = 0.2 * np.arange(12)

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 import msnn
-from spec_schema.diagnostics import SpecError
+from spec_schema.diagnostics.diagnostic import SpecError
 
 SPEC = """
 msnn: 1

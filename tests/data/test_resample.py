@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from asammdf import MDF, Signal
 
-from msnn.data.resample import resample
-from spec_schema.diagnostics import SpecError
+from msnn.data.reading.resample import resample
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.data.specs import load
 
 

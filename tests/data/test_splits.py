@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from msnn.data.dataset import Dataset
-from spec_schema.diagnostics import SpecError
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.data.specs import load, table
 
 

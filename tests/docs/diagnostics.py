@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import msnn.errors
 import spec_schema.errors
 from tests.docs.markdown import apart, paragraph, table
 
-_FOLDER = Path(spec_schema.errors.__file__).parent
+_FOLDERS = [Path(str(p.__file__)).parent for p in (spec_schema.errors, msnn.errors)]
 _EXAMPLES = Path(__file__).parents[1] / "bad_specs"
 _CODE = re.compile(r"[EW]\d{4}")
 
@@ -24,11 +25,15 @@ class Message:
     meaning: str
 
 
+def _files() -> list[Path]:
+    return sorted(path for folder in _FOLDERS for path in folder.glob("*.py"))
+
+
 def diagnostics() -> str:
     """One table a file of constructors, in the order of their codes."""
     groups = [
         (paragraph(ast.get_docstring(tree)), found)
-        for path in sorted(_FOLDER.glob("*.py"))
+        for path in _files()
         for tree in [ast.parse(path.read_text(encoding="utf-8"))]
         if (found := sorted(_messages(tree), key=_number))
     ]
@@ -44,7 +49,7 @@ def diagnostics() -> str:
 
 def all_messages() -> Iterator[Message]:
     """Every code of every constructor."""
-    for path in sorted(_FOLDER.glob("*.py")):
+    for path in _files():
         yield from _messages(ast.parse(path.read_text(encoding="utf-8")))
 
 

@@ -9,20 +9,20 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from spec_schema.columns import ColumnName
-from spec_schema.curriculum import Curriculum
-from spec_schema.dimensions import Dimension
-from spec_schema.entry import Entry, Variant
-from spec_schema.entry_kinds import kinds_of, kinds_within
-from spec_schema.expression import Duration, Expression, Samples
-from spec_schema.expression_fields import Prediction
-from spec_schema.key_docs import key_doc
-from spec_schema.located import Located
-from spec_schema.optimizers import OptionValue
-from spec_schema.quantity import Quantity, Range
-from spec_schema.spec import Spec
-from spec_schema.splits import Blocks, Fraction
-from spec_schema.units import Unit
+from spec_schema.editors.key_docs import key_doc
+from spec_schema.expressions.tree import Duration, Expression, Samples
+from spec_schema.fields.entry import Entry, Variant
+from spec_schema.fields.entry_kinds import kinds_of, kinds_within
+from spec_schema.fields.formulas import Prediction
+from spec_schema.fields.located import Located
+from spec_schema.sections.data.columns import ColumnName
+from spec_schema.sections.data.splits import Blocks, Fraction
+from spec_schema.sections.dimensions import Dimension
+from spec_schema.sections.spec import Spec
+from spec_schema.sections.training.curriculum import Curriculum
+from spec_schema.sections.training.optimizers import OptionValue
+from spec_schema.units.quantity import Quantity, Range
+from spec_schema.units.unit import Unit
 from tests.docs.markdown import apart, paragraph, table
 
 _WORDS: Mapping[Any, str] = {

@@ -6,23 +6,24 @@ import ast
 from pathlib import Path
 from typing import get_args
 
-from backends import casadi_function, onnx_draft
-from backends.torch_operations import NATIVE_FUNCTIONS
-from compiler.lowering.builtins import BUILTINS
-from compiler.ops import Op
-from compiler.scalar_functions import SCALAR_FUNCTIONS, ScalarFunction
+from backends.casadi_function import function as casadi_function
+from backends.onnx_model import draft as onnx_draft
+from backends.torch_module.operations import NATIVE_FUNCTIONS
+from compiler.builtins.table import BUILTINS
+from compiler.ir.ops import Op
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS, ScalarFunction
 from tests.docs.markdown import paragraph, table
 from tests.every_op.records import OP_RECORDS, RECORDS
 
 _ROOT = Path(__file__).parents[2]
 
 LOWERINGS = {
-    "interpreter": "compiler/node_evaluators.py",
-    "derivative": "compiler/differentiate.py",
-    "torch": "backends/torch_lowering.py",
-    "CasADi": "backends/casadi_lowering.py",
-    "ONNX": "backends/onnx_lowering.py",
-    "C, kernels": "backends/c/lowering.py",
+    "interpreter": "compiler/interpreter/operations.py",
+    "derivative": "compiler/differentiation/reverse_mode.py",
+    "torch": "backends/torch_module/lowering.py",
+    "CasADi": "backends/casadi_function/lowering.py",
+    "ONNX": "backends/onnx_model/lowering.py",
+    "C, kernels": "backends/c_lowering/graph.py",
 }
 """Each column of the table and the file whose `match` it is."""
 

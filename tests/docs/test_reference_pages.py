@@ -9,9 +9,9 @@ from typing import get_args
 
 import pytest
 
-from compiler.compile import compile_spec
-from compiler.ops import Op
-from spec_schema.reader import read_spec
+from compiler.elaboration.compile import compile_spec
+from compiler.ir.ops import Op
+from spec_schema.reading.reader import read_spec
 from tests.docs.commands import exit_codes, verbs
 from tests.docs.diagnostics import diagnostics
 from tests.docs.keys import keys

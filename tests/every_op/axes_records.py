@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiler.ops import Contract, Relation
-from compiler.types import UNNAMED, WINDOW, Axis, Type
+from compiler.ir.ops import Contract, Relation
+from compiler.ir.types import UNNAMED, WINDOW, Axis, Type
 from tests.every_op.record import WINDOW_LENGTH, Array, Record, RecordBuilder, windows_of
 from tests.every_op.samples import BASIS, JOINT, SPECIAL, WHEEL, smooth, with_special
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from compiler.builder import GraphBuilder
-from compiler.ops import Relation
-from compiler.program import NodeId
-from compiler.types import UNNAMED, Axis
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.program import NodeId
+from compiler.ir.types import UNNAMED, Axis
 from tests.every_op.record import WINDOW_LENGTH, Array, Record, RecordBuilder, windows_of
 from tests.every_op.samples import JOINT, PAIRS, WHEEL, operand, smooth, with_special
 

@@ -13,14 +13,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from backends.casadi_function import build_function, casadi_names
-from backends.step_interface import StepInterface, step_interface
-from backends.torch_module import build_module
-from compiler.interpreter import Interpreter
-from compiler.jacobian import jacobian
-from compiler.jacobian_values import JacobianInterpreter
+from backends.casadi_function.function import build_function, casadi_names
+from backends.ports.step_interface import StepInterface, step_interface
+from backends.torch_module.module import build_module
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
+from compiler.jacobian.interpret import JacobianInterpreter
+from compiler.jacobian.jacobian import jacobian
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from tests.every_op.runners import Log
 
 Array = NDArray[np.float64]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiler.ops import Window
-from compiler.program import History
-from compiler.types import WINDOW, Axis, Type
+from compiler.ir.ops import Window
+from compiler.ir.program import History
+from compiler.ir.types import WINDOW, Axis, Type
 from tests.every_op.record import WINDOW_LENGTH, Record, RecordBuilder, windows_of
 from tests.every_op.samples import BASIS, JOINT, SPECIAL, operand, smooth, with_special
 

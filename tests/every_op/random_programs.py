@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 from hypothesis import strategies as st
 
-from compiler.alignment import AxisConflict
-from compiler.builder import GraphBuilder
-from compiler.ops import Contract, Relation
-from compiler.program import Declared, NodeId, Output, Parameter, Program, Role, Signal, State
-from compiler.types import UNNAMED, WINDOW, Axis, Type, in_order
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Contract, Relation
+from compiler.ir.program import Declared, NodeId, Output, Parameter, Program, Role, Signal, State
+from compiler.ir.rules.alignment import AxisConflict
+from compiler.ir.types import UNNAMED, WINDOW, Axis, Type, in_order
 
 JOINT, BASIS = Axis("joint", 3), Axis("basis", 2)
 LARGEST = 48

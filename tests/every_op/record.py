@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compiler.builder import GraphBuilder
-from compiler.program import (
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import (
     Declared,
     Graph,
     NodeId,
@@ -20,7 +20,7 @@ from compiler.program import (
     Signal,
     State,
 )
-from compiler.types import WINDOW, Axis, Type
+from compiler.ir.types import WINDOW, Axis, Type
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c import COptions, write_c
-from backends.c.c_step import CStep
-from backends.c.host_build import build_library
-from backends.c.interface import c_interface
-from backends.step_interface import Port, step_interface
-from compiler.interpreter import Interpreter
+from backends.c.host.build import build_library
+from backends.c.host.library import CStep
+from backends.c.interface.interface import c_interface
+from backends.ports.step_interface import Port, step_interface
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from tests.conditions import require_tool
 from tests.every_op.runners import Log, Result, Runner, together
 

@@ -12,14 +12,14 @@ import onnxruntime
 import torch
 from numpy.typing import DTypeLike, NDArray
 
-from backends.casadi_function import build_function, build_initial_state, casadi_names
-from backends.onnx_model import build_initial_state as build_onnx_start
-from backends.onnx_model import build_model, onnx_names
-from backends.step_interface import Port, step_interface
-from backends.torch_module import build_module
-from compiler.interpreter import Interpreter
+from backends.casadi_function.function import build_function, build_initial_state, casadi_names
+from backends.onnx_model.model import build_initial_state as build_onnx_start
+from backends.onnx_model.model import build_model, onnx_names
+from backends.ports.step_interface import Port, step_interface
+from backends.torch_module.module import build_module
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 
 Log = Mapping[str, NDArray[np.float64]]
 

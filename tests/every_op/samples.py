@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiler.types import Axis
+from compiler.ir.types import Axis
 from tests.every_op.record import SMOOTH_ROWS, Array
 
 JOINT, BASIS, WHEEL = Axis("joint", 3), Axis("basis", 2), Axis("wheel", 4)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from compiler.builder import GraphBuilder
-from compiler.ops import Relation
-from compiler.program import NodeId
-from compiler.types import Axis
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.program import NodeId
+from compiler.ir.types import Axis
 from tests.every_op.gradients import Gradient, Problem, by_casadi, by_jacobian, by_torch, problem
 from tests.every_op.record import RecordBuilder
 

@@ -10,9 +10,9 @@ import torch
 from hypothesis import HealthCheck, given, settings
 from numpy.typing import NDArray
 
-from compiler.interpreter import Interpreter
-from compiler.program import Program
-from compiler.verifier import verify
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
+from compiler.ir.rules.verifier import verify
 from tests.every_op.gradients import by_casadi, by_jacobian, by_torch, problem
 from tests.every_op.random_programs import programs
 from tests.every_op.runners import Runner, run_casadi, run_onnx, run_torch

@@ -15,16 +15,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from msnn.agreement.compare import compare
 from msnn.agreement.record import Record
-from msnn.data.load import load_data
+from msnn.data.reading.load import load_data
 from msnn.data.starts import reach
-from msnn.exporting import Dtype, ExportPlan, TargetName, write_export
-from msnn.model_file import load_model
+from msnn.exports.export import Dtype, ExportPlan, TargetName, write_export
+from msnn.model.load import load_model
 from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from compiler.ops import Apply
-from compiler.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.ops import Apply
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
 from msnn.cli.application import run
-from msnn.model_file import load_model
-from spec_schema.integrators import Integrator
-from spec_schema.layers import Layer
+from msnn.model.load import load_model
+from spec_schema.sections.integrators import Integrator
+from spec_schema.sections.layers import Layer
 from tests.conditions import require_tool
 from tests.examples.gallery import GALLERY, NAMES, gallery_copy, spec_of
 

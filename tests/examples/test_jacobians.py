@@ -6,18 +6,18 @@ import casadi
 import numpy as np
 import pytest
 
-from backends.casadi_function import build_function, casadi_names
-from compiler.interpreter import physical_weights
-from compiler.jacobian import jacobian
-from compiler.jacobian_matrices import Matrix
-from compiler.jacobian_values import JacobianInterpreter
+from backends.casadi_function.function import build_function, casadi_names
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Program
+from compiler.jacobian.interpret import JacobianInterpreter
+from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.matrices import Matrix
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from msnn.agreement.judge import Arrays, judge
 from msnn.agreement.record import drawn_record
-from msnn.exporting import plan_exports
-from msnn.model_file import load_model
-from spec_schema.diagnostics import Findings
+from msnn.exports.export import plan_exports
+from msnn.model.load import load_model
+from spec_schema.diagnostics.diagnostic import Findings
 from tests.examples.gallery import GALLERY, NAMES, spec_of
 from tests.programs import SAMPLES
 

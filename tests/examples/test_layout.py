@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from spec_schema.format_spec import format_spec
+from spec_schema.editors.format_spec import format_spec
 
 ROOT = Path(__file__).parents[2]
 SHOWN = sorted([*ROOT.glob("examples/*/*.yaml"), *ROOT.glob("tests/language/drafts/*.yaml")])

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from compiler.interpreter import physical_weights
-from compiler.program import Program
-from msnn.exporting import ExportPlan, plan_exports
-from msnn.model_file import Model, load_model
-from spec_schema.diagnostics import Findings
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Program
+from msnn.exports.export import ExportPlan, plan_exports
+from msnn.model.load import load_model
+from msnn.model.model import Model
+from spec_schema.diagnostics.diagnostic import Findings
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.interpreter import physical_weights
+from compiler.interpreter.interpreter import physical_weights
 from msnn.agreement.compare import compare
 from msnn.agreement.record import drawn_record
-from msnn.exporting import write_export
+from msnn.exports.export import write_export
 from tests.conditions import require_tool
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from msnn.exporting import write_export
-from msnn.fixed_point import error_table
+from msnn.exports.export import write_export
+from msnn.exports.fixed_point import error_table
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 
 # the share of the range that 16 bits, tables of 2^-10 and rounded coefficients add up to

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from compiler.fixed_point.compile_integers import integer_program
-from compiler.fixed_point.integer_program import Q15, Q31, IntegerProgram
-from compiler.fixed_point.run_integers import FixedStatus, initial, reset, step
+from compiler.fixed_point.integers.interpret import FixedStatus, initial, reset, step
+from compiler.fixed_point.integers.program import Q15, Q31, IntegerProgram
 from tests.fixed_point.exported import fixed_model, initial_weights, planned
 
 HEAD = "msnn: 1\nname: model\nsample_time: 1 s\n"

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compiler.interpreter import physical_weights
-from compiler.program import Program
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Program
 from msnn.cli.application import run
-from msnn.exporting import write_export
+from msnn.exports.export import write_export
 from msnn.verification.tools import ARM_GCC, ARM_QEMU, CPPCHECK
 from tests.conditions import miss
 from tests.fixed_point.exported import fixed_model, gallery_text, planned

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.exporting import write_export
+from msnn.exports.export import write_export
 from tests.conditions import require_tool
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 

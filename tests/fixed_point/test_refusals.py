@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.fixed_point import fixed_point_faults
+from msnn.exports.fixed_point import fixed_point_faults
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 
 HEAD = "msnn: 1\nname: model\nsample_time: 1 s\n"

@@ -17,16 +17,16 @@ from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 
-from compiler.compile import compile_spec
-from msnn.graph import mermaid_text
-from msnn.latex import latex_text
-from msnn.show import interface_text, windows_text
-from spec_schema.diagnostics import SpecError
-from spec_schema.format_spec import format_spec
-from spec_schema.reader import read_spec
-from spec_schema.render import Format, render
-from spec_schema.spec_data import spec_data
-from spec_schema.yaml_writer import yaml_text
+from compiler.elaboration.compile import compile_spec
+from msnn.reports.graph import mermaid_text
+from msnn.reports.latex import latex_text
+from msnn.reports.show import interface_text, windows_text
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.render import Format, render
+from spec_schema.editors.format_spec import format_spec
+from spec_schema.editors.spec_data import spec_data
+from spec_schema.reading.reader import read_spec
+from spec_schema.yaml_tree.writer import yaml_text
 from tests.fuzz.mutations import spoiled
 
 ROOT = Path(__file__).parents[2]

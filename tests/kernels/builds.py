@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.kernels import KERNELS, c_sources
-from compiler.kernels.formats import FORMATS, RealName
+from compiler.kernels.c_sources import c_sources
+from compiler.kernels.table import KERNELS
+from compiler.kernels.tables.formats import FORMATS, RealName
 
 Array = NDArray[Any]
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from compiler.kernels import KERNELS, c_sources
-from compiler.kernels.formats import FORMATS, RealName
+from compiler.kernels.c_sources import c_sources
+from compiler.kernels.table import KERNELS
+from compiler.kernels.tables.formats import FORMATS, RealName
 from tests.conditions import require_tool
 from tests.golden import assert_golden
 from tests.kernels.builds import STRICT, write_sources

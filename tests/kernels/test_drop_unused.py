@@ -1,7 +1,7 @@
 """Statements that nothing uses leave the routine, the others stay in order."""
 
-from compiler.kernels.drop_unused import drop_unused
-from compiler.kernels.statements import (
+from compiler.kernels.trace.drop_unused import drop_unused
+from compiler.kernels.trace.statements import (
     Assign,
     Binary,
     Block,

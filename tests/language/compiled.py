@@ -8,11 +8,11 @@ from textwrap import dedent
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compiler.compile import compile_spec
-from compiler.interpreter import Interpreter
-from compiler.program import Program
-from spec_schema.diagnostics import SpecError
-from spec_schema.reader import read_spec
+from compiler.elaboration.compile import compile_spec
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.reader import read_spec
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compiler.program import Program
+from compiler.ir.program import Program
 from tests.every_op.run_c import DOUBLE, SINGLE, run_c
 from tests.every_op.runners import Log, run_casadi, run_interpreter, run_onnx, run_torch
 from tests.language.compiled import compiled

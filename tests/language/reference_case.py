@@ -30,20 +30,20 @@ import yaml
 from numpy.typing import DTypeLike, NDArray
 
 from backends.native.kernel import Kernel
-from backends.torch_module import build_module
-from compiler.builder import GraphBuilder
-from compiler.compile import compile_spec
-from compiler.interpreter import Interpreter, physical_weights
+from backends.torch_module.module import build_module
+from compiler.elaboration.compile import compile_spec
+from compiler.interpreter.interpreter import Interpreter, physical_weights
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Loss, Measure, Program
+from compiler.ir.types import Axis
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Loss, Measure, Program
-from compiler.types import Axis
 from msnn.agreement.artefacts import Artefact, CasadiArtefact, OnnxArtefact, TorchArtefact
 from msnn.agreement.c_artefact import built_c
 from msnn.agreement.judge import Judgement, judge
 from msnn.agreement.record import Record
 from msnn.data.starts import reach
-from msnn.exporting import Dtype, ExportPlan, TargetName, write_export
-from spec_schema.reader import read_spec
+from msnn.exports.export import Dtype, ExportPlan, TargetName, write_export
+from spec_schema.reading.reader import read_spec
 from tests.every_op.agreement import assert_agrees
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -144,7 +144,7 @@ def _exported(target: TargetName, dtype: Dtype) -> Callable[[Case], Arrays]:
 
 
 def _loaded(plan: ExportPlan, folder: Path) -> Artefact:
-    from backends.onnx_model import onnx_names
+    from backends.onnx_model.model import onnx_names
 
     match plan.target:
         case "torch":

@@ -9,11 +9,12 @@ from textwrap import dedent
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from backends.safetensors_bytes import safetensors_bytes
-from compiler.interpreter import Interpreter
-from compiler.program import Program
-from msnn.model_file import Model, load_model
-from spec_schema.diagnostics import Diagnostic, SpecError
+from backends.files.safetensors_bytes import safetensors_bytes
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
+from msnn.model.load import load_model
+from msnn.model.model import Model
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.workflow_checks import checked_model
+from msnn.project.workflow_checks import checked_model
 
 DRAFTS = sorted((Path(__file__).parent / "drafts").glob("*.msnn.yaml"))
 

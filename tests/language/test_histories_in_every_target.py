@@ -9,8 +9,8 @@ import pytest
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.compare import compare
 from msnn.agreement.record import drawn_record
-from msnn.exporting import Dtype, ExportPlan, TargetName, write_export
-from msnn.weights_file import initial_weights
+from msnn.exports.export import Dtype, ExportPlan, TargetName, write_export
+from msnn.model.weights_file import initial_weights
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.compile import compile_spec
-from compiler.program import Program
-from spec_schema.diagnostics import SpecError
-from spec_schema.reader import read_spec
+from compiler.elaboration.compile import compile_spec
+from compiler.ir.program import Program
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.reader import read_spec
 from tests.language.compiled import Array, compiled
 
 

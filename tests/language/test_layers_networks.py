@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from compiler.compile import compile_spec
-from spec_schema.reader import read_spec
+from compiler.elaboration.compile import compile_spec
+from spec_schema.reading.reader import read_spec
 from tests.language.compiled import Array, codes, compiled, evaluated
 from tests.language.every_backend import assert_backends_agree
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compiler.builder import GraphBuilder
-from compiler.differentiate import step_gradients
-from compiler.interpreter import Interpreter
-from compiler.program import Output
+from compiler.differentiation.reverse_mode import step_gradients
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Output
 from tests.language.compiled import Array, codes, compiled, evaluated
 from tests.language.every_backend import assert_backends_agree
 

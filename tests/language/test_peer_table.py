@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
 from compiler.passes.close_loop import close_loop
 from tests.language.compiled import Array, compiled, evaluated, simulated
 from tests.language.every_backend import assert_backends_agree

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
-from compiler.program import Program
 from tests.language.every_backend import assert_backends_agree_on
 from tests.language.submodels import diagnostics, model_of, names, run
 

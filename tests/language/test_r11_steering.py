@@ -7,7 +7,7 @@ import numpy as np
 from compiler.passes.close_loop import close_loop
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.workflow_checks import checked_model
+from msnn.project.workflow_checks import checked_model
 from tests.language.every_backend import assert_backends_agree_on
 from tests.language.submodels import names, run
 

@@ -12,13 +12,14 @@ import pytest
 
 import msnn
 from compiler.passes.prune_outputs import prune_outputs
-from msnn.compiled_file import write_program_file
-from msnn.model_data import read_data
-from msnn.model_file import Model, load_model, with_engine
-from msnn.model_weights import redrawn_weights
-from msnn.training.run_record import differences
-from msnn.workflow_checks import check_workflow
-from spec_schema.diagnostics import SpecError
+from msnn.model.load import load_model, with_engine
+from msnn.model.model import Model
+from msnn.model.model_data import read_data
+from msnn.model.model_weights import redrawn_weights
+from msnn.model.program_file import write_program_file
+from msnn.project.workflow_checks import check_workflow
+from msnn.training.records.run_record import differences
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.language.submodels import diagnostics, model_of, names, run, write_weights
 
 PLANT = """
@@ -207,8 +208,8 @@ def test_r13_a_state_that_a_pruned_part_moves_is_a_port(tmp_path: Path) -> None:
 
 
 def test_r13_an_equation_that_an_export_names_is_an_output_of_it(tmp_path: Path) -> None:
-    from msnn.exporting import plan_exports
-    from spec_schema.diagnostics import Findings
+    from msnn.exports.export import plan_exports
+    from spec_schema.diagnostics.diagnostic import Findings
 
     text = """
         use: {part: {spec: part.yaml}}
@@ -232,8 +233,8 @@ def test_r13_an_equation_that_an_export_names_is_an_output_of_it(tmp_path: Path)
 
 def test_r13_every_target_agrees_on_the_controller_alone(tmp_path: Path) -> None:
     from msnn.agreement.report import check_exports
-    from msnn.exporting import TARGETS, plan_exports, write_export
-    from spec_schema.diagnostics import Findings
+    from msnn.exports.export import TARGETS, plan_exports, write_export
+    from spec_schema.diagnostics.diagnostic import Findings
 
     model = controlled(tmp_path)
     plans = plan_exports(model, TARGETS, Findings())

@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.typing import ArrayLike
 
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
 from tests.language.compiled import Array, codes, compiled, evaluated, simulated
 
 RANDOM = np.random.default_rng(9)
@@ -136,8 +136,8 @@ def test_r8_units() -> None:
 
 def test_r8_a_static_model_has_gradients() -> None:
     text = "msnn: 1\nname: s\ninputs: {x: {unit: 1}}\noutputs: {y: 'grad(x**2, x)'}\n"
-    from compiler.compile import compile_spec
-    from spec_schema.reader import read_spec
+    from compiler.elaboration.compile import compile_spec
+    from spec_schema.reading.reader import read_spec
 
     program = compile_spec(read_spec("s.yaml", text).spec).program
     rows = np.arange(4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
 from compiler.passes.prune_outputs import prune_outputs
 from tests.language.compiled import Array, codes, compiled, evaluated, simulated
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from compiler.interpreter import Interpreter
-from compiler.program import Measure, Prediction
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Measure, Prediction
 from msnn.data.starts import Runs
-from msnn.rollout import loss_sums
+from msnn.simulation.rollout import loss_sums
 from tests.language.compiled import Array, codes, compiled
 
 HEAD = """

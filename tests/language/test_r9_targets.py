@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
 from tests.language.compiled import compiled
 
 SPEC = """

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c.status import Status
+from backends.c.interface.status import Status
 from compiler.fixed_point.compile_integers import integer_program
-from compiler.fixed_point.integer_program import Q15, IntegerProgram
-from compiler.fixed_point.run_integers import FixedStatus, initial, step
-from compiler.interpreter import Interpreter
+from compiler.fixed_point.integers.interpret import FixedStatus, initial, step
+from compiler.fixed_point.integers.program import Q15, IntegerProgram
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
 from compiler.passes.limit_expected import limit_expected
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.retime import retime
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
-from compiler.program_file import program_from_json, program_to_json
-from msnn.show import interface_record, interface_text
-from spec_schema.diagnostics import SpecError
+from compiler.program_file.file import program_from_json, program_to_json
+from msnn.reports.show import interface_record, interface_text
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
 from tests.fixed_point.exported import fixed_model, initial_weights, planned
 from tests.language.compiled import codes, compiled

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.native.kernel import Kernel, Method, Rule, Variables
+from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
-from compiler.program import Program
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, initial, log_of
 

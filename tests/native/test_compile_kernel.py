@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from backends.c_compiler import CompilerMissingError
+from backends.files.c_compiler import CompilerMissingError
 from backends.native.compile_kernel import KernelBuildError, compiled_kernel
 from tests.conditions import require_tool
 

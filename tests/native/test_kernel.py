@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from backends.native.kernel import Kernel
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Measure, Program
 from compiler.passes.close_loop import close_loop
-from compiler.program import Measure, Program
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.calculus_models import CALCULUS

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from backends.native.echoes import echoes
-from backends.native.phases import Phases, phases
-from compiler.ops import Contract
+from backends.native.late_adjoints import echoes
+from backends.native.loop_splitting import Phases, phases
+from compiler.differentiation.training_step import TrainingStep, training_step
+from compiler.ir.ops import Contract
 from compiler.passes.close_loop import close_loop
-from compiler.training_step import TrainingStep, training_step
 from tests.language.compiled import compiled
 from tests.native.test_kernel import FILTERED_JOINTS, FIR, LEARNED_START, VEHICLE
 

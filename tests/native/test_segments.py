@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.c.c_literals import Dtype
+from backends.c_language.literals import Dtype
 from backends.native.kernel import Kernel, flat
 from compiler.passes.close_loop import close_loop
 from tests.conditions import require_tool

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from backends.gauss_newton_products import Products
 from backends.native.kernel import Kernel
 from backends.native.sensitivity_kernel import SensitivityKernel
-from backends.products import Products
-from compiler.interpreter import Interpreter
+from compiler.differentiation.sensitivities import Sensitivities, sensitivities
+from compiler.differentiation.sums_of_squares import with_compared_squares
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Measure, Output, Program
 from compiler.passes.close_loop import close_loop
-from compiler.program import Measure, Output, Program
-from compiler.sensitivities import Sensitivities, sensitivities
-from compiler.sums_of_squares import with_compared_squares
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, flat, initial, log_of

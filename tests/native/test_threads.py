@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from backends.c.c_literals import Dtype
+from backends.c_language.literals import Dtype
 from backends.native.kernel import Kernel, Method, Rule, Variables
+from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
-from compiler.program import Program
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, initial, log_of

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from compiler.builder import GraphBuilder
-from compiler.program import (
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import (
     Dimension,
     Loss,
     Measure,
@@ -14,7 +14,7 @@ from compiler.program import (
     Role,
     Signal,
 )
-from compiler.types import Axis, Type
+from compiler.ir.types import Axis, Type
 from tests.sample_programs.sample import (
     Sample,
     taps,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from compiler.builder import GraphBuilder
-from compiler.ops import Relation
-from compiler.program import (
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.program import (
     Dimension,
     Loss,
     Measure,
@@ -15,7 +15,7 @@ from compiler.program import (
     Role,
     Signal,
 )
-from compiler.types import WINDOW, Axis, Type
+from compiler.ir.types import WINDOW, Axis, Type
 from tests.sample_programs.sample import (
     RADIAN,
     TORQUE,

@@ -2,17 +2,9 @@
 
 from __future__ import annotations
 
-from compiler.builder import GraphBuilder
-from compiler.program import (
-    Declared,
-    Output,
-    Parameter,
-    Program,
-    Role,
-    Signal,
-    State,
-)
-from compiler.types import Type
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Declared, Output, Parameter, Program, Role, Signal, State
+from compiler.ir.types import Type
 from tests.sample_programs.sample import (
     METRE,
     Sample,

@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-from compiler.builder import GraphBuilder
-from compiler.program import (
-    Loss,
-    Measure,
-    Output,
-    Parameter,
-    Prediction,
-    Program,
-    Role,
-    Signal,
-)
-from compiler.types import Type
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Loss, Measure, Output, Parameter, Prediction, Program, Role, Signal
+from compiler.ir.types import Type
 from tests.sample_programs.sample import (
     Sample,
     taps,

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.program import Program
-from compiler.types import WINDOW, Axis
-from spec_schema.unit_parser import parse_unit
+from compiler.ir.program import Program
+from compiler.ir.types import WINDOW, Axis
+from spec_schema.units.parser import parse_unit
 
 Log = dict[str, NDArray[np.float64]]
 

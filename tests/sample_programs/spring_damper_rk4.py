@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from compiler.builder import GraphBuilder
-from compiler.program import (
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import (
     Declared,
     Loss,
     Measure,
@@ -15,8 +15,8 @@ from compiler.program import (
     Signal,
     State,
 )
-from compiler.types import Type
-from spec_schema.unit_parser import parse_unit
+from compiler.ir.types import Type
+from spec_schema.units.parser import parse_unit
 from tests.sample_programs.sample import (
     METRE,
     NEWTON,

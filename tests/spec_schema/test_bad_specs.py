@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from spec_schema.diagnostics import SpecError
-from spec_schema.reader import read_spec
-from spec_schema.render import render
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.render import render
+from spec_schema.reading.reader import read_spec
 from tests.golden import assert_golden
 
 FOLDER = Path(__file__).parents[1] / "bad_specs"
@@ -20,7 +20,7 @@ def said_of(path: Path) -> str:
         result = read_spec(path)
     except SpecError as error:
         return _shown(error, path)
-    from compiler.compile import compile_spec
+    from compiler.elaboration.compile import compile_spec
 
     try:
         compiled = compile_spec(result.spec, used=result.used)

@@ -4,8 +4,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spec_schema.diagnostics import Findings, SpecError
-from spec_schema.expression import (
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.parser import LONGEST, parse_expression
+from spec_schema.expressions.scanner import DEEPEST
+from spec_schema.expressions.text import expression_text
+from spec_schema.expressions.tree import (
     Binary,
     Call,
     Compare,
@@ -25,12 +29,8 @@ from spec_schema.expression import (
     TimeOffset,
     Window,
 )
-from spec_schema.expression_parser import LONGEST, parse_expression
-from spec_schema.expression_scan import DEEPEST
-from spec_schema.expression_text import expression_text
-from spec_schema.quantity import Quantity
-from spec_schema.source import Span
-from spec_schema.units import unit_symbol
+from spec_schema.units.quantity import Quantity
+from spec_schema.units.unit import unit_symbol
 
 _SPAN = Span("", 1, 1, 1, 1)
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spec_schema.diagnostics import SpecError
-from spec_schema.format_spec import format_spec
-from spec_schema.reader import read_spec
-from spec_schema.spec_data import spec_data
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.editors.format_spec import format_spec
+from spec_schema.editors.spec_data import spec_data
+from spec_schema.reading.reader import read_spec
 from tests.spec_schema.test_json_schema import GOOD
 
 HEAD = "msnn: 1\nname: a\n"

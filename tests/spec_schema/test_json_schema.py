@@ -11,15 +11,15 @@ from typing import Any
 import pytest
 from jsonschema import Draft7Validator
 
-from msnn.new_project import new_project
-from spec_schema.diagnostics import Findings
-from spec_schema.entry_kinds import kinds_within
-from spec_schema.json_schema import json_schema, json_schema_text
-from spec_schema.key_docs import key_doc
-from spec_schema.source import SourceText
-from spec_schema.spec import Spec
-from spec_schema.yaml_nodes import Listing, Node, Scalar
-from spec_schema.yaml_reader import read_tree
+from msnn.project.new_project import new_project
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.editors.json_schema import json_schema, json_schema_text
+from spec_schema.editors.key_docs import key_doc
+from spec_schema.fields.entry_kinds import kinds_within
+from spec_schema.sections.spec import Spec
+from spec_schema.yaml_tree.nodes import Listing, Node, Scalar
+from spec_schema.yaml_tree.reader import read_tree
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = json_schema()
@@ -73,7 +73,7 @@ def test_every_key_says_what_it_is_for() -> None:
         for key in entry.known_keys()
         if not key_doc(entry, key)
     ]
-    assert silent == [], "write their lines in spec_schema/key_docs.py"
+    assert silent == [], "write their lines in spec_schema/editors/key_docs.py"
 
 
 def test_patterns_read_alike_in_javascript() -> None:

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from compiler.compile import compile_spec
-from spec_schema.diagnostics import Diagnostic, Findings, SpecError
-from spec_schema.reader import read_spec
-from spec_schema.source import SourceText
-from spec_schema.spec_file import read_file
-from spec_schema.yaml_nodes import Listing, Node, Scalar
-from spec_schema.yaml_reader import read_tree
+from compiler.elaboration.compile import compile_spec
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.reading.one_file import read_file
+from spec_schema.reading.reader import read_spec
+from spec_schema.yaml_tree.nodes import Listing, Node, Scalar
+from spec_schema.yaml_tree.reader import read_tree
 
 # YAML's own faults (E01) have no JSON, and neither have NaN and infinity.
 NOT_IN_JSON = {"E0210_nan", "E0210_not_finite", "E0731_itself"}  # the last names its own file

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from msnn.latex import formulas
-from spec_schema.diagnostics import Findings
-from spec_schema.expression_latex import expression_latex, name_latex
-from spec_schema.expression_parser import parse_expression
-from spec_schema.reader import read_spec
-from spec_schema.source import SourceText
-from spec_schema.yaml_nodes import Positions
+from msnn.reports.latex import formulas
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.expressions.latex import expression_latex, name_latex
+from spec_schema.expressions.parser import parse_expression
+from spec_schema.reading.reader import read_spec
+from spec_schema.yaml_tree.nodes import Positions
 from tests.spec_schema.test_json_schema import GOOD
 
 

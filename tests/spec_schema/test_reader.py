@@ -8,16 +8,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from spec_schema.diagnostics import Diagnostic, SpecError
-from spec_schema.entry import Entry
-from spec_schema.expression import Binary, Call, Duration, ListLiteral, Name, Number, Samples
-from spec_schema.expression_text import expression_text
-from spec_schema.integrators import Integrator
-from spec_schema.reader import ReadResult, read_spec
-from spec_schema.source import SourceText, Span
-from spec_schema.spec import Spec
-from spec_schema.splits import Blocks, Split
-from spec_schema.values import NormalInitializer
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.expressions.text import expression_text
+from spec_schema.expressions.tree import Binary, Call, Duration, ListLiteral, Name, Number, Samples
+from spec_schema.fields.entry import Entry
+from spec_schema.reading.reader import ReadResult, read_spec
+from spec_schema.sections.data.splits import Blocks, Split
+from spec_schema.sections.integrators import Integrator
+from spec_schema.sections.spec import Spec
+from spec_schema.sections.values import NormalInitializer
 
 GOOD = sorted((Path(__file__).parent / "good").iterdir())
 BROKEN = sorted((Path(__file__).parents[1] / "bad_specs").glob("*.yaml"))

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from spec_schema.diagnostics import Diagnostic, Findings, SpecError, describe
-from spec_schema.render import Format, render
-from spec_schema.source import SourceText
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError, describe
+from spec_schema.diagnostics.render import Format, render
+from spec_schema.diagnostics.source import SourceText
 from tests.golden import assert_golden
 
 GOLDEN = Path(__file__).parent / "rendered"

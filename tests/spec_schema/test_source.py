@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spec_schema.source import SourceText, Span
-from spec_schema.suggest import nearest
+from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.diagnostics.suggest import nearest
 
 
 def test_lines_end_as_in_editors() -> None:

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from spec_schema.diagnostics import Findings
-from spec_schema.reader import read_spec
-from spec_schema.source import SourceText
-from spec_schema.spec_data import spec_data
-from spec_schema.yaml_nodes import Scalar, Table
-from spec_schema.yaml_reader import read_tree
-from spec_schema.yaml_writer import yaml_text
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.editors.spec_data import spec_data
+from spec_schema.reading.reader import read_spec
+from spec_schema.yaml_tree.nodes import Scalar, Table
+from spec_schema.yaml_tree.reader import read_tree
+from spec_schema.yaml_tree.writer import yaml_text
 from tests.spec_schema.test_json_schema import GOOD
 
 

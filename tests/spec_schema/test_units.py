@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spec_schema.unit_parser import parse_unit
-from spec_schema.unit_table import PREFIXES, UNIT_ROWS
-from spec_schema.units import ONE, UnitError, unit_symbol
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.table import PREFIXES, UNIT_ROWS
+from spec_schema.units.unit import ONE, UnitError, unit_symbol
 
 # What pint calls the symbols that it spells otherwise.
 _PINT_NAMES = {

@@ -8,13 +8,13 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spec_schema.diagnostics import Findings
-from spec_schema.reader import read_spec
-from spec_schema.render import render
-from spec_schema.source import SourceText
-from spec_schema.yaml_nodes import Listing, Node, Scalar, Table
-from spec_schema.yaml_reader import LARGEST, read_tree
-from spec_schema.yaml_scalars import core_value
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.render import render
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.reading.reader import read_spec
+from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table
+from spec_schema.yaml_tree.reader import LARGEST, read_tree
+from spec_schema.yaml_tree.scalars import core_value
 
 FILES = sorted(
     [

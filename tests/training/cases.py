@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from compiler.compile import compile_spec
-from compiler.program import Program
+from compiler.elaboration.compile import compile_spec
+from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray, Record
-from spec_schema.reader import read_spec
-from spec_schema.spec import Spec
+from spec_schema.reading.reader import read_spec
+from spec_schema.sections.spec import Spec
 
 GAIN = """
 msnn: 1

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from msnn.training.stage_data import stage_data
-from msnn.training.stage_plan import plan_stages
+from msnn.training.plans.stage_data import stage_data
+from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.train import TrainingOptions, TrainingResult, train
-from spec_schema.diagnostics import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.conditions import require_tool
 from tests.training.cases import dataset, gain, gain_series
 from tests.training.test_schedules import Epochs

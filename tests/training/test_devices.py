@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 import torch
 
-from compiler.program import Role
-from msnn.failures import MissingExtraError
-from msnn.training.devices import CPU, Device, find_device, on_device
-from msnn.training.optimizer_state import placed_like
-from msnn.training.own_loop import stage_loss
-from msnn.training.stage_plan import StagePlan, plan_stages
+from compiler.ir.program import Role
+from msnn.errors.failures import MissingExtraError
+from msnn.training.engines.devices import CPU, Device, find_device, on_device
+from msnn.training.engines.optimizer_state import placed_like
+from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from msnn.training.stage_loss_module import stage_loss
 from msnn.training.train import (
     TrainingInterruptedError,
     TrainingOptions,
     TrainingResult,
     train,
 )
-from spec_schema.diagnostics import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.native.test_kernel import MODELS, log_of
 from tests.training.cases import compiled, dataset, gain, gain_series
 from tests.training.pretended_card import PretendedCard, WrongDeviceError

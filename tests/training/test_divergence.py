@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from msnn.model.weights_file import read_weights
 from msnn.training.train import TrainingDivergedError, TrainingOptions, train
-from msnn.weights_file import read_weights
 from tests.training.cases import compiled, dataset
 
 TEXT = """msnn: 1

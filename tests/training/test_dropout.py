@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compiler.interpreter import Interpreter
-from compiler.program import Program
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.training.dropout_masks import factors_of, with_all_kept
-from msnn.training.objectives import KernelObjective, TorchObjective
-from msnn.training.stage_plan import StagePlan
-from msnn.training.torch_engine import TorchEngine
+from msnn.training.engines.dropout_masks import factors_of, with_all_kept
+from msnn.training.engines.objectives import KernelObjective, TorchObjective
+from msnn.training.engines.torch.torch_engine import TorchEngine
+from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool
 from tests.language.compiled import codes, compiled, evaluated

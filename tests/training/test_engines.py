@@ -10,21 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.c.c_literals import Dtype
+from backends.c_language.literals import Dtype
 from backends.native import kernel as kernel_module
 from backends.native.kernel_source import KernelSource
-from compiler.program import Program
-from compiler.training_step import TrainingStep
+from compiler.differentiation.training_step import TrainingStep
+from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
-from msnn.training.engine import Engine
-from msnn.training.kernel_check import WrongKernelError
-from msnn.training.native_engine import NativeEngine
-from msnn.training.objectives import KernelObjective, TorchObjective
-from msnn.training.stage_plan import StagePlan, plan_stages
-from msnn.training.torch_engine import TorchEngine
-from spec_schema.diagnostics import Findings
-from spec_schema.reader import read_spec
+from msnn.training.engines.engine import Engine
+from msnn.training.engines.native.kernel_check import WrongKernelError
+from msnn.training.engines.native.native_engine import NativeEngine
+from msnn.training.engines.objectives import KernelObjective, TorchObjective
+from msnn.training.engines.torch.torch_engine import TorchEngine
+from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.reading.reader import read_spec
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, initial, log_of
@@ -172,9 +172,9 @@ def test_frozen_parameters_and_factors_of_the_learning_rate() -> None:
 
 
 def test_a_stage_says_why_it_runs_on_torch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from msnn.training.engines import open_engine
-    from msnn.training.stage_data import StageData
-    from spec_schema.diagnostics import SpecError
+    from msnn.training.engines.open_engine import open_engine
+    from msnn.training.plans.stage_data import StageData
+    from spec_schema.diagnostics.diagnostic import SpecError
 
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setitem(sys.modules, "ziglang", None)

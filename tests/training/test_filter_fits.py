@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compiler.interpreter import Interpreter
-from compiler.program import Program
-from compiler.program_file import program_from_data, program_to_data
-from compiler.verifier import InvalidProgram, verify
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
+from compiler.ir.rules.verifier import InvalidProgram, verify
+from compiler.program_file.file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
-from msnn.training.first_weights import first_weights
-from msnn.training.own_loop import stage_loss
+from msnn.model.weights_file import initial_weights
+from msnn.training.stage_loss_module import stage_loss
+from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.train import TrainingOptions, train
-from msnn.weights_file import initial_weights
-from spec_schema.diagnostics import SpecError
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.language.compiled import codes
 from tests.training.cases import compiled, dataset
 

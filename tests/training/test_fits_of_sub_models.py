@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msnn.training.first_weights import first_weights
+from msnn.model.weights_file import initial_weights
+from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.train import TrainingInterruptedError, TrainingOptions, train
-from msnn.weights_file import initial_weights
 from tests.language.submodels import model_of, write_weights
 from tests.training.cases import compiled, dataset
 from tests.training.test_filter_fits import LAYERS, MODEL, TRUE, filtered

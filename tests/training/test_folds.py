@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.folds import FoldsResult, folds_table, of_fold
-from msnn.model_file import Model
-from msnn.training.progress import EpochEnd, Silent, StageEnd, StageStart
+from msnn.model.model import Model
+from msnn.training.folds import FoldsResult, folds_table, of_fold
+from msnn.training.records.progress import EpochEnd, Silent, StageEnd, StageStart
 from msnn.training.train import TrainingDivergedError, TrainingInterruptedError
-from spec_schema.diagnostics import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic
 from tests.training.cases import GAIN, gain_series
 
 FRAME = gain_series(30) | {"x": gain_series(30)["x"] + np.linspace(0, 0.3, 30) ** 2}

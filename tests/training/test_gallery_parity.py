@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
-from msnn.model_data import read_data
-from msnn.model_file import load_model
-from msnn.rollout import cost, loss_sums, moments
-from msnn.training.engine import LossSums
+from msnn.model.load import load_model
+from msnn.model.model_data import read_data
+from msnn.model.weights_file import initial_weights
+from msnn.simulation.rollout import cost, loss_sums, moments
+from msnn.training.engines.engine import LossSums
+from msnn.training.engines.native.native_engine import NativeEngine
+from msnn.training.engines.torch.torch_engine import TorchEngine
 from msnn.training.monitor import loss_values
-from msnn.training.native_engine import NativeEngine
-from msnn.training.stage_data import stage_data
-from msnn.training.stage_plan import StagePlan, plan_stages
-from msnn.training.torch_engine import TorchEngine
-from msnn.weights_file import initial_weights
-from spec_schema.diagnostics import Findings
+from msnn.training.plans.stage_data import stage_data
+from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
 from tests.examples.gallery import NAMES, gallery_copy, spec_of
 

@@ -10,7 +10,12 @@ import pytest
 
 @pytest.mark.parametrize(
     "module",
-    ["msnn.data.load", "msnn.validation", "msnn.simulation", "msnn.training.train"],
+    [
+        "msnn.data.reading.load",
+        "msnn.validation.validate",
+        "msnn.simulation.simulate",
+        "msnn.training.train",
+    ],
 )
 def test_torch_is_not_imported(module: str) -> None:
     script = f"import sys, {module}; assert 'torch' not in sys.modules, 'torch'"

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msnn.training.progress import EpochEnd, Silent
+from msnn.model.weights_file import read_weights
+from msnn.training.records.progress import EpochEnd, Silent
 from msnn.training.train import (
     TrainingDivergedError,
     TrainingInterruptedError,
@@ -17,8 +18,7 @@ from msnn.training.train import (
     TrainingResult,
     train,
 )
-from msnn.weights_file import read_weights
-from spec_schema.diagnostics import SpecError
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.training.cases import dataset, gain, gain_series
 
 STAGES = {

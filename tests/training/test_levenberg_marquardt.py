@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
-from msnn.training.levenberg_marquardt import LevenbergMarquardtEngine
-from msnn.training.native_squares import NativeSquares
-from msnn.training.progress import EpochEnd, Silent, StageEnd
-from msnn.training.torch_squares import TorchSquares
+from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
+from msnn.training.engines.native.native_squares import NativeSquares
+from msnn.training.engines.torch.torch_squares import TorchSquares
+from msnn.training.records.progress import EpochEnd, Silent, StageEnd
 from msnn.training.train import TrainingOptions, TrainingResult, train
-from spec_schema.diagnostics import SpecError
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.native.test_kernel import MODELS, initial, log_of
 from tests.training.cases import GAIN, compiled, dataset, gain, gain_series

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from msnn.training.own_loop import StageLoss, stage_loss
-from msnn.training.progress import EpochEnd
+from msnn.training.records.progress import EpochEnd
+from msnn.training.stage_loss_module import StageLoss, stage_loss
 from msnn.training.train import TrainingOptions, train
-from spec_schema.diagnostics import SpecError
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.training.cases import dataset, gain, gain_series
 from tests.training.test_schedules import Epochs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compiler.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
 from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool

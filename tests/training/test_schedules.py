@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from msnn.training.learning_rate import NO_REDUCTIONS, Rule, after_epoch, rate_factor
-from msnn.training.native_engine import NativeEngine
-from msnn.training.progress import EpochEnd, Silent
-from msnn.training.stage_data import stage_data
-from msnn.training.stage_plan import plan_stages
-from msnn.training.torch_engine import TorchEngine
+from msnn.model.weights_file import initial_weights
+from msnn.training.engines.native.native_engine import NativeEngine
+from msnn.training.engines.torch.torch_engine import TorchEngine
+from msnn.training.plans.learning_rate import NO_REDUCTIONS, Rule, after_epoch, rate_factor
+from msnn.training.plans.stage_data import stage_data
+from msnn.training.plans.stage_plan import plan_stages
+from msnn.training.records.progress import EpochEnd, Silent
 from msnn.training.train import TrainingOptions, train
-from msnn.weights_file import initial_weights
-from spec_schema.diagnostics import Findings
+from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
 from tests.training.cases import dataset, gain, gain_series
 

@@ -12,16 +12,16 @@ import pytest
 
 from msnn.data.dataset import IntArray
 from msnn.data.starts import Runs
-from msnn.rollout import LossSum
-from msnn.training.engine import EngineState, batches_of
-from msnn.training.epoch_order import order_key, shuffled
-from msnn.training.progress import EpochEnd, StageEnd, StageStart
-from msnn.training.stage_data import StageData
-from msnn.training.stage_plan import plan_stages
+from msnn.model.weights_file import read_weights
+from msnn.simulation.rollout import LossSum
+from msnn.training.engines.engine import EngineState, batches_of
+from msnn.training.plans.epoch_order import order_key, shuffled
+from msnn.training.plans.stage_data import StageData
+from msnn.training.plans.stage_plan import plan_stages
+from msnn.training.records.progress import EpochEnd, StageEnd, StageStart
 from msnn.training.stage_run import StageRun
 from msnn.training.train import TrainingOptions, TrainingResult, train
-from msnn.weights_file import read_weights
-from spec_schema.diagnostics import Diagnostic, Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from tests.training.cases import compiled, dataset, gain, gain_series
 
 IN_MEMORY = TrainingOptions(runs=None)
@@ -120,7 +120,7 @@ def test_r12_best_is_decided_on_val_and_else_on_train() -> None:
 
 def test_r12_the_monitor_uses_the_rollout_of_the_stage_at_stride_horizon() -> None:
     program, spec = gain(f"  - {{epochs: 1, rollout: {{horizon: 8, stride: 1}}, {FAST}}}\n")
-    from msnn.training.stage_data import stage_data
+    from msnn.training.plans.stage_data import stage_data
 
     data = dataset(gain_series(100), train=[30], val=[21])
     (plan,) = plan_stages(program, spec.train, Findings())

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import FloatArray
-from msnn.training.parameters_record import parameters_record
-from msnn.training.stage_plan import StagePlan, plan_stages
-from msnn.training.standard_errors import StandardErrors, standard_errors
+from msnn.reports.training_summary import errors_note, parameters_table
+from msnn.training.parameter_warnings import parameter_warnings
+from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from msnn.training.records.parameters_record import parameters_record
+from msnn.training.records.standard_errors import StandardErrors, standard_errors
 from msnn.training.train import TrainingOptions, train
-from msnn.training_summary import errors_note, parameter_warnings, parameters_table
-from spec_schema.diagnostics import Findings
+from spec_schema.diagnostics.diagnostic import Findings
 from tests.training.cases import compiled, dataset, gain, gain_series
 
 LINE = """

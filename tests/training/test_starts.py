@@ -11,14 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.compile import compile_spec
-from compiler.program import Program
+from compiler.elaboration.compile import compile_spec
+from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
+from msnn.model.weights_file import initial_weights
 from msnn.training import train as train_module
-from msnn.training.engines import OpenedEngine
-from msnn.training.progress import EpochEnd, Silent, StageEnd
-from msnn.training.stage_data import StageData
-from msnn.training.stage_plan import StagePlan
+from msnn.training.engines.open_engine import OpenedEngine
+from msnn.training.plans.stage_data import StageData
+from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.records.progress import EpochEnd, Silent, StageEnd
 from msnn.training.train import (
     TrainingDivergedError,
     TrainingInterruptedError,
@@ -26,9 +27,8 @@ from msnn.training.train import (
     TrainingResult,
     train,
 )
-from msnn.weights_file import initial_weights
-from spec_schema.diagnostics import Diagnostic
-from spec_schema.spec import Spec
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.sections.spec import Spec
 from tests.training.cases import compiled, dataset, gain_series
 
 NET = """msnn: 1

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import msnn
-from compiler.interpreter import Interpreter
-from compiler.program import Program, Statistic
-from compiler.program_file import program_from_data, program_to_data
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program, Statistic
+from compiler.program_file.file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
-from msnn.training.own_loop import stage_loss
+from msnn.model.weights_file import initial_weights
+from msnn.training.stage_loss_module import stage_loss
 from msnn.training.train import TrainingOptions, train
-from msnn.weights_file import initial_weights
-from spec_schema.diagnostics import SpecError
-from spec_schema.spec import Spec
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.sections.spec import Spec
 from tests.language.compiled import codes
 from tests.training.cases import compiled, dataset
 

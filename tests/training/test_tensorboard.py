@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from msnn.failures import MissingExtraError
+from msnn.errors.failures import MissingExtraError
 from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool
 from tests.training.cases import dataset, gain, gain_series

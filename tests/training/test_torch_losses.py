@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from backends.torch_module import build_module
-from compiler.builder import GraphBuilder
-from compiler.interpreter import Interpreter
+from backends.torch_module.module import build_module
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Loss, Measure, Output, Program, Role, Signal
+from compiler.ir.types import Type
 from compiler.passes.close_loop import close_loop
-from compiler.program import Loss, Measure, Output, Program, Role, Signal
-from compiler.types import Type
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs, reach, rollouts
-from msnn.rollout import loss_sums
-from msnn.training.torch_losses import batch_losses, scoring
+from msnn.simulation.rollout import loss_sums
+from msnn.training.engines.torch.torch_losses import batch_losses, scoring
 from tests.programs import SAMPLES
 from tests.training.cases import compiled
 

@@ -12,19 +12,15 @@ import numpy as np
 import pytest
 import torch
 
-from msnn.training.torch_optimizer_options import (
-    TORCH_OPTIMIZERS,
-    Number,
-    fits,
-)
-from msnn.training.torch_optimizers import torch_optimizer_names
+from msnn.training.engines.torch.torch_optimizers import torch_optimizer_names
+from msnn.training.plans.torch_optimizer_options import TORCH_OPTIMIZERS, Number, fits
 from msnn.training.train import (
     TrainingInterruptedError,
     TrainingOptions,
     TrainingResult,
     train,
 )
-from spec_schema.diagnostics import SpecError
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.training.cases import dataset, gain, gain_series
 from tests.training.test_interruption import Interrupting

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import Dataset
-from msnn.measurement import METRICS, error_curve, error_trace
-from msnn.metrics import score
-from msnn.validation import MetricRow, ValidationReport, validate
-from msnn.validation_report import curves_table, metrics_record
-from spec_schema.diagnostics import SpecError
+from msnn.validation.measurement import METRICS, error_curve, error_trace
+from msnn.validation.metrics import score
+from msnn.validation.report import curves_table, metrics_record
+from msnn.validation.validate import MetricRow, ValidationReport, validate
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.training.cases import compiled, dataset, gain, gain_series, in_blocks
 
 TRUE = {"a": np.array(0.8), "b": np.array(0.3)}

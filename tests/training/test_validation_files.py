@@ -9,9 +9,9 @@ import pytest
 
 import msnn
 from msnn import load
-from msnn.validation import ValidationReport
-from msnn.workflow_checks import check_workflow
-from spec_schema.diagnostics import SpecError
+from msnn.project.workflow_checks import check_workflow
+from msnn.validation.validate import ValidationReport
+from spec_schema.diagnostics.diagnostic import SpecError
 
 HEAD = """\
 msnn: 1

@@ -9,8 +9,8 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
-from msnn.weights_file import initial_weights, read_weights, write_weights
-from spec_schema.diagnostics import SpecError
+from msnn.model.weights_file import initial_weights, read_weights, write_weights
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.programs import fir_closed_loop, spring_damper_rk4
 
 

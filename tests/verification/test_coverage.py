@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from msnn.cli.application import run
-from msnn.verification.coverage import coverage
 from msnn.verification.exported_c import read_exported_c
+from msnn.verification.host.coverage import coverage
 from msnn.verification.tools import GCC, GCOV
 from tests.conditions import miss
 from tests.examples.gallery import GALLERY, NAMES, spec_of

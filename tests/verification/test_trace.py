@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from msnn.verification.trace import Block, by_spec_line, traced
+from msnn.verification.proof.trace import Block, by_spec_line, traced
 
 PLANT = """\
 static float filtered(void)

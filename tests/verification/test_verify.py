@@ -11,7 +11,7 @@ import pytest
 
 from compiler.kernels.table import KERNELS
 from msnn.cli.application import run
-from msnn.verification.kernel_bounds import KNOWN
+from msnn.verification.proof.kernel_bounds import KNOWN
 from msnn.verification.tools import (
     ARM_GCC,
     ARM_QEMU,

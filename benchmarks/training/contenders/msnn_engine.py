@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from serve import Contender, serve
 
-from compiler.compile import compile_spec
+from compiler.elaboration.compile import compile_spec
 from msnn.data.starts import Runs
-from msnn.training.engine import Engine
-from msnn.training.stage_plan import StagePlan, plan_stages
-from msnn.weights_file import initial_weights
-from spec_schema.diagnostics import Findings
-from spec_schema.reader import read_spec
+from msnn.model.weights_file import initial_weights
+from msnn.training.engines.engine import Engine
+from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.reading.reader import read_spec
 
 FloatArray = NDArray[np.float64]
 
@@ -57,10 +57,10 @@ class MsnnEngine(Contender):
 
     def _opened(self, plan: StagePlan, weights: dict[str, FloatArray]) -> Engine:
         if self._name == "native":
-            from msnn.training.native_engine import NativeEngine
+            from msnn.training.engines.native.native_engine import NativeEngine
 
             return NativeEngine(plan, self.series, weights, None, None)
-        from msnn.training.torch_engine import TorchEngine
+        from msnn.training.engines.torch.torch_engine import TorchEngine
 
         return TorchEngine(plan, self.series, weights, None, None)
 
@@ -105,8 +105,8 @@ class MsnnEngine(Contender):
         """By torch's own differentiation in float64: nothing of it is shared with the kernel."""
         import torch
 
-        from backends.torch_module import build_module
-        from msnn.training.torch_losses import batch_losses, scoring
+        from backends.torch_module.module import build_module
+        from msnn.training.engines.torch.torch_losses import batch_losses, scoring
 
         program = self.plan.rollout.program
         model = build_module(program, torch.float64)

@@ -13,7 +13,7 @@ from msnn_engine import MsnnEngine
 from serve import serve
 
 from backends.native.kernel import Kernel, Method, Rule, Variables
-from msnn.weights_file import initial_weights
+from msnn.model.weights_file import initial_weights
 
 
 class MsnnKernel(MsnnEngine):

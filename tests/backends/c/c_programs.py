@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from backends.c import COptions, write_c
-from backends.c.c_step import CStep
-from backends.c.golden_vectors import GoldenVectors, golden_vectors
-from backends.c.host_build import build_library
-from backends.c.interface import c_interface
-from compiler.interpreter import physical_weights
+from backends.c.host.build import build_library
+from backends.c.host.library import CStep
+from backends.c.interface.interface import c_interface
+from backends.c.selftest.golden_vectors import GoldenVectors, golden_vectors
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from tests.programs import SAMPLES
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from compiler.builder import GraphBuilder
-from compiler.ops import ReadLog, Relation
-from compiler.passes.to_step_form import to_step_form
-from compiler.program import (
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import ReadLog, Relation
+from compiler.ir.program import (
     Declared,
     InvalidPolicy,
     NodeId,
@@ -19,8 +18,9 @@ from compiler.program import (
     Signal,
     State,
 )
-from compiler.types import WINDOW, Axis, Type
-from spec_schema.source import Span
+from compiler.ir.types import WINDOW, Axis, Type
+from compiler.passes.to_step_form import to_step_form
+from spec_schema.diagnostics.source import Span
 
 CELL = Axis("cell", 3)
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c.active_sets import active_sets
-from backends.c.even_points import even_points
-from compiler.fuzzy_support import active_sums, compact_sets, supports
-from compiler.interpreter import Interpreter, physical_weights
+from backends.c_lowering.active_sums import active_sets
+from backends.c_lowering.even_points import even_points
+from compiler.interpreter.interpreter import Interpreter, physical_weights
+from compiler.ir.program import Program
+from compiler.passes.analyses.compact_sets import active_sums, compact_sets, supports
 from compiler.passes.settle_zeros import settle_zeros
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from tests.backends.c.c_programs import assert_same_bits, built
 from tests.language.compiled import compiled
 

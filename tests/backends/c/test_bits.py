@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c.c_step import CStep
-from backends.c.host_build import build_library
+from backends.c.host.build import build_library
+from backends.c.host.library import CStep
 from tests.backends.c.c_programs import (
     assert_same_bits,
     built,

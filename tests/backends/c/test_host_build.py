@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c.host_build import (
-    CompilerFailedError,
-    build_library,
-    build_test,
-)
+from backends.c.host.build import CompilerFailedError, build_library, build_test
 from tests.backends.c.c_programs import built, closed_sample
 
 

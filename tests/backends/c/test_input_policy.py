@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from compiler.program import InvalidPolicy
+from compiler.ir.program import InvalidPolicy
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
 from tests.backends.c.small_programs import filtered
 

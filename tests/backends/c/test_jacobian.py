@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from backends.c import COptions, write_c
-from backends.c.golden_vectors import GoldenVectors
-from backends.c.status import Status
-from compiler.jacobian import jacobian
-from compiler.jacobian_values import JacobianInterpreter
+from backends.c.interface.status import Status
+from backends.c.selftest.golden_vectors import GoldenVectors
+from compiler.jacobian.interpret import JacobianInterpreter
+from compiler.jacobian.jacobian import jacobian
 from tests.backends.c.c_programs import assert_same_bits, built, closed_sample, golden
 from tests.backends.c.small_programs import conditions, filtered, starting_states, swapped_states
 from tests.conditions import require_tool

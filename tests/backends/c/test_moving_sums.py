@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c.interface import c_interface
-from backends.c.moving_sums import moving_sums
+from backends.c.interface.interface import c_interface
+from backends.c_lowering.shift_while_summing import moving_sums
+from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
 from tests.language.compiled import compiled
 

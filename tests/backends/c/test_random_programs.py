@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from backends.c import COptions
+from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
-from compiler.program import Program
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
 from tests.backends.c.small_programs import conditions, long_chain, nothing_to_do
 from tests.every_op.random_programs import programs

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c.options import Ring
+from backends.c_lowering.options import Ring
 from tests.backends.c.c_programs import assert_same_bits, built, closed_sample, golden, replay
 from tests.backends.c.small_programs import filtered, starting_states, swapped_states
 
@@ -97,7 +97,7 @@ def test_a_corrupted_ring_position_reaches_nothing_outside(ring: Ring, tmp_path:
 
 
 def test_state_values_are_the_interpreters(tmp_path: Path) -> None:
-    from compiler.interpreter import Interpreter
+    from compiler.interpreter.interpreter import Interpreter
 
     program = closed_sample("joint_arm")
     log = {"q": np.linspace(-1, 1, 60).reshape(20, 3), "tau": np.ones((20, 3))}

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from backends.c import COptions, write_c
-from backends.c.options import Extra
-from compiler.program import Program
-from msnn.verification.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
+from backends.c_lowering.options import Extra
+from compiler.ir.program import Program
+from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
 from tests.backends.c.c_programs import closed_sample
 from tests.backends.c.small_programs import (
     conditions,

@@ -1,0 +1,129 @@
+"""The text of every file of a generated folder, from one program in step form."""
+
+from __future__ import annotations
+
+from backends.c.folder.ffi_texts import ffi_texts
+from backends.c.folder.header_text import about_text, header_text
+from backends.c.folder.package_texts import package_texts
+from backends.c.functions.function_writer import Model, Weights
+from backends.c.functions.input_policy import policy_functions
+from backends.c.functions.jacobian_functions import jacobian_functions
+from backends.c.functions.start import init_function, reset_function
+from backends.c.functions.step import step_function
+from backends.c.interface.interface import Field, Interface
+from backends.c.interface.layout_metadata import layout_metadata
+from backends.c.selftest.selftest_text import SELFTEST_STEPS, selftest_text, test_texts
+from backends.c_language.comments import comment_text
+from backends.c_language.functions import FunctionNames, FunctionTable
+from backends.c_language.literals import real_literal
+from backends.c_language.printer import Printer
+from backends.c_language.rendering import render
+from backends.c_language.tree import Function
+from backends.ports.metadata import metadata_text
+from compiler.ir.program import Program
+from compiler.kernels.c_sources import c_sources
+
+
+def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
+    """Texts by path in the folder, the same bytes for the same program, weights and options."""
+    prefix, options = interface.prefix, interface.options
+    table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
+    model = Model(interface, weights, table)
+    every = program.sample_time
+    sample_time = None if every is None else real_literal(every, options.dtype)
+    functions = {
+        "init": init_function(program, model),
+        "reset": reset_function(program, model),
+        "step": step_function(program, model),
+    }
+    title = "Step, init and reset"
+    if interface.jacobian is not None:
+        functions |= jacobian_functions(model, interface.jacobian)
+        title = "Step, init, reset and Jacobian"
+    files = {
+        f"include/{prefix}.h": header_text(
+            program,
+            interface,
+            functions,
+            selftest_steps=SELFTEST_STEPS,
+            kernels=bool(table.kernels),
+        ),
+        f"src/{prefix}_about.c": about_text(interface, program.spec_hash, sample_time),
+        f"src/{prefix}.c": _source(interface, table, title, list(functions.values())),
+        f"src/{prefix}_selftest.c": selftest_text(program, interface, weights, table.kernels),
+        **test_texts(program, interface, weights),
+    }
+    if interface.takes_parameters:
+        files[f"src/{prefix}_params.c"] = _parameters(interface, weights)
+    if table.kernels:
+        real = "float" if options.dtype == "float32" else "double"
+        kernels = c_sources(table.kernels, real, prefix, constant_time=options.constant_time)
+        files[f"src/{kernels.header_name}"] = kernels.header
+        files[f"src/{kernels.source_name}"] = kernels.source
+    files |= package_texts(interface, files)
+    real = "c_float" if options.dtype == "float32" else "c_double"
+    files |= ffi_texts(interface, {"real": real}, linearizes=interface.jacobian is not None)
+    files["README.md"] = _readme(interface, files)
+    files[f"{prefix}.json"] = metadata_text(layout_metadata(program, interface, weights))
+    return dict(sorted(files.items()))
+
+
+def _source(
+    interface: Interface, table: FunctionTable, title: str, functions: list[Function]
+) -> str:
+    printer = Printer(interface.prefix, interface.options.dtype)
+    checks = policy_functions(interface.inputs, table)
+    all_functions = [*table.definitions(), *checks, *functions]
+    return render(
+        "source.c.j2",
+        interface,
+        title,
+        kernels=bool(table.kernels),
+        functions=[printer.function(function) for function in all_functions],
+    )
+
+
+def _parameters(interface: Interface, weights: Weights) -> str:
+    dtype = interface.options.dtype
+    printer = Printer(interface.prefix, dtype)
+    fields: list[dict[str, str]] = []
+    for field in interface.parameters:
+        numbers = [real_literal(float(value), dtype) for value in weights[field.name].ravel()]
+        value = printer.braced(numbers, "    ") if field.shape else numbers[0]
+        fields.append({"name": comment_text(field.name), "value": value})
+    return render("params.c.j2", interface, "Trained values", fields=fields)
+
+
+def _readme(interface: Interface, files: dict[str, str]) -> str:
+    dtype = interface.options.dtype
+    zero = real_literal(0.0, dtype)
+    return render(
+        "README.md.j2",
+        interface,
+        "",
+        dtype=dtype,
+        exact=interface.options.is_exact,
+        sources=sorted(name for name in files if name.startswith("src/") and name.endswith(".c")),
+        headers=[f"{interface.prefix}.h"],
+        in_reals=True,
+        input_names=[input.field.name for input in interface.inputs],
+        assignments=[_assignment(input.field, zero) for input in interface.inputs],
+        outputs=[f"(double){_shown(field)}" for field in interface.outputs],
+        tunable=interface.options.params == "tunable",
+        waits_for_reset=bool(interface.from_record),
+        constant_time=interface.options.constant_time,
+        linearizes=interface.jacobian is not None,
+        of_parameters="parameter_jacobian" in interface.options.extras,
+        remembers=bool(interface.states),
+    )
+
+
+def _assignment(field: Field, zero: str) -> str:
+    unit = f" /* {comment_text(field.unit.text)} */" if field.unit is not None else ""
+    if not field.shape:
+        return f"u.{field.identifier} = {zero};{unit}"
+    return f"for (int i = 0; i < {field.size}; i++) u.{field.identifier}[i] = {zero};{unit}"
+
+
+def _shown(field: Field) -> str:
+    return f"y.{field.identifier}[0]" if field.shape else f"y.{field.identifier}"

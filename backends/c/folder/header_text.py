@@ -1,0 +1,92 @@
+"""The public header: types with units, ranges and places in the spec, and the prototypes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from backends.c.interface.interface import Interface
+from backends.c.interface.status import MEANING, SelfTest, Status, status_macro
+from backends.c.interface.status_bits import selftest_bits, step_bits
+from backends.c.interface.structs import Struct, StructField, structs
+from backends.c_language.comments import string_literal, string_size
+from backends.c_language.layout import comment
+from backends.c_language.literals import real_literal
+from backends.c_language.printer import Printer
+from backends.c_language.rendering import Generated, render
+from backends.c_language.tree import Function
+from compiler.ir.program import Program
+from spec_schema.version import __version__
+
+
+def header_text(
+    program: Program,
+    interface: Interface,
+    functions: Mapping[str, Function],
+    *,
+    selftest_steps: int,
+    kernels: bool,
+) -> str:
+    """`include/<prefix>.h`; `functions` are step, init, reset and others by name."""
+    printer = Printer(interface.prefix, interface.options.dtype)
+    return render(
+        "header.h.j2",
+        interface,
+        "Interface",
+        doc=comment(program.doc) if program.doc else "",
+        **origin(program.spec_hash),
+        sample_time=program.sample_time and real_literal(program.sample_time, "float64"),
+        c_real="float" if interface.options.dtype == "float32" else "double",
+        status=[_bit(interface, bit) for bit in step_bits(interface)],
+        selftest=[_bit(interface, bit) for bit in selftest_bits(has_kernels=kernels)],
+        selftest_checks=" and checks the arithmetic of this build",
+        structs=[_struct(struct, printer) for struct in structs(interface)],
+        prototypes={name: printer.prototype(function) for name, function in functions.items()},
+        selftest_steps=selftest_steps,
+        vector_functions=[
+            {"doc": comment(functions[name].doc), "prototype": printer.prototype(functions[name])}
+            for name in functions
+            if name.startswith(("get_", "set_"))
+        ],
+        vectors=interface.jacobian.vectors if interface.jacobian else (),
+    )
+
+
+def about_text(interface: Generated, spec_hash: str, sample_time: str | None) -> str:
+    """`src/<prefix>_about.c`: where the code comes from, readable in the finished image.
+
+    `sample_time` is a literal of the program's real type.
+    """
+    return render("about.c.j2", interface, "Origin", **origin(spec_hash), sample_time=sample_time)
+
+
+def origin(spec_hash: str) -> dict[str, Any]:
+    """The tool and the spec, as headers and `about_text` show them."""
+    return {"made_by": _text(f"msnn {__version__}"), "spec_sha256": _text(spec_hash)}
+
+
+def _text(text: str) -> dict[str, object]:
+    literal = string_literal(text)
+    return {"literal": literal, "size": string_size(text)}
+
+
+def _bit(interface: Interface, bit: Status | SelfTest) -> dict[str, str]:
+    macro, value = status_macro(interface.prefix, bit), f"{int(bit)}U"
+    return {"comment": comment(MEANING[bit]), "definition": f"#define {macro} {value}"}
+
+
+def _struct(struct: Struct, printer: Printer) -> dict[str, object]:
+    fields = [
+        {
+            "comment": comment(field.comment, "    ") if field.comment else "",
+            "declaration": _declaration(field, printer),
+        }
+        for field in struct.fields
+    ]
+    return {"name": struct.name, "comment": comment(struct.comment), "fields": fields}
+
+
+def _declaration(field: StructField, printer: Printer) -> str:
+    type = "uint32_t" if field.unsigned else printer.real
+    size = f"[{field.extent or field.size}]" if field.shape else ""
+    return f"{type} {field.identifier}{size};"

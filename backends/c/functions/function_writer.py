@@ -1,0 +1,123 @@
+"""What every function of a controller begins with: its block, its names, where values stand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Field, Interface
+from backends.c_language.functions import FunctionTable
+from backends.c_language.places import Place
+from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.tree import Argument, Comment, Discard, Function, Statement
+from backends.c_lowering.local_values import LocalValues
+from backends.c_lowering.spec_notes import SpecNotes
+from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState
+from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ir.program import Graph
+from compiler.ir.types import Type
+
+_BLOCK = 6
+"""Terms of a long sum in one turn of its loop: more save little and cost flash."""
+
+_FEWEST_WRITTEN_OUT = 4
+"""A smaller `unroll` asks for small code: its turns have no more terms than that."""
+
+Weights = Mapping[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """What the functions of one controller share."""
+
+    interface: Interface
+    weights: Weights
+    functions: FunctionTable
+
+
+class FunctionWriter:
+    """One function while it is being written; also where its graph finds its leaves."""
+
+    def __init__(self, model: Model, graph: Graph) -> None:
+        self.model = model
+        self.interface = model.interface
+        self.unroll = model.interface.options.unroll
+        self.scope = Scope(LocalNames(model.interface.prefix))
+        block = _BLOCK if self.unroll >= _FEWEST_WRITTEN_OUT else self.unroll
+        self.locals = LocalValues(model.functions, SpecNotes(graph), self.unroll, block=block)
+        self.inputs: dict[str, Place] = {}
+        """Where the step finds its checked inputs."""
+        self._reads_parameters = False
+        self._memory = {memory.state.name: memory for memory in self.interface.states}
+        self._windows = {field.name: (field, port) for field, port in self.interface.windows}
+        self._parameters = {field.name: field for field in self.interface.parameters}
+
+    def read(self, op: ReadParameter | ReadSignal | ReadLog | ReadState, type: Type) -> Place:
+        match op:
+            case ReadParameter(name):
+                return self._parameter(self._parameters[name], type)
+            case ReadSignal(name):
+                return self.inputs[name]
+            case ReadState(name):
+                return self._memory[name].samples
+            case ReadLog(name, first, last):
+                return self._window(name, first, last, type)
+            case _:
+                assert_never(op)
+
+    def push(self, op: Window, newest: Place, scope: Scope) -> Place | None:
+        memory = self._memory[op.state]
+        if isinstance(memory, PlainState | DelayLine):
+            return None
+        self.before_push(memory, newest)
+        memory.push(newest, scope, self.unroll)
+        return memory.window
+
+    def before_push(self, memory: Buffer, newest: Place) -> None:
+        """What happens before a buffer takes its newest sample; nothing, if not overridden."""
+
+    def comment(self, text: str) -> None:
+        self.scope.add(Comment(text))
+
+    def finished(
+        self,
+        name: str,
+        result: str,
+        structs: tuple[Argument, ...],
+        doc: str,
+        *,
+        reads_only: bool = False,
+    ) -> Function:
+        """The function with what has been written; `structs` come after state and parameters.
+
+        One that `reads_only` takes a state that it cannot change.
+        """
+        prefix = self.interface.prefix
+        arguments = [Argument(f"{'const ' if reads_only else ''}{prefix}_state_t *", "s")]
+        unused: list[Statement] = []
+        if self.interface.takes_parameters:
+            arguments.append(Argument(f"const {prefix}_params_t *", "p"))
+            unused += [] if self._reads_parameters else [Discard("p")]
+        body = (*unused, *self.locals.tables, *self.scope.statements)
+        return Function(f"{prefix}_{name}", result, (*arguments, *structs), body, doc)
+
+    def _parameter(self, field: Field, type: Type) -> Place:
+        if self.interface.takes_parameters:
+            self._reads_parameters = True
+            return field.place("p")
+        values = tuple(float(value) for value in self.model.weights[field.name].ravel())
+        return self.locals.known(values, type, field.name, self.scope)
+
+    def _window(self, name: str, first: int, last: int, type: Type) -> Place:
+        field, port = self._windows[name]
+        samples = field.place("x0").reshaped(port.type.shape)
+        assert samples is not None  # at most an axis of length 1 is added
+        axis = len(port.type.shape) - 1
+        part = samples.sliced(axis, first - port.first, last - port.first + 1)
+        read = part.reshaped(type.shape)
+        assert read is not None
+        return read

@@ -1,0 +1,107 @@
+"""The Jacobian of a step in C: check inputs, write what is known, compute the rest."""
+
+from __future__ import annotations
+
+from backends.c.functions.function_writer import FunctionWriter, Model
+from backends.c.functions.input_policy import checked_input
+from backends.c.functions.jacobian_comments import entries_comment, pattern_comments
+from backends.c.functions.number_runs import number_runs
+from backends.c.functions.step import report_unset
+from backends.c.interface.jacobian_interface import OUT, JacobianInterface, MatrixField
+from backends.c_language.places import Index, Place
+from backends.c_language.tree import Argument, CType, Declare, Discard, Function, Name, Real, Return
+from backends.c_lowering.graph import GraphLowering
+from backends.c_lowering.state_memory import DelayLine, PlainState
+from compiler.ir.liveness import needed
+from compiler.ir.ops import ReadSignal, ReadState
+
+_FEW = 16
+"""Known entries that are written one after the other."""
+
+
+def linearize_function(model: Model, interface: JacobianInterface) -> Function:
+    """`<prefix>_linearize(s, p, u, jac)`: the slopes of the step at s and u."""
+    writer = _LinearizeWriter(model, interface)
+    writer.begin()
+    graph = interface.jacobian.graph
+    roots = interface.jacobian.roots
+    lowered = GraphLowering(graph, roots, writer, writer.scope, writer.locals)
+    for field in interface.fields:
+        writer.comment(f"{field.identifier} = {field.comment}")
+        for line in pattern_comments(field.matrix):
+            writer.comment(line)
+        writer.write_known(field)
+        for block in field.matrix.blocks:
+            writer.comment(entries_comment(field.matrix, block, graph[block.node].type))
+            strided = Place(
+                field.place.storage,
+                graph[block.node].type.shape,
+                block.strides,
+                Index(block.offset),
+            )
+            lowered.store(block.node, strided)
+    writer.scope.add(Return(Name("status")))
+    prefix = model.interface.prefix
+    structs = (
+        Argument(f"const {prefix}_in_t *", "u"),
+        Argument(f"{prefix}_jacobian_t *", OUT),
+    )
+    doc = "Slopes of one step in its states and inputs."
+    return writer.finished("linearize", f"{prefix}_status_t", structs, doc, reads_only=True)
+
+
+class _LinearizeWriter(FunctionWriter):
+    def __init__(self, model: Model, interface: JacobianInterface) -> None:
+        super().__init__(model, interface.jacobian.graph)
+        graph = interface.jacobian.graph
+        live = needed(graph, interface.jacobian.roots)
+        ops = [node.op for index, node in graph if live[index]]
+        self._states = {op.name for op in ops if isinstance(op, ReadState)}
+        self._signals = {op.signal for op in ops if isinstance(op, ReadSignal)}
+        self._fields = interface.fields
+
+    def begin(self) -> None:
+        """Status, heads of the rings that are read, and checked inputs."""
+        interface, scope = self.interface, self.scope
+        scope.reserve(OUT)
+        held = [i for i in interface.inputs if i.held is not None]
+        if not (self._states or interface.from_record or held):
+            scope.add(Discard("s"))
+        checked = [i for i in interface.inputs if i.port.signal.on_invalid != "trust"]
+        if not (self._signals or checked):
+            scope.add(Discard("u"))
+        if not self._fields:
+            scope.add(Discard(OUT))
+        ok = Name(f"{interface.prefix.upper()}_OK")
+        constant = not (checked or interface.from_record)
+        scope.add(Declare(CType.STATUS, "status", ok, constant=constant))
+        for memory in interface.states:
+            if not isinstance(memory, PlainState | DelayLine) and memory.state.name in self._states:
+                memory.begin(scope)
+        report_unset(self)
+        if checked:
+            self.comment("inputs")
+        for input in interface.inputs:
+            name = input.port.signal.name
+            valid = checked_input(input, self.model.functions, scope, self.unroll, remembers=False)
+            self.inputs[name] = valid
+            if name not in self._signals and isinstance(valid.storage, Name):
+                scope.add(Discard(valid.storage.text))
+
+    def write_known(self, field: MatrixField) -> None:
+        """Entries that are always the same."""
+        known = {i: x for i, x in enumerate(field.matrix.known) if x is not None}
+        place, scope = field.place, self.scope
+        if len(known) > _FEW:
+            with scope.loop(field.matrix.size) as (index, inner):
+                inner.assign(place.element([index]), Real(0.0))
+            known = {i: x for i, x in known.items() if x != 0.0}
+        for run in number_runs(known):
+            along = Place(place.storage, (run.count,), (run.stride,), Index(run.first))
+            scope.each(
+                along.shape,
+                self.unroll,
+                lambda at, inner, run=run, along=along: inner.assign(
+                    along.element(at), Real(run.value)
+                ),
+            )

@@ -1,0 +1,113 @@
+"""Functions that copy the structs of a step into the vectors of its Jacobian and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from backends.c.interface.interface import Field, Interface
+from backends.c.interface.jacobian_interface import JacobianInterface, VectorNames
+from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.tree import Argument, Assign, Function, Member, Unsigned
+from backends.c_lowering.state_memory import DelayLine, PlainState
+from backends.c_lowering.values import copy_value
+
+_VECTOR = "v"
+
+
+def vector_functions(interface: Interface, jacobian: JacobianInterface) -> dict[str, Function]:
+    """`get_state` and the like by name, for each vector that has numbers; x and p also `set_…`."""
+    functions: dict[str, Function] = {}
+    for vector in jacobian.vectors:
+        match vector.letter:
+            case "x":
+                functions["get_state"] = _get_state(interface, vector)
+                functions["set_state"] = _set_state(interface, vector)
+            case "u":
+                fields = [input.field for input in interface.inputs]
+                functions["get_inputs"] = _get(interface, vector, "in", "inputs", fields)
+            case "y":
+                functions["get_outputs"] = _get(
+                    interface, vector, "out", "outputs", interface.outputs
+                )
+            case "p":
+                fields = [f for f in interface.parameters if vector.has(f.name)]
+                functions["get_parameters"] = _get(
+                    interface, vector, "params", "parameters", fields
+                )
+                functions["set_parameters"] = _set_parameters(interface, vector, fields)
+            case _:
+                pass
+    return functions
+
+
+def _get_state(interface: Interface, vector: VectorNames) -> Function:
+    def write(scope: Scope) -> None:
+        for memory in interface.states:
+            if not isinstance(memory, PlainState | DelayLine):
+                memory.begin(scope)
+        for memory in interface.states:
+            target = vector.place(_VECTOR, memory.state.name, memory.shape)
+            copy_value(memory.samples, target, scope, interface.options.unroll)
+
+    doc = "Copies all that is remembered into a vector x."
+    return _function(interface, "get_state", ("const ", "state", "s"), doc, write)
+
+
+def _set_state(interface: Interface, vector: VectorNames) -> Function:
+    def write(scope: Scope) -> None:
+        for memory in interface.states:
+            source = vector.place(_VECTOR, memory.state.name, memory.shape)
+            memory.write_start(source, scope, interface.options.unroll)
+        if interface.from_record:
+            scope.add(Assign(Member("s", interface.unset), Unsigned(0)))
+
+    doc = (
+        "Replaces all that is remembered by a vector x, as a filter that corrects it does; "
+        "init or reset come before."
+    )
+    return _function(interface, "set_state", ("", "state", "s"), doc, write)
+
+
+def _get(
+    interface: Interface, vector: VectorNames, struct: str, what: str, fields: Iterable[Field]
+) -> Function:
+    base = {"in": "u", "out": "y", "params": "p"}[struct]
+
+    def write(scope: Scope) -> None:
+        for field in fields:
+            target = vector.place(_VECTOR, field.name, field.shape)
+            copy_value(field.place(base), target, scope, interface.options.unroll)
+
+    doc = f"Copies {what} of a step into a vector {base}."
+    return _function(interface, f"get_{what}", ("const ", struct, base), doc, write)
+
+
+def _set_parameters(interface: Interface, vector: VectorNames, fields: Iterable[Field]) -> Function:
+    def write(scope: Scope) -> None:
+        for field in fields:
+            source = vector.place(_VECTOR, field.name, field.shape)
+            copy_value(source, field.place("p"), scope, interface.options.unroll)
+
+    doc = "Replaces the parameters of a step by a vector p."
+    return _function(interface, "set_parameters", ("", "params", "p"), doc, write)
+
+
+def _function(
+    interface: Interface,
+    name: str,
+    struct: tuple[str, str, str],
+    doc: str,
+    write: Callable[[Scope], None],
+) -> Function:
+    """A function of a struct and a vector; one of them is only read, and `struct` says whether it
+    is that: `const ` or nothing, its type and its name."""
+    prefix = interface.prefix
+    scope = Scope(LocalNames(prefix))
+    scope.reserve(_VECTOR)
+    write(scope)
+    constant, type, base = struct
+    arguments = (
+        Argument(f"{constant}{prefix}_{type}_t *", base),
+        Argument(f"{'' if constant else 'const '}{prefix}_real *", _VECTOR),
+    )
+    return Function(f"{prefix}_{name}", "void", arguments, tuple(scope.statements), doc)

@@ -1,0 +1,1 @@
+"""Builds exported C on this machine and calls it from Python."""

@@ -1,0 +1,1 @@
+"""Describes what a user of exported C sees: structs, status bits, metadata."""

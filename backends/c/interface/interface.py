@@ -1,0 +1,236 @@
+"""What the generated C shows to its user: its structs and their fields."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from backends.c.interface.field_comments import (
+    input_comment,
+    output_comment,
+    parameter_comment,
+    supplied_comment,
+    window_comment,
+)
+from backends.c.interface.jacobian_interface import JacobianInterface, jacobian_interface
+from backends.c_language.places import Place
+from backends.c_lowering.options import COptions
+from backends.c_lowering.shift_while_summing import moving_sums
+from backends.c_lowering.state_memory import (
+    DelayLine,
+    DoubledRing,
+    InPlace,
+    PlainState,
+    ShiftBuffer,
+    StateMemory,
+    doubles,
+    joining,
+    kept_in_place,
+    member_place,
+    seen_values,
+)
+from backends.ports.identifiers import c_identifier
+from backends.ports.step_interface import Port, step_interface
+from compiler.ir.ops import ReadLog
+from compiler.ir.program import Output, Parameter, Program, State, Tape
+from compiler.ir.types import Axis
+from spec_schema.units.unit import Unit
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A field of a struct: a real, or an array in C order of its shape."""
+
+    name: str
+    """Name in the spec."""
+    identifier: str
+    axes: tuple[Axis, ...]
+    unit: Unit | None
+    comment: str
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(axis.size for axis in self.axes)
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+    def place(self, base: str, *, pointer: bool = True) -> Place:
+        return member_place(base, self.identifier, self.shape, pointer=pointer)
+
+
+@dataclass(frozen=True, slots=True)
+class InputField:
+    """An input with what the step does about its values."""
+
+    field: Field
+    port: Port
+    held: str | None
+    """Field of the state struct that keeps the last valid value, where the policy is `hold`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interface:
+    """The structs of one program, fields in the order in which they are declared."""
+
+    model: str
+    """Name of the program."""
+    prefix: str
+    options: COptions
+    inputs: tuple[InputField, ...]
+    outputs: tuple[Field, ...]
+    parameters: tuple[Field, ...]
+    states: tuple[StateMemory, ...]
+    windows: tuple[tuple[Field, Port], ...]
+    """Raw samples around t0 that `reset` computes states from."""
+    supplied: tuple[tuple[Field, State], ...]
+    """States that start from future samples: `reset` takes their values."""
+    from_record: frozenset[str]
+    """States that only `reset` can set; `init` cannot know them."""
+    unset: str
+    """Field of the state struct that remembers what was not set; there if `from_record` is."""
+    checks_equations: bool
+    """Whether the step reports equations outside their range."""
+    jacobian: JacobianInterface | None
+    """None where no Jacobian is asked for."""
+
+    @property
+    def has_state(self) -> bool:
+        """Whether the state struct has a field of its own."""
+        return bool(self.states) or any(input.held for input in self.inputs)
+
+    @property
+    def takes_parameters(self) -> bool:
+        """Whether functions take a pointer to parameters."""
+        return bool(self.parameters) and self.options.params != "inline"
+
+    @property
+    def filled_by_first(self) -> frozenset[str]:
+        """Buffers of `from_record` that the first step can fill with its first sample."""
+        return frozenset(
+            memory.state.name
+            for memory in self.states
+            if memory.state.name in self.from_record
+            and not isinstance(memory, PlainState | DelayLine)
+            and not isinstance(memory.state.origin, Tape)
+        )
+
+
+def c_interface(program: Program, options: COptions) -> Interface:
+    """The interface of a program in step form; ValueError where it is not."""
+    prefix = c_identifier(options.prefix or program.name, set())
+    newest = _newest_of_record(program)
+    supplied = {name for name, sample in newest.items() if sample > 0}
+    computed = tuple(state for state in program.states if state.name not in supplied)
+    step, start = step_interface(program), step_interface(replace(program, states=computed))
+    used = {parameter.name for parameter in (*step.parameters, *start.start_parameters)}
+    in_inputs, in_outputs, in_parameters, in_states, in_reset = (
+        _FieldNames(prefix) for _ in range(5)
+    )
+    unset = in_states.add("unset")
+    in_place = kept_in_place(program)
+    states = tuple(
+        _memory(state, in_states, options, in_place.get(state.name)) for state in program.states
+    )
+    roots = seen_values(program) + [joining(memory) for memory in states]
+    moving = set(moving_sums(program.step, roots, states, options.unroll).values())
+    states = tuple(
+        replace(memory, in_sum=True)
+        if isinstance(memory, ShiftBuffer) and memory in moving
+        else memory
+        for memory in states
+    )
+    return Interface(
+        program.name,
+        prefix,
+        options,
+        inputs=tuple(_input(port, in_inputs, in_states) for port in step.inputs),
+        outputs=tuple(_output(output, program, in_outputs) for output in program.outputs),
+        parameters=tuple(
+            _parameter(parameter, in_parameters)
+            for parameter in program.parameters
+            if parameter.name in used
+        ),
+        states=states,
+        windows=tuple((_window(port, in_reset), port) for port in start.start_windows),
+        supplied=tuple(
+            (_supplied(state, in_reset), state)
+            for state in program.states
+            if state.name in supplied
+        ),
+        from_record=frozenset(newest),
+        unset=unset,
+        checks_equations=bool(program.expected),
+        jacobian=jacobian_interface(program, options, prefix),
+    )
+
+
+class _FieldNames:
+    """Identifiers of one struct; none begins like the macros of the header."""
+
+    def __init__(self, prefix: str) -> None:
+        self._macros = f"{prefix}_".lower()
+        self._taken: set[str] = set()
+
+    def add(self, name: str) -> str:
+        plain = c_identifier(name, set())
+        if plain.lower().startswith(self._macros):
+            plain = f"v_{plain}"
+        return c_identifier(plain, self._taken)
+
+
+def _newest_of_record(program: Program) -> dict[str, int]:
+    """For states whose start reads the record: the newest sample that it reads, relative to t0."""
+    newest: list[int | None] = []
+    for _, node in program.start:
+        reads = [sample for arg in node.args if (sample := newest[arg]) is not None]
+        if isinstance(node.op, ReadLog):
+            reads.append(node.op.last)
+        newest.append(max(reads, default=None))
+    starts = {state.name: newest[state.start] for state in program.states}
+    return {name: sample for name, sample in starts.items() if sample is not None}
+
+
+def _input(port: Port, names: _FieldNames, states: _FieldNames) -> InputField:
+    signal = port.signal
+    comment = input_comment(port)
+    field = Field(signal.name, names.add(signal.name), port.type.axes, signal.unit, comment)
+    held = states.add(f"{signal.name}.held") if signal.on_invalid == "hold" else None
+    return InputField(field, port, held)
+
+
+def _output(output: Output, program: Program, names: _FieldNames) -> Field:
+    type = program.step[output.node].type
+    comment = output_comment(output, type, program.expected_range(output.name))
+    return Field(output.name, names.add(output.name), type.axes, type.unit, comment)
+
+
+def _parameter(parameter: Parameter, names: _FieldNames) -> Field:
+    name, comment = parameter.name, parameter_comment(parameter)
+    return Field(name, names.add(name), parameter.axes, parameter.unit, comment)
+
+
+def _window(port: Port, names: _FieldNames) -> Field:
+    signal, comment = port.signal, window_comment(port)
+    axes = signal.axes if port.first == port.last else port.type.axes
+    return Field(signal.name, names.add(signal.name), axes, signal.unit, comment)
+
+
+def _supplied(state: State, names: _FieldNames) -> Field:
+    comment = supplied_comment(state)
+    return Field(state.name, names.add(state.name), state.axes, state.unit, comment)
+
+
+def _memory(
+    state: State, names: _FieldNames, options: COptions, in_place: InPlace | None
+) -> StateMemory:
+    shape = tuple(axis.size for axis in state.axes)
+    identifier = names.add(state.name)
+    if in_place is None:
+        return PlainState(state, identifier, shape)
+    if not in_place.window_read and not doubles(options.ring, shape[-1]):
+        return DelayLine(state, identifier, shape, in_place.newest)
+    if doubles(options.ring, shape[-1]):
+        return DoubledRing(state, identifier, shape, names.add(f"{state.name}.head"))
+    return ShiftBuffer(state, identifier, shape)

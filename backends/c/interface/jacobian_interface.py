@@ -1,0 +1,146 @@
+"""What the header shows of a Jacobian: its matrices, and where quantities begin in its vectors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from backends.c_language.comments import comment_text
+from backends.c_language.places import Place, c_strides, variable
+from backends.c_language.tree import Name
+from backends.c_lowering.options import COptions
+from backends.c_lowering.state_memory import member_place
+from backends.ports.identifiers import c_identifier
+from compiler.ir.program import Program
+from compiler.ir.types import WINDOW
+from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.matrices import Jacobian, Matrix, Member, Vector
+
+OUT = "jac"
+"""The argument of the generated function that takes the matrices."""
+
+_MEANING = {
+    "x": "x: what the model remembers from step to step",
+    "u": "u: inputs of a step",
+    "y": "y: outputs of a step",
+    "p": "p: parameters of a step",
+}
+_ROW = {"x": "x of the next step", "y": "y"}
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixField:
+    """A field of the struct that holds a matrix with at least one entry, row after row."""
+
+    matrix: Matrix
+    rows: str
+    """The macro for their number; or the number where their vector has no names."""
+    columns: str
+
+    @property
+    def extent(self) -> str:
+        """How many entries it has, as C."""
+        return f"{self.rows} * {self.columns}"
+
+    @property
+    def identifier(self) -> str:
+        return self.matrix.name
+
+    @property
+    def place(self) -> Place:
+        """Its entries, by their number."""
+        return member_place(OUT, self.identifier, (self.matrix.size,))
+
+    @property
+    def comment(self) -> str:
+        rows, columns = self.matrix.shape
+        by = self.matrix.columns.letter
+        return f"d {_ROW[self.matrix.rows.letter]} / d {by}: {rows} x {columns}, row after row"
+
+
+@dataclass(frozen=True, slots=True)
+class FirstPlace:
+    """A macro for the place of a quantity's first number in its vector."""
+
+    name: str
+    """Of the quantity in the spec."""
+    macro: str
+    first: int
+    comment: str
+
+
+@dataclass(frozen=True, slots=True)
+class VectorNames:
+    """The macros of one vector."""
+
+    letter: str
+    count: str
+    size: int
+    comment: str
+    places: tuple[FirstPlace, ...]
+
+    def has(self, name: str) -> bool:
+        """Whether the quantity of that name is in it."""
+        return any(place.name == name for place in self.places)
+
+    def place(self, base: str, name: str, shape: tuple[int, ...]) -> Place:
+        """Where the numbers of a quantity stand in an array."""
+        macro = next(place.macro for place in self.places if place.name == name)
+        return Place(Name(base), shape, c_strides(shape), variable(macro))
+
+
+@dataclass(frozen=True, slots=True)
+class JacobianInterface:
+    """The Jacobian of a program, and the names that C has for it."""
+
+    jacobian: Jacobian
+    fields: tuple[MatrixField, ...]
+    vectors: tuple[VectorNames, ...]
+
+
+def jacobian_interface(
+    program: Program, options: COptions, prefix: str
+) -> JacobianInterface | None:
+    """None where the options do not ask for it."""
+    if not options.extras:
+        return None
+    by_parameters = "parameter_jacobian" in options.extras
+    found = jacobian(program, parameters=by_parameters)
+    vectors = [found.states, found.inputs, found.outputs]
+    if by_parameters and options.params != "inline":
+        vectors.append(found.parameters)
+    filled = [matrix for matrix in found.matrices if matrix.size]
+    used = {vector.letter for matrix in filled for vector in (matrix.rows, matrix.columns)}
+    names = tuple(_names(vector, prefix) for vector in vectors if vector.letter in used)
+    counts = {vector.letter: vector.count for vector in names}
+
+    def count(vector: Vector) -> str:
+        return counts.get(vector.letter, f"{vector.size}U")
+
+    fields = tuple(
+        MatrixField(matrix, count(matrix.rows), count(matrix.columns)) for matrix in filled
+    )
+    return JacobianInterface(found, fields, names)
+
+
+def _names(vector: Vector, prefix: str) -> VectorNames:
+    begin = f"{prefix}_{vector.letter}".upper()
+    taken: set[str] = set()
+    places = tuple(
+        FirstPlace(
+            member.name,
+            f"{begin}_{c_identifier(member.name.upper(), taken)}",
+            member.first,
+            _described(member),
+        )
+        for member in vector.members
+    )
+    count = f"{prefix}_n{vector.letter}".upper()
+    return VectorNames(vector.letter, count, vector.size, _MEANING[vector.letter], places)
+
+
+def _described(member: Member) -> str:
+    unit = f" [{member.unit.text}]" if member.unit is not None else ""
+    sizes = " x ".join(
+        f"{'t' if a.name == WINDOW else a.name or '_'} {a.size}" for a in member.axes
+    )
+    return comment_text(f"{member.name}{unit}" + (f", {sizes}" if sizes else ""))

@@ -1,0 +1,113 @@
+"""Describes generated C as data: the ports of the step, and every struct as it lies in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias, assert_never
+
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Interface
+from backends.c.interface.jacobian_metadata import jacobian_metadata
+from backends.c.interface.status import MEANING, status_macro
+from backends.c.interface.structs import StructField, structs
+from backends.c_lowering.state_memory import (
+    DelayLine,
+    DoubledRing,
+    PlainState,
+    ShiftBuffer,
+    StateMemory,
+)
+from backends.ports.metadata import interface_metadata, json_range
+from backends.ports.step_interface import PortNames, step_interface
+from compiler.ir.program import Declared, History, Memory, Program, Tape
+
+
+def layout_metadata(
+    program: Program, interface: Interface, weights: Mapping[str, NDArray[Any]]
+) -> dict[str, Any]:
+    """Data for `json.dumps`; the part that only C has is under `c`."""
+    ports = step_interface(program)
+    states = {memory.state.name: memory.identifier for memory in interface.states}
+    windows = {field.name: field.identifier for field, _ in interface.windows}
+    names = PortNames(
+        inputs={input.field.name: input.field.identifier for input in interface.inputs},
+        states=states,
+        parameters={field.name: field.identifier for field in interface.parameters},
+        outputs={field.name: field.identifier for field in interface.outputs},
+        next_states=states,
+        start_windows={port.signal.name: "" for port in ports.start_windows} | windows,
+    )
+    data = interface_metadata(program, ports, names, weights)
+    # a window that only a supplied state would need is no part of this interface
+    data["start_windows"] = [port for port in data["start_windows"] if port["port"]]
+    ranges = _ranges(program, interface)
+    data["c"] = {
+        "prefix": interface.prefix,
+        "dtype": interface.options.dtype,
+        "exact": interface.options.is_exact,
+        "takes_parameters": interface.takes_parameters,
+        "status": {status_macro(interface.prefix, bit): int(bit) for bit in MEANING},
+        "structs": {
+            struct.name: [_field(field, struct.name, ranges) for field in struct.fields]
+            for struct in structs(interface)
+        },
+        "states": [_state(memory) for memory in interface.states],
+    }
+    if interface.jacobian is not None:
+        data["c"]["jacobian"] = jacobian_metadata(interface.jacobian)
+    return data
+
+
+def _state(memory: StateMemory) -> dict[str, Any]:
+    """How to find the value of a state in the struct: whole, or as the samples of a buffer."""
+    value: dict[str, Any] = {
+        "name": memory.state.name,
+        "field": memory.identifier,
+        "shape": [*memory.shape],
+    }
+    match memory:
+        case PlainState() | DelayLine():
+            return {**value, "kind": "plain"}
+        case ShiftBuffer():
+            return {**value, "kind": "shift"}
+        case DoubledRing():
+            return {**value, "kind": "ring", "head": memory.head}
+
+
+def _field(field: StructField, struct: str, ranges: _Ranges) -> dict[str, Any]:
+    return {
+        "name": field.name,
+        "field": field.identifier,
+        "type": "uint32" if field.unsigned else "real",
+        "shape": [*field.shape],
+        "range": json_range(ranges.get((struct, field.identifier))),
+    }
+
+
+_Ranges: TypeAlias = dict[tuple[str, str], tuple[float, float] | None]
+"""By struct and field."""
+
+
+def _ranges(program: Program, interface: Interface) -> _Ranges:
+    """What the spec says of the values of inputs and states; a buffer holds those of its signal."""
+    declared = {signal.name: signal.range for signal in program.signals}
+    ranges: _Ranges = {}
+    for input in interface.inputs:
+        limits = input.port.signal.range
+        ranges["in", input.field.identifier] = limits
+        if input.held is not None:
+            ranges["state", input.held] = limits
+    for memory in interface.states:
+        state = memory.state
+        match state.origin:
+            case Declared() | Memory():
+                kept = state.range
+            case History(source):
+                kept = state.range or declared.get(source)
+            case Tape(signal):
+                kept = state.range or declared.get(signal)
+            case _:
+                assert_never(state.origin)
+        ranges["state", memory.identifier] = kept
+    return ranges

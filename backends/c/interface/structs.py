@@ -1,0 +1,101 @@
+"""The structs of the generated header, field by field in their order in memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from backends.c.interface.field_comments import state_comment
+from backends.c.interface.interface import Field, Interface
+from backends.c_lowering.state_memory import DoubledRing, PlainState
+
+RESERVED = "reserved"
+"""The one field of a struct that would be empty, which C does not allow."""
+
+
+@dataclass(frozen=True, slots=True)
+class StructField:
+    """A real or uint32_t, or a flat array in C order of its shape."""
+
+    name: str | None
+    """Name in the spec; None for what only the generated code uses."""
+    identifier: str
+    shape: tuple[int, ...] = ()
+    comment: str = ""
+    unsigned: bool = False
+    extent: str = ""
+    """The number of elements by names; empty where only the number says it."""
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+
+@dataclass(frozen=True, slots=True)
+class Struct:
+    """A struct type `<prefix>_<name>_t`."""
+
+    name: str
+    comment: str
+    fields: tuple[StructField, ...]
+
+
+def structs(interface: Interface) -> tuple[Struct, ...]:
+    """All struct types that the header declares."""
+    starts = [field for field, _ in interface.windows] + [f for f, _ in interface.supplied]
+    parameters = Struct("params", "Trained values.", _plain(interface.parameters))
+    return (
+        Struct("in", "Inputs of a step.", _plain(input.field for input in interface.inputs)),
+        Struct("out", "Outputs of a step.", _plain(interface.outputs)),
+        *((parameters,) if interface.takes_parameters else ()),
+        Struct("init", "What reset takes: samples around the first step t0.", _plain(starts)),
+        Struct("state", "The memory of one instance: plain data.", _state(interface)),
+        *_jacobian(interface),
+    )
+
+
+def _jacobian(interface: Interface) -> tuple[Struct, ...]:
+    if interface.jacobian is None:
+        return ()
+    fields = tuple(
+        StructField(
+            field.matrix.name,
+            field.identifier,
+            field.matrix.shape,
+            field.comment,
+            extent=field.extent,
+        )
+        for field in interface.jacobian.fields
+    )
+    return (Struct("jacobian", "Slopes of one step.", fields or (_reserved(),)),)
+
+
+def _plain(fields: Iterable[Field]) -> tuple[StructField, ...]:
+    listed = tuple(
+        StructField(field.name, field.identifier, field.shape, field.comment) for field in fields
+    )
+    return listed or (_reserved(),)
+
+
+def _state(interface: Interface) -> tuple[StructField, ...]:
+    fields: list[StructField] = []
+    for memory in interface.states:
+        name, comment = memory.state.name, state_comment(memory)
+        shape = memory.shape if isinstance(memory, PlainState) else (memory.size,)
+        fields.append(StructField(name, memory.identifier, shape, comment))
+        if isinstance(memory, DoubledRing):
+            place = "where the ring takes its next sample"
+            fields.append(StructField(None, memory.head, (), place, unsigned=True))
+    for input in interface.inputs:
+        if input.held is not None:
+            kept = "last valid value"
+            fields.append(StructField(None, input.held, input.field.shape, kept))
+    if interface.from_record:
+        unset = "bit 0: buffers wait for their first sample; bit 1: states wait for reset"
+        fields.append(StructField(None, interface.unset, (), unset, unsigned=True))
+    return tuple(fields) or (_reserved(),)
+
+
+def _reserved() -> StructField:
+    return StructField(None, RESERVED, (), "C allows no empty struct", unsigned=True)

@@ -1,0 +1,175 @@
+"""Draws what golden vectors begin with: samples around t0 and inputs, some of them invalid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import InputField
+from backends.c_language.literals import Dtype
+from compiler.ir.ops import Constant
+from compiler.ir.program import Program, Signal, extents
+
+Array = NDArray[Any]
+
+_SPECIAL_EVERY = 5
+"""Steps from one value at a knot to the next, and from one invalid value that the policy replaces
+to the next."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where in its range a run finds what its states begin with: in part `part` of `parts`."""
+
+    part: int = 0
+    parts: int = 1
+    knot: Literal["at", "below"] | None = None
+    """At the nearest number of the program or just below: intervals of tables meet there."""
+
+
+Outside = Literal["above", "below", "far above", "nan"]
+"""Beyond which limit of its range a run finds them instead, or at no number."""
+
+
+def drawn_log(
+    program: Program, random: np.random.Generator, start: Place | Outside, dtype: Dtype
+) -> tuple[dict[str, Array], int]:
+    """A record as long as the start graph needs, and the row of t0 in it."""
+    knots = knots_of(program, dtype)
+    reads = extents(program.start, log=True)
+    t0 = max([0, *(-extent.first for extent in reads.values())])
+    rows = t0 + 1 + max([0, *(extent.last for extent in reads.values())])
+    # a measured state starts anywhere in its range
+    ranges = {state.name: state.range for state in program.states}
+    log: dict[str, Array] = {}
+    for number, name in enumerate(reads):
+        signal = program.signal(name)
+        shape = tuple(axis.size for axis in signal.axes)
+        # past samples of inputs out of range would drive a state far from its limit at once
+        here = start if name in ranges or isinstance(start, Place) or start == "nan" else Place()
+        low, high = _within(_drawable(signal.range or ranges.get(name)), here, number)
+        if isinstance(start, Place) and start.knot is not None and knots.size:
+            low = high = _nearest(knots, (low + high) / 2.0, below=start.knot == "below")
+        log[name] = (low + (high - low) * random.random((rows, *shape))).astype(dtype)
+    return log, t0
+
+
+def knots_of(program: Program, dtype: Dtype) -> Array:
+    """The numbers in a step: what decides between branches is among them."""
+    numbers = {
+        x for _, node in program.step if isinstance(node.op, Constant) for x in node.op.values
+    }
+    return np.array(sorted(x for x in numbers if math.isfinite(x)), dtype)
+
+
+def drawn_series(input: InputField, steps: int, random: np.random.Generator, knots: Array) -> Array:
+    """Values of an input, (steps, *shape), within its range or [-1, 1] but for invalid ones.
+
+    Some lie at one of the knots, and some just below; the last but one are 0 where that is valid.
+
+    Where the policy replaces invalid values there are some of each kind; where it flags them, one
+    is little and one far above the range, and below, and the last is NaN, as it would spoil what
+    follows. Where they are trusted only the last is invalid.
+    """
+    signal = input.port.signal
+    low, high = _drawable(signal.range)
+    series = random.uniform(low, high, (steps, *input.field.shape)).astype(knots.dtype)
+    rows = series.reshape(steps, -1)
+
+    def put(at: Array, values: Array) -> None:
+        """Into one element of each of these rows."""
+        rows[at, random.integers(rows.shape[1], size=len(at))] = np.resize(values, len(at))
+
+    inside = knots[(knots >= low) & (knots <= high)]
+    if inside.size:
+        at = np.arange(0, steps, _SPECIAL_EVERY)
+        chosen = random.choice(inside, len(at))
+        below = np.nextafter(chosen, knots.dtype.type(low))
+        put(at, np.where(random.random(len(at)) < 0.5, chosen, below))
+    if steps > 1 and low <= 0.0 <= high:
+        rows[-2] = 0.0
+    outside, never = _outside(signal)
+    match signal.on_invalid:
+        case "clamp" | "hold":
+            kinds = np.array([*outside, *never])
+            at = np.arange(_SPECIAL_EVERY // 2, steps, _SPECIAL_EVERY)
+            put(at, np.roll(kinds, random.integers(len(kinds))))
+        case "flag" if steps > 1:
+            at = 1 + np.arange(len(outside)) * steps // max(1, len(outside))
+            put(at, np.array(outside))
+            rows[-1] = math.nan
+        case "trust" if steps > 1:
+            rows[-1] = math.nan
+        case _:
+            pass
+    return series
+
+
+def _within(limits: tuple[float, float], start: Place | Outside, shift: int) -> tuple[float, float]:
+    """The limits to draw a start between; `shift` puts signals of a run in different parts."""
+    low, high = limits
+    match start:
+        case Place(part, parts):
+            width = (high - low) / parts
+            here = low + width * ((part + shift) % parts)
+            return here, here + width
+        case "above":
+            return _above(low, high), _above(low, high)
+        case "below":
+            return _below(low, high), _below(low, high)
+        case "far above":
+            return 2.0 * high - low, 2.0 * high - low
+        case "nan":
+            return math.nan, math.nan
+        case _:
+            assert_never(start)
+
+
+def _above(low: float, high: float) -> float:
+    """Little enough that a limit which is a little wrong is noticed."""
+    return high + max((high - low) * _BESIDE, abs(high) * _ROUNDING)
+
+
+def _below(low: float, high: float) -> float:
+    return low - max((high - low) * _BESIDE, abs(low) * _ROUNDING)
+
+
+_BESIDE, _ROUNDING, _FAR = 4e-3, 2.0**-20, 1e3
+"""How far just outside is, of the range and of its limit: more than float32 rounds away; and how
+far is far."""
+
+
+def _drawable(range: tuple[float, float] | None) -> tuple[float, float]:
+    """Finite limits to draw between."""
+    if range is None:
+        return -1.0, 1.0
+    low, high = range
+    if math.isfinite(low):
+        return low, high if math.isfinite(high) else low + 2.0
+    return (high - 2.0, high) if math.isfinite(high) else (-1.0, 1.0)
+
+
+def _outside(signal: Signal) -> tuple[list[float], tuple[float, ...]]:
+    """Values of every kind that is invalid: just and far outside the range, and no numbers."""
+    beside: list[float] = []
+    far: list[float] = []
+    if signal.range is not None:
+        low, high = signal.range
+        limits = _drawable(signal.range)
+        away = _FAR * (1.0 + limits[1] - limits[0])
+        if math.isfinite(high):
+            beside.append(_above(*limits))
+            far.append(high + away)
+        if math.isfinite(low):
+            beside.append(_below(*limits))
+            far.append(low - away)
+    return [*beside, *far], (math.nan, math.inf, -math.inf)
+
+
+def _nearest(knots: Array, x: float, *, below: bool) -> float:
+    nearest = knots[np.argmin(np.abs(knots - x))]
+    return float(np.nextafter(nearest, knots.dtype.type(-np.inf)) if below else nearest)

@@ -1,0 +1,123 @@
+"""Golden Jacobians as C: compares every entry with what the interpreter says it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Interface
+from backends.c.interface.jacobian_interface import OUT, JacobianInterface, MatrixField
+from backends.c.interface.status import Status
+from backends.c.selftest.golden_text import tolerance
+from backends.c.selftest.golden_vectors import GoldenVectors, joined
+from backends.c_language.places import variable
+from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.tree import (
+    Argument,
+    Assign,
+    Binary,
+    Call,
+    CType,
+    Declare,
+    Discard,
+    Element,
+    Expression,
+    Function,
+    If,
+    Name,
+    Real,
+    Return,
+    Table,
+    Truth,
+    Unsigned,
+)
+
+
+def slopes_function(
+    interface: Interface, jacobian: JacobianInterface, runs: Sequence[GoldenVectors]
+) -> Function:
+    """`<prefix>_slopes_differ(status, jac, step)`: whether linearize answered something else.
+
+    Where there are many numbers, those of every n-th step are compared.
+    """
+    golden, prefix = joined(runs), interface.prefix
+    scope = Scope(LocalNames(prefix))
+    scope.reserve(OUT)
+    bits = [float(status & ~_OF_RESULTS) for status in golden.status.tolist()]
+    scope.add(Table("golden_status", tuple(bits), CType.UNSIGNED))
+    expected = Element(Name("golden_status"), Name("step"))
+    scope.add(Declare(CType.BOOL, "differ", Binary("!=", Name("status"), expected)))
+    scope.reserve(_ROW)
+    if not jacobian.fields:
+        scope.add(Discard(OUT))
+    every = _distance(jacobian, len(bits))
+    inner = scope.inner()
+    for field in jacobian.fields:
+        _compare(interface, field, golden.slopes[field.matrix.name][::every], inner)
+    row = Binary("/", Name("step"), Unsigned(every))
+    scope.add(Declare(CType.UNSIGNED, _ROW, row, constant=True))
+    chosen = Binary("==", Binary("*", Name(_ROW), Unsigned(every)), Name("step"))
+    scope.add(If(chosen, tuple(inner.statements)))
+    scope.add(Return(Name("differ")))
+    arguments = (
+        Argument(f"{prefix}_status_t", "status"),
+        Argument(f"const {prefix}_jacobian_t *", OUT),
+        Argument("uint32_t", "step"),
+    )
+    body = tuple(scope.statements)
+    return Function(f"{prefix}_slopes_differ", "bool", arguments, body, static=True)
+
+
+_OF_RESULTS = int(Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE)
+"""Bits that are about what a step computes."""
+_ROW = "row"
+_MOST_NUMBERS = 16384
+"""Of golden slopes in one table: what a small microcontroller has room for."""
+
+
+def _distance(jacobian: JacobianInterface, steps: int) -> int:
+    """From one step whose slopes are compared number by number to the next."""
+    computed = sum(field.matrix.known.count(None) for field in jacobian.fields)
+    return max(1, -(-computed * steps // _MOST_NUMBERS))
+
+
+def _compare(interface: Interface, field: MatrixField, golden: NDArray[Any], scope: Scope) -> None:
+    """All entries in a loop: those that are computed with the step's row of a table."""
+    matrix, name = field.matrix, field.identifier
+    steps = len(golden)
+    computed = [i for i, known in enumerate(matrix.known) if known is None]
+    numbers = golden.reshape(steps, matrix.size)[:, computed]
+    table, places, constants = (f"{kind}_{name}" for kind in ("golden", "computed", "known"))
+    count = len(computed)
+    if computed:
+        scope.add(Table(table, tuple(numbers.ravel().tolist()), hexadecimal=True))
+    zero: Expression = Real(0.0)
+    some = any(matrix.known)
+    if some:
+        known = tuple(0.0 if number is None else number for number in matrix.known)
+        scope.add(Table(constants, known, hexadecimal=True))
+    every = count == matrix.size
+    reached = f"reached_{name}"
+    if computed and not every:
+        scope.add(Table(places, tuple(map(float, computed)), CType.UNSIGNED))
+        scope.add(Declare(CType.UNSIGNED, reached, Unsigned(0)))
+    with scope.loop(matrix.size) as (index, inner):
+        at = index.expression()
+        row = variable(_ROW).times(count)
+        expected: Expression = Element(Name(constants), at) if some else zero
+        if every:
+            expected = Element(Name(table), row.plus(index).expression())
+        elif computed:
+            inner.add(Declare(CType.REAL, "expected", expected))
+            expected = Name("expected")
+            left = Binary("<", Name(reached), Unsigned(count))
+            here = Binary("==", Element(Name(places), Name(reached)), at)
+            number = Element(Name(table), row.plus(variable(reached)).expression())
+            onward = Assign(Name(reached), Binary("+", Name(reached), Unsigned(1)))
+            inner.add(If(Binary("&&", left, here), (Assign(expected, number), onward)))
+        given = field.place.element([index])
+        allowed = Real(tolerance(interface, golden))
+        differs = Call(f"{interface.prefix}_differs", (given, expected, allowed))
+        inner.add(If(differs, (Assign(Name("differ"), Truth(True)),)))

@@ -1,0 +1,151 @@
+"""Golden steps as C functions that hold tables: they feed the step and compare its results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Field
+from backends.c.interface.structs import RESERVED
+from backends.c_language.places import Index, Place, variable
+from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.tree import (
+    Argument,
+    Assign,
+    Binary,
+    CType,
+    Declare,
+    Discard,
+    Element,
+    Expression,
+    Function,
+    If,
+    Member,
+    Name,
+    Return,
+    Statement,
+    Table,
+    Truth,
+    Unsigned,
+)
+from backends.c_lowering.values import copy_value
+
+Array = NDArray[Any]
+Column = tuple[Field, Array]
+"""A field with its values, one row a step or a run."""
+
+_STEP, _RUN = "step", "run"
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenTables:
+    """The numbers of all runs; steps are counted through all runs."""
+
+    prefix: str
+    number: CType
+    unroll: int
+    """Elements up to which loops are written out."""
+    runs: int
+    starts: Sequence[Column]
+    inputs: Sequence[Column]
+    outputs: Sequence[Column]
+    status: Sequence[int]
+
+    def functions(
+        self, differs: Callable[[Expression, Expression, Array], Expression]
+    ) -> tuple[Function, ...]:
+        """`<prefix>_load_start(x0, run)`, `_load_inputs(u, step)`, `_results_differ(status, y,
+        step)`.
+
+        `differs` compares a given with an expected element of a column with these values.
+        """
+        return (
+            self._loader("start", Argument("init", "x0"), self.starts, self.runs, _RUN),
+            self._loader("inputs", Argument("in", "u"), self.inputs, len(self.status), _STEP),
+            self._comparison(differs),
+        )
+
+    def _loader(
+        self, name: str, struct: Argument, columns: Sequence[Column], rows: int, row_name: str
+    ) -> Function:
+        """Copies one row of the table `golden` into a struct."""
+        scope = Scope(LocalNames(self.prefix))
+        if columns:
+            scope.add(self._table(columns, rows))
+        else:
+            scope.add(Discard(row_name))
+            scope.assign(Member(struct.name, RESERVED), Unsigned(0))
+        fields = [field for field, _ in columns]
+        for field, row in zip(fields, _row("golden", fields, row_name), strict=True):
+            copy_value(row, field.place(struct.name), scope, self.unroll)
+        arguments = (
+            Argument(f"{self.prefix}_{struct.type}_t *", struct.name),
+            Argument("uint32_t", row_name),
+        )
+        body = tuple(scope.statements)
+        return Function(f"{self.prefix}_load_{name}", "void", arguments, body, static=True)
+
+    def _comparison(
+        self, differs: Callable[[Expression, Expression, Array], Expression]
+    ) -> Function:
+        prefix = self.prefix
+        scope = Scope(LocalNames(prefix))
+        bits = tuple(float(status) for status in self.status)
+        scope.add(Table("golden_status", bits, CType.UNSIGNED))
+        if self.outputs:
+            scope.add(self._table(self.outputs, len(bits)))
+        else:
+            scope.add(Discard("y"))
+        expected = Element(Name("golden_status"), Name(_STEP))
+        scope.add(Declare(CType.BOOL, "differ", Binary("!=", Name("status"), expected)))
+        fields = [field for field, _ in self.outputs]
+        for (field, values), row in zip(self.outputs, _row("golden", fields, _STEP), strict=True):
+            compare = _compared(field.place("y"), row, values, differs)
+            scope.each(field.shape, self.unroll, compare)
+        scope.add(Return(Name("differ")))
+        arguments = (
+            Argument(f"{prefix}_status_t", "status"),
+            Argument(f"const {prefix}_out_t *", "y"),
+            Argument("uint32_t", _STEP),
+        )
+        body = tuple(scope.statements)
+        return Function(f"{prefix}_results_differ", "bool", arguments, body, static=True)
+
+    def _table(self, columns: Sequence[Column], rows: int) -> Table:
+        """All fields of a step in one row, the rows one after the other."""
+        parts = [values.reshape(rows, field.size) for field, values in columns]
+        numbers = np.concatenate(parts, axis=1).ravel().tolist()
+        return Table("golden", tuple(numbers), self.number, hexadecimal=True)
+
+
+DIFFER: tuple[Statement, ...] = (Assign(Name("differ"), Truth(True)),)
+"""What is done where something is not as expected."""
+
+
+def _row(table: str, fields: Iterable[Field], row: str) -> list[Place]:
+    """Where each field stands in the table."""
+    listed = list(fields)
+    width = sum(field.size for field in listed)
+    begin = variable(row).times(width)
+    places: list[Place] = []
+    for field in listed:
+        place = Place.array(Name(table), field.shape)
+        places.append(Place(place.storage, place.shape, place.strides, begin))
+        begin = begin.plus(Index(field.size))
+    return places
+
+
+def _compared(
+    given: Place,
+    expected: Place,
+    values: Array,
+    differs: Callable[[Expression, Expression, Array], Expression],
+) -> Callable[[tuple[Index, ...], Scope], None]:
+    def compare(at: tuple[Index, ...], scope: Scope) -> None:
+        scope.add(If(differs(given.element(at), expected.element(at), values), DIFFER))
+
+    return compare

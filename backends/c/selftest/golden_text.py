@@ -1,0 +1,104 @@
+"""Golden vectors as C: functions that hold them, feed the step with them and compare results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from backends.c.interface.interface import Interface
+from backends.c.selftest.golden_tables import DIFFER, Array, GoldenTables
+from backends.c.selftest.golden_vectors import GoldenVectors, joined
+from backends.c_language.helper_functions import is_nan
+from backends.c_language.tree import (
+    Argument,
+    Binary,
+    Call,
+    CType,
+    Declare,
+    Expression,
+    Function,
+    If,
+    Name,
+    Real,
+    Return,
+    Statement,
+    Truth,
+    Unary,
+)
+
+
+def golden_functions(interface: Interface, runs: Sequence[GoldenVectors]) -> tuple[Function, ...]:
+    """What `GoldenTables` makes, after the function that compares two numbers."""
+    prefix = interface.prefix
+    golden = joined(runs)
+    starts = [(f, np.stack([run.windows[f.name] for run in runs])) for f, _ in interface.windows]
+    starts += [(f, np.stack([run.supplied[f.name] for run in runs])) for f, _ in interface.supplied]
+    tables = GoldenTables(
+        prefix,
+        CType.REAL,
+        interface.options.unroll,
+        len(runs),
+        starts,
+        [(input.field, golden.inputs[input.field.name]) for input in interface.inputs],
+        [(field, golden.outputs[field.name]) for field in interface.outputs],
+        [int(status) for status in golden.status],
+    )
+
+    def differs(given: Expression, expected: Expression, values: Array) -> Expression:
+        allowed = Real(tolerance(interface, values))
+        return Call(f"{prefix}_differs", (given, expected, allowed))
+
+    known = (differs_function(prefix),) if interface.outputs else ()
+    return (*known, *tables.functions(differs))
+
+
+def differs_function(prefix: str) -> Function:
+    """Whether a number is another one than expected; NaN is NaN, and an infinity itself only."""
+    x, expected, tolerance = Name("x"), Name("expected"), Name("tolerance")
+    near = Binary(
+        "&&",
+        Binary("<=", Binary("-", x, expected), tolerance),
+        Binary("<=", Binary("-", expected, x), tolerance),
+    )
+    parts = {
+        "within": near,
+        "equal": Binary("&&", Binary("<=", x, expected), Binary(">=", x, expected)),
+        "both_nan": Binary("&&", is_nan(x), is_nan(expected)),
+    }
+    fine = Binary("||", Binary("||", Name("within"), Name("equal")), Name("both_nan"))
+    body = (
+        *(Declare(CType.BOOL, name, value, constant=True) for name, value in parts.items()),
+        Return(Unary("!", fine)),
+    )
+    real = f"{prefix}_real"
+    arguments = tuple(Argument(real, name) for name in ("x", "expected", "tolerance"))
+    return Function(f"{prefix}_differs", "bool", arguments, body, static=True)
+
+
+def tolerance(interface: Interface, values: Array) -> float:
+    """0 where the interpreter runs the same kernels in the same precision.
+
+    In float64 it calls numpy's functions and a C library is a third one: last places differ, and
+    a run of steps lets the difference grow.
+    """
+    options = interface.options
+    if options.is_exact:
+        return 0.0
+    finite = np.abs(values[np.isfinite(values)])
+    scale = max(1.0, float(finite.max())) if finite.size else 1.0
+    return scale * (1e-9 if options.dtype == "float64" else 1e-3)
+
+
+def kernels_function(
+    prefix: str, cases: Mapping[str, Sequence[tuple[tuple[float, ...], float]]]
+) -> Function:
+    """Whether a kernel gives other bits than it should: arguments and value by kernel."""
+    body: list[Statement] = [Declare(CType.BOOL, "differ", Truth(False))]
+    for kernel, rows in cases.items():
+        for arguments, value in rows:
+            called = Call(f"{prefix}_{kernel}", tuple(Real(argument) for argument in arguments))
+            check = Call(f"{prefix}_differs", (called, Real(value), Real(0.0)))
+            body.append(If(check, DIFFER))
+    body.append(Return(Name("differ")))
+    return Function(f"{prefix}_kernels_differ", "bool", (), tuple(body), static=True)

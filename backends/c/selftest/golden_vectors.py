@@ -1,0 +1,234 @@
+"""Makes golden vectors: drawn inputs, and what the interpreter answers in the same arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Interface
+from backends.c.interface.status import Status
+from backends.c.selftest.drawn_inputs import Outside, Place, drawn_log, drawn_series, knots_of
+from backends.c.selftest.matrix_checksums import checksums
+from backends.c.selftest.policy_reference import apply_policy, first_held
+from backends.c_language.literals import Dtype
+from backends.c_lowering.state_memory import PlainState
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Output, Program
+from compiler.jacobian.interpret import JacobianInterpreter
+
+Array = NDArray[Any]
+_ANYWHERE = Place()
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenVectors:
+    """Values by name in the spec, in the type of the generated code; series are (steps, *shape)."""
+
+    windows: dict[str, Array]
+    """Raw samples that `reset` takes."""
+    supplied: dict[str, Array]
+    """States that `reset` takes."""
+    inputs: dict[str, Array]
+    """As given to the step, invalid ones among them."""
+    outputs: dict[str, Array]
+    status: NDArray[np.uint32]
+    slopes: dict[str, Array]
+    """Matrices of the Jacobian before each step, (steps, rows, columns); empty without one."""
+
+
+def golden_vectors(
+    program: Program,
+    interface: Interface,
+    weights: Mapping[str, Array],
+    steps: int,
+    seed: int = 0,
+    *,
+    start: Place | Outside | None = _ANYWHERE,
+) -> GoldenVectors:
+    """`steps` steps from a drawn past, each from the states that the one before left.
+
+    `start` says where in their ranges, or beyond, the states begin; with None they begin without a
+    past, as after `init`.
+
+    The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
+    """
+    dtype = interface.options.dtype
+    random = np.random.Generator(np.random.Philox(seed))
+    log, t0 = drawn_log(program, random, start or _ANYWHERE, dtype)
+    knots = knots_of(program, dtype)
+    inputs = {
+        input.field.name: drawn_series(input, steps, random, knots) for input in interface.inputs
+    }
+    interpreter = Interpreter(_with_checked(program), weights, dtype)
+    states = interpreter.start(log, t0)
+    starts = {state.name: states[state.name][0] for _, state in interface.supplied}
+    outputs = {f.name: np.empty((steps, *f.shape), dtype) for f in interface.outputs}
+    status = np.zeros(steps, np.uint32)
+    linearized = interface.jacobian and JacobianInterpreter(
+        interface.jacobian.jacobian, program, weights, dtype
+    )
+    slopes: list[dict[str, Array]] = []
+    seen = {
+        input.field.name: first_held(input.port.signal, input.field.shape, dtype)
+        for input in interface.inputs
+    }
+    for k in range(steps):
+        bits = Status(0)
+        for input in interface.inputs:
+            name = input.field.name
+            checked = apply_policy(input.port.signal, inputs[name][k], seen[name], dtype)
+            seen[name], bits = checked[0], bits | checked[1]
+        if start is None and interface.from_record and k == 0:
+            states = _emptied(interface, states)
+        if linearized is not None:
+            slopes.append(linearized.matrices(*_log_of_step(interface, seen), states))
+        if start is None and interface.from_record:
+            states = _unset(interpreter, interface, states, _log_of_step(interface, seen), k)
+            waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
+            bits |= Status.UNINITIALISED if waits else Status(0)
+        result = interpreter.step(*_log_of_step(interface, seen), states, losses=False)
+        states = result.next_states
+        for name, values in outputs.items():
+            values[k] = result.outputs[name][0]
+        bits |= _equation_bits(program, result.outputs, dtype)
+        status[k] = bits | _state_bits(interface, states)
+    windows = {
+        field.name: _samples(log[field.name][t0 + port.first : t0 + port.last + 1], field.shape)
+        for field, port in interface.windows
+    }
+    names = slopes[0] if slopes else ()
+    matrices = {name: np.concatenate([step[name] for step in slopes]) for name in names}
+    return GoldenVectors(windows, starts, inputs, outputs, status, matrices)
+
+
+def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
+    """The steps of all runs one after the other, with the start of the first."""
+    first = runs[0]
+    return replace(
+        first,
+        inputs={n: np.concatenate([run.inputs[n] for run in runs]) for n in first.inputs},
+        outputs={n: np.concatenate([run.outputs[n] for run in runs]) for n in first.outputs},
+        status=np.concatenate([run.status for run in runs]),
+        slopes={n: np.concatenate([run.slopes[n] for run in runs]) for n in first.slopes},
+    )
+
+
+def _emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Array]:
+    """States as `init` leaves them: what only a record can give is 0."""
+    return {
+        name: np.zeros_like(value) if name in interface.from_record else value
+        for name, value in states.items()
+    }
+
+
+def _unset(
+    interpreter: Interpreter,
+    interface: Interface,
+    states: dict[str, Array],
+    log: tuple[dict[str, Array], int],
+    step: int,
+) -> dict[str, Array]:
+    """States after `init`: the first step fills buffers with its newest sample.
+
+    A buffer's sample may be computed from other buffers, so they are filled until none changes.
+    """
+    if step > 0:
+        return states
+    filled = dict(states)
+    for _ in interface.filled_by_first:
+        following = interpreter.step(*log, filled, losses=False).next_states
+        for name in interface.filled_by_first:
+            newest = following[name][..., -1:]
+            filled[name] = np.broadcast_to(newest, filled[name].shape).copy()
+    return filled
+
+
+def expected_text(interface: Interface, runs: Sequence[GoldenVectors]) -> str:
+    """One line a step: the status, then each output's bits, in hexadecimal digits; or `nan`.
+
+    With a Jacobian whose bits are promised a hash of them ends the line. There is an empty line
+    between two runs.
+    """
+    return "\n".join(_expected_run(interface, run) for run in runs)
+
+
+def _expected_run(interface: Interface, golden: GoldenVectors) -> str:
+    steps = len(golden.status)
+    parts = [golden.outputs[field.name].reshape(steps, -1) for field in interface.outputs]
+    rows = np.concatenate(parts, axis=1) if parts else np.empty((steps, 0), np.float32)
+    hashed = interface.jacobian is not None and interface.options.is_exact
+    hashes = checksums(golden.slopes) if hashed else []
+    digits = 2 * rows.itemsize
+    bits = rows.view(f"u{rows.itemsize}")
+    lines = [
+        " ".join(
+            [
+                f"{golden.status[k]:08x}",
+                *(
+                    "nan" if nan else f"{word:0{digits}x}"
+                    for word, nan in zip(bits[k].tolist(), np.isnan(rows[k]), strict=True)
+                ),
+                *([f"{hashes[k]:08x}"] if hashed else []),
+            ]
+        )
+        for k in range(steps)
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _samples(rows: Array, shape: tuple[int, ...]) -> Array:
+    """Rows of a log with time as their last axis."""
+    return np.moveaxis(rows, 0, -1).reshape(shape)
+
+
+def _log_of_step(interface: Interface, seen: Mapping[str, Array]) -> tuple[dict[str, Array], int]:
+    """A log, and the row in it that sees exactly the samples of one step."""
+    ports = {input.field.name: input.port for input in interface.inputs}
+    row = max([0, *(-port.first for port in ports.values())])
+    rows = row + 1 + max([0, *(port.last for port in ports.values())])
+    log: dict[str, Array] = {}
+    for name, port in ports.items():
+        values = seen[name]
+        samples = values[np.newaxis] if port.type.window is None else np.moveaxis(values, -1, 0)
+        log[name] = np.zeros((rows, *samples.shape[1:]), values.dtype)
+        log[name][row + port.first : row + port.last + 1] = samples
+    return log, row
+
+
+_CHECKED = "checked {}"
+"""Names of the values whose ranges are checked, among outputs; no name of a spec has a space."""
+
+
+def _with_checked(program: Program) -> Program:
+    """The program without losses whose outputs have the equations with a range among them."""
+    checked = [
+        Output(_CHECKED.format(number), entry.node) for number, entry in enumerate(program.expected)
+    ]
+    return replace(program, losses=(), outputs=(*program.outputs, *checked))
+
+
+def _equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -> Status:
+    outside = [
+        _is_outside(values[_CHECKED.format(number)], entry.range, dtype)
+        for number, entry in enumerate(program.expected)
+    ]
+    return Status.EQUATION_OUT_OF_RANGE if any(outside) else Status(0)
+
+
+def _is_outside(values: Array, limits: tuple[float, float], dtype: Dtype) -> bool:
+    """Whether an element is outside, NaN too; limits are rounded to the type of the values."""
+    low, high = (np.dtype(dtype).type(limit) for limit in limits)
+    return not bool(np.all((values >= low) & (values <= high)))
+
+
+def _state_bits(interface: Interface, states: Mapping[str, Array]) -> Status:
+    for memory in interface.states:
+        if isinstance(memory, PlainState) and memory.state.range is not None:
+            dtype = interface.options.dtype
+            if _is_outside(states[memory.state.name], memory.state.range, dtype):
+                return Status.STATE_OUT_OF_RANGE
+    return Status(0)

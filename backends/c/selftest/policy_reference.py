@@ -1,0 +1,46 @@
+"""What the input policies mean, in numpy: the judge of the checks in the generated C."""
+
+from __future__ import annotations
+
+from typing import Any, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.functions.input_policy import limits, stand_in
+from backends.c.interface.status import Status
+from backends.c_language.literals import Dtype
+from compiler.ir.program import Signal
+
+Array = NDArray[Any]
+
+
+def apply_policy(
+    signal: Signal, values: Array, previous: Array, dtype: Dtype
+) -> tuple[Array, Status]:
+    """The values that the step sees of an input, and the bits that it sets.
+
+    `previous` are the values that it saw in the step before; all arrays are of `dtype`.
+    """
+    low, high = (np.dtype(dtype).type(limit) for limit in limits(signal, dtype))
+    valid = (values >= low) & (values <= high)
+    if signal.on_invalid == "trust" or bool(np.all(valid)):
+        return values, Status(0)
+    not_a_number = Status.NOT_A_NUMBER if bool(np.any(np.isnan(values))) else Status(0)
+    match signal.on_invalid:
+        case "flag":
+            outside = bool(np.any((values < low) | (values > high)))
+            return values, not_a_number | (Status.OUT_OF_RANGE if outside else Status(0))
+        case "clamp":
+            instead = np.dtype(dtype).type(stand_in(signal, dtype))
+            nearest = np.where(values > high, high, np.where(values < low, low, instead))
+            return np.where(valid, values, nearest), not_a_number | Status.CLAMPED
+        case "hold":
+            return np.where(valid, values, previous), not_a_number | Status.HELD
+        case _:
+            assert_never(signal.on_invalid)
+
+
+def first_held(signal: Signal, shape: tuple[int, ...], dtype: Dtype) -> Array:
+    """What `hold` falls back to before the first valid value."""
+    return np.full(shape, stand_in(signal, dtype), dtype)

@@ -1,0 +1,1 @@
+"""A small tree of C and its printer: syntax, layout, literals, scopes."""

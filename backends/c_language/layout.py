@@ -1,0 +1,65 @@
+"""Breaks lines of C that are too long to read."""
+
+from __future__ import annotations
+
+import textwrap
+
+from backends.c_language.comments import comment_text
+
+WIDTH = 100
+_STEP = "    "
+_SHORTEST = 30
+"""Columns that the first part of a broken line should have."""
+
+
+def comment(text: str, indent: str = "") -> str:
+    """A block comment of one or more lines; any text is safe."""
+    lines = textwrap.wrap(comment_text(text), WIDTH - len(indent) - len("/*  */")) or [""]
+    return f"\n{indent} * ".join([f"{indent}/* {lines[0]}", *lines[1:]]) + " */"
+
+
+def wrapped(line: str) -> list[str]:
+    """The line in parts of at most WIDTH characters, as far as spaces allow.
+
+    It breaks where the fewest parentheses are open, at the last such place.
+    """
+    body = line.lstrip(" ")
+    indent = line[: len(line) - len(body)]
+    if len(line) > WIDTH and body.startswith("/*"):
+        return comment(body.removeprefix("/*").removesuffix("*/"), indent).split("\n")
+    parts: list[str] = []
+    while len(line) > WIDTH:
+        at = _break(line, len(indent) + (len(_STEP) if parts else 0))
+        if at is None:
+            break
+        parts.append(line[:at])
+        line = f"{indent}{_STEP}{line[at + 1 :]}"
+    return [*parts, line]
+
+
+def _break(line: str, start: int) -> int | None:
+    """Position of the space at which to break; None where there is none."""
+    best: tuple[int, int] | None = None
+    depth = 0
+    for position in range(start, WIDTH):
+        character = line[position]
+        if character in "([{":
+            depth += 1
+        elif character in ")]}":
+            depth -= 1
+        elif _may_break(line, position) and (
+            best is None or depth <= best[0] or best[1] < start + _SHORTEST
+        ):
+            best = (depth, position)
+    return None if best is None else best[1]
+
+
+def _may_break(line: str, position: int) -> bool:
+    """At a space before an operator or after a comma."""
+    if line[position] != " ":
+        return False
+    operator = line[position + 1 :].split(" ", 1)[0]
+    return line[position - 1] == "," or operator in _OPERATORS
+
+
+_OPERATORS = frozenset(("+", "-", "*", "/", "<", "<=", ">", ">=", "&&", "||", "&", "?", ":"))

@@ -1,0 +1,216 @@
+"""Prints the C tree: mechanical, one statement a line, every mixed operation in parentheses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, assert_never
+
+from backends.c_language.comments import comment_text
+from backends.c_language.layout import WIDTH, comment, wrapped
+from backends.c_language.literals import Dtype, hex_literal, real_literal
+from backends.c_language.tree import (
+    Argument,
+    Assign,
+    Binary,
+    Call,
+    Comment,
+    Conditional,
+    Convert,
+    CType,
+    Declare,
+    Discard,
+    Element,
+    Evaluate,
+    Expression,
+    Function,
+    If,
+    Integer,
+    Loop,
+    Member,
+    Name,
+    Real,
+    Return,
+    SetBits,
+    Statement,
+    Table,
+    Truth,
+    Unary,
+    Unsigned,
+)
+
+_INDENT = "    "
+
+
+@dataclass(frozen=True, slots=True)
+class Printer:
+    """Prints for one program: its types are `<prefix>_real` and `<prefix>_status_t`, in fixed point
+    `<prefix>_word_t` and `<prefix>_sum_t`."""
+
+    prefix: str
+    dtype: Dtype = "float32"
+    sum_bits: Literal[32, 64] = 32
+    """Size of a sum in fixed point."""
+
+    @property
+    def real(self) -> str:
+        return f"{self.prefix}_real"
+
+    def type(self, type: CType) -> str:
+        match type:
+            case CType.REAL:
+                return self.real
+            case CType.STATUS | CType.WORD | CType.SUM:
+                return f"{self.prefix}_{type.value}_t"
+            case CType.BITS:
+                return f"uint{self.sum_bits}_t"
+            case CType.BOOL | CType.UNSIGNED:
+                return type.value
+            case _:
+                assert_never(type)
+
+    def function(self, function: Function) -> str:
+        """The definition, after its doc comment."""
+        doc = f"{comment(function.doc)}\n" if function.doc else ""
+        head = self.prototype(function)
+        lines = [part for line in self._block(function.body, 1) for part in wrapped(line)]
+        body = "\n".join(lines)
+        return f"{doc}{head}\n{{\n{body}\n}}\n"
+
+    def prototype(self, function: Function) -> str:
+        """The head of the function, without a semicolon, wrapped where it is long."""
+        storage = f"{'static ' if function.static else ''}{'inline ' if function.inline else ''}"
+        head = f"{storage}{function.result} {function.name}("
+        arguments = [_argument(argument) for argument in function.arguments] or ["void"]
+        line = f"{head}{', '.join(arguments)})"
+        if len(line) < WIDTH:
+            return line
+        return f"{head}\n{_INDENT}" + f",\n{_INDENT}".join(arguments) + ")"
+
+    def expression(self, expression: Expression) -> str:
+        match expression:
+            case Name(text):
+                return text
+            case Real(value):
+                return real_literal(value, self.dtype)
+            case Integer(value):
+                return str(value) if self.sum_bits == 32 else _wide_literal(value)
+            case Unsigned(value):
+                return f"{value}U"
+            case Truth(value):
+                return "true" if value else "false"
+            case Member(base, field, pointer):
+                return f"{base}{'->' if pointer else '.'}{field}"
+            case Element(array, index):
+                return f"{self.operand(array)}[{self.expression(index)}]"
+            case Unary(operator, operand):
+                return f"{operator}{self.operand(operand)}"
+            case Binary(operator, left, right):
+                return f"{self.operand(left)} {operator} {self.operand(right)}"
+            case Conditional(condition, then, otherwise):
+                chosen = f"{self.operand(then)} : {self.operand(otherwise)}"
+                return f"{self.operand(condition)} ? {chosen}"
+            case Convert(type, operand):
+                return f"({self.type(type)}){self.operand(operand)}"
+            case Call(function, arguments):
+                return f"{function}({', '.join(self.expression(a) for a in arguments)})"
+            case _:
+                assert_never(expression)
+
+    def operand(self, expression: Expression) -> str:
+        """The expression as a part of another one: in parentheses unless it holds together."""
+        text = self.expression(expression)
+        match expression:
+            case Unary() | Binary() | Conditional() | Convert():
+                return f"({text})"
+            case Real() | Integer() if text.startswith(("-", "(")):
+                return f"({text})"
+            case _:
+                return text
+
+    def table(self, table: Table) -> str:
+        """The definition of a constant array, several numbers a line."""
+        if table.type is CType.REAL:
+            literal = hex_literal if table.hexadecimal else real_literal
+            numbers = [literal(value, self.dtype) for value in table.values]
+        else:
+            ending = "U" if table.type is CType.UNSIGNED else ""
+            numbers = [f"{int(value)}{ending}" for value in table.values]
+        head = f"static const {self.type(table.type)} {table.name}[{len(numbers)}]"
+        return f"{head} = {self.braced(numbers)};"
+
+    def braced(self, numbers: Iterable[str], indent: str = "") -> str:
+        """The numbers in braces, as many a line as fit; the closing brace has the indent."""
+        lines: list[str] = []
+        current = begin = f"{indent}{_INDENT}"
+        for number in numbers:
+            if len(current) + len(number) + len(_INDENT) + 1 > WIDTH:  # it may stand in a function
+                lines.append(current.rstrip())
+                current = begin
+            current += f"{number}, "
+        lines.append(current.rstrip().rstrip(","))
+        return "{\n" + "\n".join(lines) + f"\n{indent}}}"
+
+    def _block(self, statements: Iterable[Statement], depth: int) -> Iterable[str]:
+        for statement in statements:
+            for line in self.statement(statement):
+                yield f"{_INDENT * depth}{line}"
+
+    def statement(self, statement: Statement) -> Iterable[str]:
+        """The lines of a statement."""
+        match statement:
+            case Declare(type, name, value, size, constant, volatile):
+                words = f"{'const ' if constant else ''}{'volatile ' if volatile else ''}"
+                head = f"{words}{self.type(type)} {name}"
+                if size is not None:
+                    head = f"{head}[{size}]"
+                yield f"{head};" if value is None else f"{head} = {self.expression(value)};"
+            case Table():
+                yield from self.table(statement).split("\n")
+            case Assign(target, value):
+                yield f"{self.expression(target)} = {self.expression(value)};"
+            case SetBits(target, bits):
+                yield f"{self.expression(target)} |= {self.expression(bits)};"
+            case Evaluate(value):
+                yield f"{self.expression(value)};"
+            case Discard(name):
+                yield f"(void){name};"
+            case Loop(variable, start, stop, body, step):
+                counter = f"uint32_t {variable} = {start}U"
+                onward = f"{variable}++" if step == 1 else f"{variable} += {step}U"
+                yield f"for ({counter}; {variable} < {stop}U; {onward}) {{"
+                yield from self._block(body, 1)
+                yield "}"
+            case If():
+                yield from self._if(statement)
+            case Return(value):
+                yield f"return {self.expression(value)};"
+            case Comment(text):
+                yield f"/* {comment_text(text)} */"
+            case _:
+                assert_never(statement)
+
+    def _if(self, choice: If) -> Iterable[str]:
+        yield f"if ({self.expression(choice.condition)}) {{"
+        yield from self._block(choice.then, 1)
+        match choice.otherwise:
+            case ():
+                yield "}"
+            case (If() as following,):
+                first, *rest = self._if(following)
+                yield f"}} else {first}"
+                yield from rest
+            case others:
+                yield "} else {"
+                yield from self._block(others, 1)
+                yield "}"
+
+
+def _wide_literal(value: int) -> str:
+    text = f"INT64_C({abs(value)})"
+    return f"-{text}" if value < 0 else text
+
+
+def _argument(argument: Argument) -> str:
+    space = "" if argument.type.endswith("*") else " "
+    return f"{argument.type}{space}{argument.name}"

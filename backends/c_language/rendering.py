@@ -1,0 +1,66 @@
+"""Fills the C templates; everything that depends on the model arrives as finished text."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import jinja2
+
+import templates
+from backends.c_language.layout import comment, wrapped
+
+
+class Generated(Protocol):
+    """What every file of an export says: of which model it is, how its names begin."""
+
+    @property
+    def model(self) -> str:
+        """Name of the program."""
+        ...
+
+    @property
+    def prefix(self) -> str: ...
+
+    @property
+    def takes_parameters(self) -> bool:
+        """Whether functions take a pointer to parameters."""
+        ...
+
+
+_WITHOUT_JACOBIAN = {"jacobian": False, "letters": (), "vectors": (), "vector_functions": ()}
+
+
+def render(template: str, interface: Generated, title: str, folder: str = "c", **facts: Any) -> str:
+    """The template of that name in a folder of `templates`, with the names that all of them use."""
+    prefix = interface.prefix
+    banner = comment(f"{title} of the model `{interface.model}`. Made by msnn; do not edit.")
+    common = {
+        "banner": banner,
+        "prefix": prefix,
+        "macro": prefix.upper(),
+        "takes_parameters": interface.takes_parameters,
+        "params": f", &{prefix}_params_default" if interface.takes_parameters else "",
+        **_WITHOUT_JACOBIAN,
+    }
+    text = _environment().get_template(f"{folder}/{template}").render(common | facts)
+    if not template.endswith((".c.j2", ".h.j2")):
+        return text
+    return "\n".join(part for line in text.split("\n") for part in _fitted(line))
+
+
+def _fitted(line: str) -> list[str]:
+    """The line broken where a long name made it too long; directives cannot be broken."""
+    return [line] if line.startswith("#") else wrapped(line)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(templates.__path__[0])),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        autoescape=False,  # noqa: S701  (C; texts of a spec arrive as safe comments and literals)
+    )

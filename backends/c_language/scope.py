@@ -1,0 +1,130 @@
+"""A block of C while it is being written: its statements, loops and the names of its function."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from itertools import product
+
+from backends.c_language.places import Index, variable
+from backends.c_language.tree import (
+    Assign,
+    Comment,
+    CType,
+    Declare,
+    Expression,
+    Loop,
+    Name,
+    Statement,
+)
+from backends.ports.identifiers import c_identifier
+
+_COUNTERS = ("i", "j", "k", "m", "n", "i5", "i6", "i7")
+_ARGUMENTS = ("s", "p", "u", "y", "x0", "status")
+
+
+class LocalNames:
+    """Names of one function's variables: no two are equal and none hides what a header declares."""
+
+    def __init__(self, prefix: str) -> None:
+        self._prefix = prefix.lower()
+        self._taken = {*_COUNTERS, *_ARGUMENTS}
+
+    def fresh(self, name: str) -> str:
+        """A new name like the given one."""
+        if name.lower().startswith(self._prefix):
+            name = f"v_{name}"
+        return c_identifier(name, self._taken)
+
+    def reserve(self, name: str) -> None:
+        """Takes exactly this name, before any other is made."""
+        assert name not in self._taken
+        self._taken.add(name)
+
+
+class Scope:
+    """Statements of a block; inner blocks are made by `loop`."""
+
+    def __init__(self, names: LocalNames, depth: int = 0, note: str = "") -> None:
+        self.statements: list[Statement] = []
+        self._names = names
+        self._depth = depth
+        self._note = note
+
+    def fresh(self, name: str) -> str:
+        """A name that nothing in the function has yet."""
+        return self._names.fresh(name)
+
+    def reserve(self, name: str) -> None:
+        """Takes exactly this name."""
+        self._names.reserve(name)
+
+    def add(self, statement: Statement) -> None:
+        self.statements.append(statement)
+
+    def note(self, text: str) -> None:
+        """A comment before the next statement, unless it is the one that was written last."""
+        if text and text != self._note:
+            self._note = text
+            self.add(Comment(text))
+
+    def constant(self, name: str, value: Expression, type: CType = CType.REAL) -> Name:
+        """A new constant with that value."""
+        local = self._names.fresh(name)
+        self.add(Declare(type, local, value, constant=True))
+        return Name(local)
+
+    def variable(self, name: str, value: Expression) -> Name:
+        """A new real variable that begins with that value."""
+        local = self._names.fresh(name)
+        self.add(Declare(CType.REAL, local, value))
+        return Name(local)
+
+    def array(self, name: str, size: int, type: CType = CType.REAL) -> Name:
+        """A new array, not yet filled."""
+        local = self._names.fresh(name)
+        self.add(Declare(type, local, size=size))
+        return Name(local)
+
+    def inner(self) -> Scope:
+        """A block inside this one."""
+        return Scope(self._names, self._depth, self._note)
+
+    @contextmanager
+    def loop(self, count: int, step: int = 1) -> Generator[tuple[Index, Scope]]:
+        """A loop over 0, step … below count: its counter and its body."""
+        counter = _COUNTERS[self._depth]
+        inner = Scope(self._names, self._depth + 1, self._note)
+        yield variable(counter), inner
+        self.add(Loop(counter, 0, count, tuple(inner.statements), step))
+
+    def each(
+        self,
+        shape: Sequence[int],
+        unroll: int,
+        body: Callable[[tuple[Index, ...], Scope], None],
+    ) -> None:
+        """Writes `body` for every element: in loops, or one after the other up to `unroll`."""
+        if math.prod(shape) <= unroll:
+            for indices in product(*(range(size) for size in shape)):
+                body(tuple(Index(index) for index in indices), self)
+            return
+        self._nest((), tuple(shape), body)
+
+    def _nest(
+        self,
+        outer: tuple[Index, ...],
+        rest: tuple[int, ...],
+        body: Callable[[tuple[Index, ...], Scope], None],
+    ) -> None:
+        if not rest:
+            body(outer, self)
+        elif rest[0] == 1:
+            self._nest((*outer, Index()), rest[1:], body)
+        else:
+            with self.loop(rest[0]) as (index, inner):
+                inner._nest((*outer, index), rest[1:], body)
+
+    def assign(self, target: Expression, value: Expression) -> None:
+        self.add(Assign(target, value))

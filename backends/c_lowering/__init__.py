@@ -1,0 +1,1 @@
+"""Lowers graphs of a program to the tree of C."""

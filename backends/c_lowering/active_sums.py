@@ -1,0 +1,72 @@
+"""Which sums over fuzzy sets leave out the sets that are 0, and what is then never made whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from compiler.ir.ops import Add
+from compiler.ir.program import Graph, NodeId
+from compiler.passes.analyses.compact_sets import (
+    CompactSets,
+    active_sums,
+    compact_sets,
+    is_positive_zero,
+    supports,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveSets:
+    """What a function that evaluates active sets only treats in its own way."""
+
+    sets: dict[NodeId, CompactSets] = field(default_factory=dict[NodeId, CompactSets])
+    """Degrees of membership of which only those of active sets are computed."""
+    sums: dict[NodeId, NodeId] = field(default_factory=dict[NodeId, NodeId])
+    """Sums of the terms of active sets only, and those sets."""
+    parts: frozenset[NodeId] = frozenset()
+    """Values that only such sums read: computed where they are used, never kept."""
+
+
+def active_sets(graph: Graph, roots: Iterable[NodeId]) -> ActiveSets:
+    """The sums whose result has the same bits without the terms that are 0.
+
+    That is so where +0 is added to the sum (`settle_zeros`), so that a sum of zeros has no sign.
+    Fuzzy sets that something else reads too are computed as they are.
+    """
+    found = compact_sets(graph)
+    support = supports(graph, found)
+    sums = active_sums(graph, support)
+    users = _users(graph, roots)
+    sums = {node: sets for node, sets in sums.items() if _settled(graph, users[node])}
+    parts = set[NodeId]()
+    for index in range(len(graph) - 1, -1, -1):
+        if support[index] and users[index] and None not in users[index]:
+            carried = all(user in sums or user in parts for user in users[index])
+            if carried:
+                parts.add(index)
+    found = {node: sets for node, sets in found.items() if node in parts}
+    sums = {node: sets for node, sets in sums.items() if sets in found}
+    return ActiveSets(found, sums, frozenset(parts))
+
+
+def _users(graph: Graph, roots: Iterable[NodeId]) -> list[list[NodeId | None]]:
+    """The nodes that read each node; None where the surroundings do."""
+    users: list[list[NodeId | None]] = [[] for _ in graph.nodes]
+    wanted = set(roots)
+    for root in wanted:
+        users[root].append(None)
+    for index in range(len(graph) - 1, -1, -1):
+        if users[index]:
+            for arg in graph[index].args:
+                users[arg].append(index)
+    return users
+
+
+def _settled(graph: Graph, users: list[NodeId | None]) -> bool:
+    return bool(users) and all(
+        user is not None
+        and isinstance(graph[user].op, Add)
+        and is_positive_zero(graph, graph[user].args[1])
+        for user in users
+    )

@@ -1,0 +1,276 @@
+"""Turns a graph into C statements, each value computed once, each loop written where it is needed.
+
+A value is either a place in memory or computed where it is used. Structure (broadcast, slice,
+reshape, window) only changes how a place is indexed. A value whose elements are used once is
+computed inside its user's statement or loop; one that is used more often is kept in a local. The
+surroundings say where inputs, parameters and states stand, so that a controller's step, its start
+and other users of the emitter share this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol, assert_never
+
+from backends.c_language.operations import Elementwise, scalar_operation
+from backends.c_language.places import Index, Place
+from backends.c_language.scope import Scope
+from backends.c_language.tree import Binary, Expression
+from backends.c_lowering.active_memberships import ActiveDegrees, active_degrees
+from backends.c_lowering.active_sums import ActiveSets
+from backends.c_lowering.forwarding import forward_slices
+from backends.c_lowering.local_values import LocalValues
+from backends.c_lowering.shift_while_summing import write_moving_sum
+from backends.c_lowering.state_memory import ShiftBuffer
+from backends.c_lowering.sums import sum_along
+from backends.c_lowering.use_counts import MANY, demands, only_units_moved
+from backends.c_lowering.values import (
+    Computed,
+    Indices,
+    Value,
+    copy_value,
+    depth_of,
+    element_of,
+    repeated,
+    sliced,
+    with_units_moved,
+)
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.types import WINDOW, Axis, Type
+
+_DENSE = ActiveSets()
+"""Every set of every sum is evaluated."""
+
+_STILL: Mapping[NodeId, ShiftBuffer] = {}
+"""No sum moves a buffer."""
+
+_DEEPEST = 40
+"""Values computed inside one another; deeper ones are kept, so that recursion is bounded."""
+
+
+class Surroundings(Protocol):
+    """Where a graph finds what is not computed in it."""
+
+    def read(self, op: ReadParameter | ReadSignal | ReadLog | ReadState, type: Type) -> Place:
+        """Where the samples, the parameter or the state stand."""
+        ...
+
+    def push(self, op: Window, newest: Place, scope: Scope) -> Place | None:
+        """Adds the newest sample behind a buffer: where its window stands; None if it cannot."""
+        ...
+
+
+class GraphLowering:
+    """The values of the nodes that `roots` need, written into `scope` as far as they are kept."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        roots: Sequence[NodeId],
+        surroundings: Surroundings,
+        scope: Scope,
+        locals: LocalValues,
+        active: ActiveSets = _DENSE,
+        moving: Mapping[NodeId, ShiftBuffer] = _STILL,
+    ) -> None:
+        self._graph = forward_slices(graph)
+        self._surroundings = surroundings
+        self._scope = scope
+        self._locals = locals
+        self._active = active
+        self._moving = moving
+        self._degrees: dict[NodeId, ActiveDegrees] = {}
+        self._values: dict[NodeId, Value] = {}
+        for index, demand in enumerate(demands(self._graph, roots, active.sets)):
+            if demand:
+                node = self._graph[index]
+                value = self._value(index, node)
+                often = demand == MANY and index not in active.parts
+                if isinstance(value, Computed) and (often or value.depth > _DEEPEST):
+                    value = locals.kept(node, value, locals.name(node), scope)
+                self._values[index] = value
+
+    def value(self, node: NodeId) -> Value:
+        """The value as it is: a place, or the recipe of its elements."""
+        return self._values[node]
+
+    def place(self, node: NodeId, name: str) -> Place:
+        """Where the value stands, kept in a local of that name if it stands nowhere yet."""
+        value = self._values[node]
+        return value if isinstance(value, Place) else self.copy(node, name)
+
+    def copy(self, node: NodeId, name: str) -> Place:
+        """A local of that name with the value."""
+        value = self._values[node]
+        kept = self._locals.kept(self._graph[node], value, name, self._scope)
+        self._values[node] = kept
+        return kept
+
+    def store(self, node: NodeId, target: Place) -> None:
+        """Writes all elements to another place."""
+        self._locals.notes.write(self._graph[node], self._scope)
+        copy_value(self._values[node], target, self._scope, self._locals.unroll)
+
+    def _value(self, index: NodeId, node: Node) -> Value:
+        if index in self._active.sets:
+            return self._active_degrees(index, node)
+        args = [self._values[arg] for arg in node.args]
+        match node.op:
+            case Constant(values):
+                name = node.label or "constants"
+                return self._locals.known(values, node.type, name, self._scope)
+            case ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+                return self._surroundings.read(node.op, node.type)
+            case Broadcast():
+                return repeated(args[0], self._operand(node), node.type)
+            case Reshape():
+                return self._reshaped(node, args[0])
+            case Dropout():
+                return args[0]
+            case Slice(axis, start, stop):
+                return sliced(args[0], self._operand(node).position(axis), start, stop)
+            case Concat(axis):
+                return self._joined(node, args, self._operand(node).position(axis))
+            case Window():
+                return self._window(node, node.op, args[0])
+            case Sum(axis) | Contract(axis):
+                types = [self._graph[arg].type for arg in node.args]
+                factors = list(zip(args, types, strict=True))
+                if index in self._moving:
+                    return self._moving_sum(node, factors, self._moving[index])
+                sets = self._active.sums.get(index)
+                active = () if sets is None else self._degrees[sets].positions
+                return sum_along(node, axis, factors, self._locals, active)
+            case (
+                Add()
+                | Subtract()
+                | Multiply()
+                | Divide()
+                | Negate()
+                | Minimum()
+                | Maximum()
+                | Clamp()
+                | Compare()
+                | Select()
+                | Apply()
+            ):
+                return self._elementwise(node, node.op, args)
+            case _:
+                assert_never(node.op)
+
+    def _active_degrees(self, index: NodeId, node: Node) -> Computed:
+        """Degrees that are known for active sets only; nothing asks for another one."""
+        sets = self._active.sets[index]
+        value = element_of(self._values[sets.value], (), self._scope)
+        points, known = self._values[sets.points], self._graph[sets.points]
+        assert isinstance(points, Place)
+        numbers = known.op.values if isinstance(known.op, Constant) else None
+        found = active_degrees(node, sets.shape, value, points, numbers, self._locals, self._scope)
+        self._degrees[index] = found
+
+        def make(indices: Indices, scope: Scope) -> Expression:
+            return found.degrees[found.positions.index(indices[0])]
+
+        return Computed(node.type.shape, make, 1)
+
+    def _moving_sum(
+        self, node: Node, factors: Sequence[tuple[Value, Type]], memory: ShiftBuffer
+    ) -> Place:
+        """A sum over a buffer, written where it stands, as the buffer moves with it."""
+        locals = self._locals
+        weights = [(v, type) for v, type in factors if v != memory.window]
+
+        def term(along: Index, sample: Expression, scope: Scope) -> Expression:
+            for value, type in weights:
+                indices = [along if axis.name == WINDOW else Index() for axis in type.axes]
+                weight = element_of(value, indices, scope)
+                sample = scalar_operation(Multiply(), (weight, sample), locals.functions)
+            return sample
+
+        (newest,) = (
+            self._values[self._graph[arg].args[0]]
+            for arg in node.args
+            if self._values[arg] == memory.window
+        )
+        locals.notes.write(node, self._scope)
+        name = node.label or locals.notes.part_name(node, "sum")
+        sample = element_of(newest, (), self._scope)
+        total = write_moving_sum(memory, sample, name, term, locals.block, self._scope)
+        return Place.single(total).reshaped_single(node.type.shape)
+
+    def _operand(self, node: Node) -> Type:
+        return self._graph[node.args[0]].type
+
+    def _elementwise(self, node: Node, op: Elementwise, args: Sequence[Value]) -> Computed:
+        def make(indices: Indices, scope: Scope) -> Expression:
+            operands = tuple(element_of(arg, indices, scope) for arg in args)
+            if isinstance(op, Select) and isinstance(operands[1], Binary):
+                # between `?` and `:` checkers of MISRA's precedence rule want no operation
+                then = scope.constant(self._locals.name(node), operands[1])
+                operands = (operands[0], then, operands[2])
+            return scalar_operation(op, operands, self._locals.functions, node.type.kind)
+
+        def finish(value: Expression, scope: Scope) -> Expression:
+            return self._locals.finished(node, value, scope)
+
+        return Computed(node.type.shape, make, 1 + max(map(depth_of, args)), finish)
+
+    def _reshaped(self, node: Node, value: Value) -> Value:
+        if isinstance(value, Computed):
+            assert only_units_moved(self._operand(node), node.type)
+            return with_units_moved(value, value.shape, node.type.shape)
+        place = value.reshaped(node.type.shape)
+        if place is None:
+            source, name = self._graph[node.args[0]], self._locals.name(node)
+            place = self._locals.kept(source, value, name, self._scope).reshaped(node.type.shape)
+            assert place is not None
+        return place
+
+    def _joined(self, node: Node, parts: Sequence[Value], axis: int) -> Place:
+        self._locals.notes.write(node, self._scope)
+        whole = self._locals.array(node, self._locals.name(node), self._scope)
+        begin = 0
+        for part in parts:
+            end = begin + part.shape[axis]
+            target = whole.sliced(axis, begin, end)
+            copy_value(part, target, self._scope, self._locals.unroll)
+            begin = end
+        return whole
+
+    def _window(self, node: Node, op: Window, newest: Value) -> Place:
+        assert isinstance(newest, Place)
+        place = self._surroundings.push(op, newest, self._scope)
+        if place is not None:
+            return place
+        *axes, window = node.type.axes
+        past = node.type.with_axes((*axes, Axis(WINDOW, window.size - 1)))
+        last = newest.reshaped((*newest.shape, 1))
+        assert last is not None  # an axis of length 1 can always be added
+        parts = [self._surroundings.read(ReadState(op.state), past), last]
+        return self._joined(node, parts, len(axes))

@@ -1,0 +1,269 @@
+"""How the state struct keeps each state: a plain value, a delay line, a shifted buffer, a ring."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from backends.c_language.places import Index, Place, c_strides, variable
+from backends.c_language.scope import Scope
+from backends.c_language.tree import (
+    Assign,
+    Binary,
+    Conditional,
+    CType,
+    Declare,
+    Expression,
+    Member,
+    Name,
+    Real,
+    Unsigned,
+)
+from backends.c_lowering.options import Ring
+from backends.c_lowering.values import copy_value
+from compiler.ir.liveness import needed
+from compiler.ir.ops import Slice, Window
+from compiler.ir.program import History, NodeId, Program, State, Tape
+from compiler.ir.types import WINDOW
+
+_LONGEST_SHIFT = 32
+"""Samples up to which moving them costs little against reading them (measured on Cortex-M4F)."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlainState:
+    """A value of its own, replaced at the end of the step."""
+
+    state: State
+    identifier: str
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int | None:
+        """Reals in the struct; None for a scalar."""
+        return math.prod(self.shape) if self.shape else None
+
+    @property
+    def samples(self) -> Place:
+        """The value, as `ReadState` sees it."""
+        return member_place("s", self.identifier, self.shape)
+
+    def write(self, value: Place, scope: Scope, unroll: int) -> None:
+        copy_value(value, self.samples, scope, unroll)
+
+    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+        self.write(start, scope, unroll)
+
+
+@dataclass(frozen=True, slots=True)
+class DelayLine:
+    """Samples oldest first; no window with the newest one is wanted, so it joins them last."""
+
+    state: State
+    identifier: str
+    shape: tuple[int, ...]
+    """Axes of the signal, then the samples that are kept."""
+    newest: NodeId
+    """Node of the step whose value joins the samples."""
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+    @property
+    def samples(self) -> Place:
+        return Place.array(Member("s", self.identifier), self.shape)
+
+    def write(self, newest: Place, scope: Scope, unroll: int) -> None:
+        axis, kept = len(self.shape) - 1, self.shape[-1]
+        rest = self.samples.sliced(axis, 0, kept - 1)
+        copy_value(self.samples.sliced(axis, 1, kept), rest, scope, unroll)
+        copy_value(newest, _last(self.samples, newest.shape), scope, unroll)
+
+    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+        copy_value(start, self.samples, scope, unroll)
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftBuffer:
+    """Samples oldest first with room for the newest one behind them; moved down after the step."""
+
+    state: State
+    identifier: str
+    shape: tuple[int, ...]
+    """Axes of the signal, then the samples that are kept."""
+    in_sum: bool = False
+    """Whether a sum moves the samples while it reads them and takes the newest from elsewhere, so
+    that there is no room for it."""
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape if self.in_sum else self.window.shape)
+
+    @property
+    def window(self) -> Place:
+        """All samples with the newest one."""
+        *rows, kept = self.shape
+        return Place.array(Member("s", self.identifier), (*rows, kept + 1))
+
+    @property
+    def samples(self) -> Place:
+        return self.window.sliced(len(self.shape) - 1, 0, self.shape[-1])
+
+    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+        copy_value(start, self.samples, scope, unroll)
+
+    def begin(self, scope: Scope) -> None:
+        """Nothing to prepare: the samples stand where they always stand."""
+
+    def push(self, newest: Place, scope: Scope, unroll: int) -> None:
+        if not self.in_sum:
+            copy_value(newest, _last(self.window, newest.shape), scope, unroll)
+
+    def fill(self, newest: Place, scope: Scope, unroll: int) -> None:
+        """Makes every sample that was kept equal to the newest."""
+        copy_value(_along_time(newest, self.shape), self.samples, scope, unroll)
+
+    def commit(self, scope: Scope, unroll: int) -> None:
+        axis = len(self.shape) - 1
+        copy_value(self.window.sliced(axis, 1, self.shape[-1] + 1), self.samples, scope, unroll)
+
+
+@dataclass(frozen=True, slots=True)
+class DoubledRing:
+    """Twice the samples: the newest is written at `head` and a length behind it, so that the window
+    always lies in one piece and nothing moves."""
+
+    state: State
+    identifier: str
+    shape: tuple[int, ...]
+    head: str
+    """The ring's position: its field in the struct, which reaches `length` where the next step
+    begins again at 0, and the local that a step reads it into."""
+
+    @property
+    def length(self) -> int:
+        return self.shape[-1] + 1
+
+    @property
+    def size(self) -> int:
+        return math.prod(self._storage.shape)
+
+    @property
+    def _storage(self) -> Place:
+        return Place.array(Member("s", self.identifier), (*self.shape[:-1], 2 * self.length))
+
+    def _from(self, offset: Index, count: int) -> Place:
+        strides = c_strides((*self.shape[:-1], 2 * self.length))
+        return Place(Member("s", self.identifier), (*self.shape[:-1], count), strides, offset)
+
+    @property
+    def window(self) -> Place:
+        return self._from(variable(self.head).plus(Index(1)), self.length)
+
+    @property
+    def samples(self) -> Place:
+        return self._from(variable(self.head).plus(Index(1)), self.shape[-1])
+
+    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+        scope.add(Assign(Member("s", self.head), Unsigned(0)))
+        for offset in (1, 1 + self.length):
+            copy_value(start, self._from(Index(offset), self.shape[-1]), scope, unroll)
+        # the two places of the newest sample are written by the step before anything reads them
+        zero = Place.single(Real(0.0)).reshaped_single(self.shape[:-1])
+        for offset in (0, self.length):
+            copy_value(zero, _last(self._from(Index(offset), 1), zero.shape), scope, unroll)
+
+    def begin(self, scope: Scope) -> None:
+        """Reads the head, which wraps here; memory errors cannot make it leave the ring."""
+        stored = Member("s", self.head)
+        inside = Binary("<", stored, Unsigned(self.length))
+        head = Conditional(inside, stored, Unsigned(0))
+        scope.reserve(self.head)
+        scope.add(Declare(CType.UNSIGNED, self.head, head, constant=True))
+
+    def push(self, newest: Place, scope: Scope, unroll: int) -> None:
+        for offset in (0, self.length):
+            position = variable(self.head).plus(Index(offset))
+            copy_value(newest, _last(self._from(position, 1), newest.shape), scope, unroll)
+
+    def fill(self, newest: Place, scope: Scope, unroll: int) -> None:
+        copy_value(_along_time(newest, self._storage.shape), self._storage, scope, unroll)
+
+    def commit(self, scope: Scope, unroll: int) -> None:
+        scope.assign(Member("s", self.head), Binary("+", Name(self.head), Unsigned(1)))
+
+
+Buffer = ShiftBuffer | DoubledRing
+"""Memory that takes its newest sample during the step, and moves after it."""
+
+StateMemory = PlainState | DelayLine | Buffer
+
+
+def joining(memory: StateMemory) -> NodeId:
+    """The value that a state waits for: the one that joins its samples, or its whole next value."""
+    return memory.newest if isinstance(memory, DelayLine) else memory.state.next
+
+
+def seen_values(program: Program) -> list[NodeId]:
+    """The values of the step that it shows: outputs, and equations whose range it checks."""
+    return [shown.node for shown in (*program.outputs, *program.expected)]
+
+
+@dataclass(frozen=True, slots=True)
+class InPlace:
+    """A buffer that needs no copy to move."""
+
+    newest: NodeId
+    window_read: bool
+    """Whether anything but the buffer itself reads its window with the newest sample."""
+
+
+def kept_in_place(program: Program) -> dict[str, InPlace]:
+    """Buffers whose next value is their only window without its oldest sample, by name."""
+    roots = seen_values(program) + [s.next for s in program.states]
+    live = needed(program.step, roots)
+    windows: dict[str, list[NodeId]] = {}
+    users: dict[NodeId, set[NodeId]] = {}
+    for index, node in program.step:
+        if live[index]:
+            if isinstance(node.op, Window):
+                windows.setdefault(node.op.state, []).append(index)
+            for arg in node.args:
+                users.setdefault(arg, set()).add(index)
+    results = set(seen_values(program))
+    found: dict[str, InPlace] = {}
+    for state in program.states:
+        if isinstance(state.origin, History | Tape):
+            last = program.step[state.next]
+            moved = Slice(WINDOW, 1, state.axes[-1].size + 1)
+            if last.op == moved and [*last.args] == windows.get(state.name):
+                (window,) = last.args
+                read = users[window] != {state.next} or bool({window, state.next} & results)
+                read = read or state.next in users
+                found[state.name] = InPlace(program.step[window].args[0], read)
+    return found
+
+
+def doubles(ring: Ring, kept: int) -> bool:
+    """Whether a buffer becomes a doubled ring."""
+    return ring == "double" or (ring == "auto" and kept > _LONGEST_SHIFT)
+
+
+def member_place(
+    base: str, identifier: str, shape: tuple[int, ...], *, pointer: bool = True
+) -> Place:
+    """A field of a struct as a value of the given shape; a scalar field where there is none."""
+    field: Expression = Member(base, identifier, pointer)
+    return Place.array(field, shape) if shape else Place.single(field)
+
+
+def _last(window: Place, shape: tuple[int, ...]) -> Place:
+    axis = len(window.shape) - 1
+    size = window.shape[-1]
+    place = window.sliced(axis, size - 1, size)
+    return Place(place.storage, shape, place.strides[:-1], place.offset)
+
+
+def _along_time(newest: Place, shape: tuple[int, ...]) -> Place:
+    return newest.repeated(shape, (*range(len(newest.shape)), None))

@@ -1,0 +1,112 @@
+"""Writes sums along an axis, first term first: the order of every backend that promises bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from backends.c_language.operations import scalar_operation
+from backends.c_language.places import Index
+from backends.c_language.scope import Scope
+from backends.c_language.tree import Expression, Name, Real
+from backends.c_lowering.local_values import LocalValues
+from backends.c_lowering.values import Computed, Indices, Value, depth_of, element_of
+from compiler.ir.ops import Add, Multiply
+from compiler.ir.program import Node
+from compiler.ir.types import Type
+
+_SHORT = 3
+"""Terms of a sum that is written as one expression."""
+
+_NEUTRAL = Real(-0.0)
+"""What a loop begins with: −0.0 + x is x for every x, while 0.0 + x loses the sign of −0.0."""
+
+
+def sum_along(
+    node: Node,
+    axis: str,
+    factors: Sequence[tuple[Value, Type]],
+    locals: LocalValues,
+    active: Sequence[Index] = (),
+) -> Computed:
+    """Σ over the axis of the product of one or two factors; of the `active` terms if there are."""
+    first = factors[0][1]
+    count = first.axes[first.position(axis)].size
+    names = node.type.axis_names
+
+    def term(indices: Indices, along: Index, scope: Scope) -> Expression:
+        where = dict(zip(names, indices, strict=True)) | {axis: along}
+        elements = tuple(
+            element_of(value, [where[name] for name in type.axis_names], scope)
+            for value, type in factors
+        )
+        if len(elements) == 1:
+            return elements[0]
+        return scalar_operation(Multiply(), elements, locals.functions)
+
+    def added(total: Expression, indices: Indices, along: Index, scope: Scope) -> Expression:
+        return scalar_operation(Add(), (total, term(indices, along, scope)), locals.functions)
+
+    def make(indices: Indices, scope: Scope) -> Expression:
+        if active or count <= _SHORT:
+            first, *rest = active or [Index(along) for along in range(count)]
+            total = term(indices, first, scope)
+            for along in rest:
+                total = added(total, indices, along, scope)
+            return total
+        return _written_out(indices, scope) if count <= locals.unroll else _loop(indices, scope)
+
+    def _written_out(indices: Indices, scope: Scope) -> Expression:
+        total = _variable(term(indices, Index(), scope), scope)
+        for along in range(1, count):
+            scope.assign(total, added(total, indices, Index(along), scope))
+        return total
+
+    def _loop(indices: Indices, scope: Scope) -> Expression:
+        width = locals.parallel_sums
+        if width > 1 and count >= 2 * width:
+            return _side_by_side(width, indices, scope)
+        total = _variable(_NEUTRAL, scope)
+
+        def add_term(along: Index, inner: Scope) -> None:
+            inner.assign(total, added(total, indices, along, inner))
+
+        in_blocks(count, locals.block, scope, add_term)
+        return total
+
+    def _side_by_side(width: int, indices: Indices, scope: Scope) -> Expression:
+        """Sums of every width-th term, added at the end: a processor works on all at once."""
+        totals = [_variable(_NEUTRAL, scope) for _ in range(width)]
+        with scope.loop(count // width) as (along, inner):
+            for lane, total in enumerate(totals):
+                place = along.times(width).plus(Index(lane))
+                inner.assign(total, added(total, indices, place, inner))
+        for lane in range(count % width):
+            place = Index(count - count % width + lane)
+            scope.assign(totals[lane], added(totals[lane], indices, place, scope))
+        result: Expression = totals[0]
+        for total in totals[1:]:
+            result = scalar_operation(Add(), (result, total), locals.functions)
+        return result
+
+    def _variable(begin: Expression, scope: Scope) -> Name:
+        locals.notes.write(node, scope)
+        return scope.variable(node.label or locals.notes.part_name(node, "sum"), begin)
+
+    def finish(value: Expression, scope: Scope) -> Expression:
+        return locals.finished(node, value, scope)
+
+    return Computed(node.type.shape, make, 1 + max(depth_of(value) for value, _ in factors), finish)
+
+
+def in_blocks(count: int, block: int, scope: Scope, body: Callable[[Index, Scope], None]) -> None:
+    """Writes `body` for 0 … count−1 in a loop that makes `block` steps at once, then the rest."""
+    if block <= 1 or count < 2 * block:
+        with scope.loop(count) as (along, inner):
+            body(along, inner)
+        return
+    whole = count - count % block
+    with scope.loop(whole, block) as (along, inner):
+        for offset in range(block):
+            body(along.plus(Index(offset)), inner)
+    for index in range(whole, count):
+        body(Index(index), scope)

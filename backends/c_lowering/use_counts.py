@@ -1,0 +1,105 @@
+"""Counts how often each element of a value is used, so that nothing is computed twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import assert_never
+
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.types import Type
+from compiler.passes.analyses.compact_sets import CompactSets
+
+MANY = 2
+"""Stands for every number of uses above one."""
+
+_NO_SETS: Mapping[NodeId, CompactSets] = {}
+
+
+def demands(
+    graph: Graph, roots: Iterable[NodeId], active: Mapping[NodeId, CompactSets] = _NO_SETS
+) -> list[int]:
+    """For each node 0 (not needed), 1 (each element used once at most) or MANY.
+
+    A value of demand 1 can be computed where it is used; one of MANY must be kept. Uses through a
+    broadcast, slice or reshape count for the value behind it. Of the `active` fuzzy sets only the
+    value and the points are needed, several times.
+    """
+    counts = [0] * len(graph)
+    for root in roots:
+        counts[root] = min(MANY, counts[root] + 1)
+    for index in range(len(graph) - 1, -1, -1):
+        sets = active.get(index)
+        if sets is not None and counts[index]:
+            counts[sets.value] = counts[sets.points] = MANY
+        elif counts[index]:
+            node = graph[index]
+            for arg in node.args:
+                uses = _uses(node, graph[arg].type, counts[index])
+                counts[arg] = min(MANY, counts[arg] + uses)
+    return counts
+
+
+def only_units_moved(old: Type, new: Type) -> bool:
+    """Whether a reshape only adds, drops or renames axes."""
+    return [n for n in old.shape if n != 1] == [n for n in new.shape if n != 1]
+
+
+def _uses(node: Node, operand: Type, demand: int) -> int:
+    """How often the node uses an element of the operand when its own are used `demand` times."""
+    match node.op:
+        case Broadcast():
+            return demand * (node.type.size // operand.size)
+        case Slice() | Dropout():
+            return demand
+        case Reshape():
+            return demand if only_units_moved(operand, node.type) else MANY
+        case Contract(axis):
+            return node.type.size * operand.axes[operand.position(axis)].size // operand.size
+        case Window():
+            return MANY  # written to the buffer, and often to two places of it
+        case (
+            Add()
+            | Subtract()
+            | Multiply()
+            | Divide()
+            | Negate()
+            | Minimum()
+            | Maximum()
+            | Clamp()
+            | Compare()
+            | Select()
+            | Apply()
+            | Concat()
+            | Sum()
+        ):
+            return 1
+        case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+            return 0
+        case _:
+            assert_never(node.op)

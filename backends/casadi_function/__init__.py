@@ -1,0 +1,1 @@
+"""Writes a program as CasADi functions with named ports."""

@@ -1,0 +1,53 @@
+"""Writes a program's CasADi functions, with a description of their ports, into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import casadi
+from numpy.typing import ArrayLike
+
+from backends.casadi_function.function import build_function, build_initial_state, casadi_names
+from backends.files.atomic_write import replacing, write_text
+from backends.files.readme import one_line, readme_text
+from backends.ports.metadata import interface_metadata, metadata_text
+from backends.ports.step_interface import step_interface
+from compiler.ir.program import Program
+
+
+def write_casadi(
+    program: Program, weights: Mapping[str, ArrayLike] | None, folder: Path, prefix: str
+) -> tuple[Path, ...]:
+    """Writes `<prefix>.casadi`, `<prefix>_initial_state.casadi`, `<prefix>.json` and a README,
+    `<prefix>_casadi.md`.
+
+    The program is in step form. Parameters stay inputs of the functions; their values, `weights` or
+    the initial ones, stand in the JSON file. Returns the paths. OSError where the folder cannot be
+    written, ValueError for a weight of a wrong shape.
+    """
+    names = casadi_names(program)
+    metadata = interface_metadata(program, step_interface(program), names, weights)
+    text = metadata_text(
+        {
+            **metadata,
+            "functions": {
+                "step": f"{prefix}.casadi",
+                "initial_state": f"{prefix}_initial_state.casadi",
+            },
+        }
+    )
+    readme = readme_text("casadi", model=one_line(program.name), prefix=prefix)
+    step, initial_state = build_function(program), build_initial_state(program)
+    return (
+        _save(step, folder / f"{prefix}.casadi"),
+        _save(initial_state, folder / f"{prefix}_initial_state.casadi"),
+        write_text(folder / f"{prefix}.json", text),
+        write_text(folder / f"{prefix}_casadi.md", readme),
+    )
+
+
+def _save(function: casadi.Function, path: Path) -> Path:
+    with replacing(path) as temporary:
+        function.save(str(temporary))
+    return path

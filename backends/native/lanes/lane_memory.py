@@ -1,0 +1,161 @@
+"""Where the values of a rollout stand: signals and buffers as arrays over time, never rings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from backends.c_language.places import Index, Place, c_strides
+from backends.c_language.tree import Name
+from backends.native.late_adjoints import Echo, echoes
+from backends.native.loop_splitting import ROW, Phases, phases
+from backends.ports.identifiers import c_identifier
+from compiler.differentiation.training_step import TrainingStep
+from compiler.ir.ops import ReadLog, ReadSignal
+from compiler.ir.program import Extent, Program, State, extents
+from compiler.ir.types import WINDOW, Axis
+
+
+def size_of(axes: tuple[Axis, ...]) -> int:
+    """Number of scalars of a value with these axes."""
+    size = 1
+    for axis in axes:
+        size *= axis.size
+    return size
+
+
+def _shape(axes: tuple[Axis, ...]) -> tuple[int, ...]:
+    return tuple(axis.size for axis in axes)
+
+
+@dataclass(frozen=True, slots=True)
+class Tape:
+    """Rows of samples of one lane group, a row of `elements` a time, oldest first.
+
+    A function that works at time t gets a pointer to the row of `first` samples after t.
+    """
+
+    name: str
+    elements: int
+    first: int
+    last: int
+    """Samples after t of the last row that is used at t."""
+
+    def place(self, shape: tuple[int, ...], first: int, count: int | None) -> Place:
+        """Samples t+first … (`count` of them as the last axis of the shape, None for one)."""
+        offset = Index((first - self.first) * self.elements)
+        if count is None:
+            return Place(Name(self.name), shape, c_strides(shape), offset)
+        inner = shape[:-1]
+        return Place(Name(self.name), shape, (*c_strides(inner), self.elements), offset)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """All arrays of one program's kernel."""
+
+    step: TrainingStep
+
+    @property
+    def program(self) -> Program:
+        return self.step.program
+
+    @cached_property
+    def signals(self) -> dict[str, Tape]:
+        """The log of each signal that the step or the start reads."""
+        found: dict[str, Extent] = {}
+        for graph in (self.program.step, self.program.start):
+            for log in (True, False):
+                for name, extent in extents(graph, log=log).items():
+                    before = found.get(name)
+                    found[name] = before.union(extent) if before else extent
+        taken: set[str] = set()
+        return {
+            signal.name: Tape(
+                c_identifier(f"log_{signal.name}", taken),
+                size_of(signal.axes),
+                found[signal.name].first,
+                found[signal.name].last,
+            )
+            for signal in self.program.signals
+            if signal.name in found
+        }
+
+    @cached_property
+    def buffers(self) -> dict[str, Tape]:
+        """The samples of each buffer; at t it holds rows 0 … n−1, the newest becomes row n."""
+        taken: set[str] = set()
+        return {
+            state.name: Tape(
+                c_identifier(f"tape_{state.name}", taken),
+                size_of(state.axes[:-1]),
+                0,
+                state.axes[-1].size,
+            )
+            for state in self.program.states
+            if state.name in self.step.newest
+        }
+
+    def newest_row(self, state: State) -> Place:
+        """Where the newest sample of a buffer goes at t."""
+        tape = self.buffers[state.name]
+        return tape.place(_shape(state.axes[:-1]), tape.last, None)
+
+    def adjoint_rows(self, state: State) -> Place:
+        """The adjoints of the samples that a buffer holds at t."""
+        tape = self.buffers[state.name]
+        place = tape.place(_shape(state.axes), 0, state.axes[-1].size)
+        return Place(Name(f"d_{tape.name}"), place.shape, place.strides, place.offset)
+
+    @cached_property
+    def plain(self) -> dict[str, tuple[str, State]]:
+        """The C name of each state that is no buffer."""
+        taken: set[str] = set()
+        return {
+            state.name: (c_identifier(f"state_{state.name}", taken), state)
+            for state in self.program.states
+            if state.name not in self.step.newest
+        }
+
+    @cached_property
+    def phases(self) -> Phases:
+        return phases(self.step)
+
+    @cached_property
+    def rows(self) -> dict[str, Tape]:
+        """The values over time of nodes that are kept, by the names that reads of them have."""
+        reverse = self.step.reverse_step.graph
+        return {
+            f"{ROW}{node}": Tape(f"row_{node}", reverse[node].type.size, 0, 0)
+            for node in self.phases.rows
+        }
+
+    @cached_property
+    def echoes(self) -> dict[Echo, Tape]:
+        """Sources over the time, the latest time first; at t the newest becomes row n."""
+        reverse = self.step.reverse_step.graph
+        return {
+            echo: Tape(echo.name, reverse[echo.source].type.size, 0, self.buffers[echo.state].last)
+            for echo in echoes(self.step)
+        }
+
+    @cached_property
+    def parameters(self) -> dict[str, int]:
+        """Where each parameter begins among all numbers that are learned or held."""
+        offsets: dict[str, int] = {}
+        total = 0
+        for parameter in self.program.parameters:
+            offsets[parameter.name] = total
+            total += size_of(parameter.axes)
+        return offsets
+
+    @property
+    def parameter_count(self) -> int:
+        return sum(size_of(parameter.axes) for parameter in self.program.parameters)
+
+
+def read_of(tape: Tape, op: ReadSignal | ReadLog, axes: tuple[Axis, ...]) -> Place:
+    """The samples that a node reads of a signal."""
+    shape = tuple(axis.size for axis in axes)
+    windowed = bool(axes) and axes[-1].name == WINDOW
+    return tape.place(shape, op.first, axes[-1].size if windowed else None)

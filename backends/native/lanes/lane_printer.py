@@ -1,0 +1,81 @@
+"""Prints the C tree with a whole group of samples in each real: one vector, one lane a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from backends.c_language.literals import real_literal
+from backends.c_language.printer import Printer
+from backends.c_language.tree import (
+    Conditional,
+    CType,
+    Expression,
+    Loop,
+    Real,
+    Statement,
+    Table,
+    Truth,
+)
+from backends.native.tiled_sums import HORIZON, TimeLoop
+
+
+class LanePrinter(Printer):
+    """The printer of controllers with vectors for reals and masks for truth values.
+
+    Vector extensions of gcc and clang have no literals and, in C, no `?:`; the kernel's prelude
+    has `splat` and `choose` for them.
+    """
+
+    def type(self, type: CType) -> str:
+        match type:
+            case CType.REAL:
+                return "lanes"
+            case CType.BOOL:
+                return "mask"
+            case CType.UNSIGNED | CType.STATUS:
+                return "uint32_t"
+            case CType.WORD | CType.SUM | CType.BITS:
+                return super().type(type)
+
+    def expression(self, expression: Expression) -> str:
+        match expression:
+            case Real(value):
+                return f"splat({real_literal(value, self.dtype)})"
+            case Truth(value):
+                return "every_lane" if value else "no_lane"
+            case Conditional(condition, then, otherwise):
+                parts = (self.expression(part) for part in (condition, then, otherwise))
+                return f"choose({', '.join(parts)})"
+            case _:
+                return super().expression(expression)
+
+    def operand(self, expression: Expression) -> str:
+        match expression:
+            case Real() | Conditional():
+                return self.expression(expression)
+            case _:
+                return super().operand(expression)
+
+    def statement(self, statement: Statement) -> Iterable[str]:
+        match statement:
+            case TimeLoop(variable=time, stop=step, body=body, rest=rest):
+                begin = f"{HORIZON} - ({HORIZON} % {step}U)" if rest else "0"
+                stop = (
+                    f"{time} < {HORIZON}" if rest or step == 1 else f"{time} + {step} <= {HORIZON}"
+                )
+                by = 1 if rest else step
+                yield f"for (size_t {time} = {begin}; {stop}; {time} += {by}) {{"
+            case Loop(variable, start, stop, body, step):
+                by = "++" if step == 1 else f" += {step}"
+                yield f"for (size_t {variable} = {start}; {variable} < {stop}; {variable}{by}) {{"
+            case _:
+                yield from super().statement(statement)
+                return
+        yield from self._block(body, 1)
+        yield "}"
+
+    def table(self, table: Table) -> str:
+        """A constant array, every number in all lanes."""
+        numbers = [f"all({real_literal(value, self.dtype)})" for value in table.values]
+        head = f"static const lanes {table.name}[{len(numbers)}]"
+        return f"{head} = {self.braced(numbers)};"

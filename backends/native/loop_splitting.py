@@ -1,0 +1,270 @@
+"""Divides a training step by when it can run: before the loop over time, in it, or after it.
+
+A loop over time is a chain: each step waits for the one before. Sums over logged samples need not:
+they are done for all times at once, ahead of it. Nor need gradients of parameters: the reverse loop
+leaves the few adjoints that they are made of in rows over time, and they are summed after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from backends.c_lowering.use_counts import demands, only_units_moved
+from compiler.differentiation.training_step import ADJOINT, SCALE, TrainingStep
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Multiply,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Reshape,
+    Slice,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, Node, NodeId
+
+ROW = "row "
+"""Before the id of a node whose values over time stand in rows."""
+
+_MOST_ELEMENTS = 96
+"""Numbers a step kept in rows, all together: 25,000 steps of 16 samples take 154 MB."""
+
+_DEAR = 6
+"""Operations an element from which on a value is kept instead of computed again."""
+
+_LEAST_SHARE = 3
+"""A gradient is summed after the loop if it has so many times the elements of its factors."""
+
+
+@dataclass(frozen=True, slots=True)
+class LateGradient:
+    """An addend of a parameter's gradient at each time: the product of two views of rows."""
+
+    parameter: str
+    product: NodeId
+    """A Multiply or Contract of the reverse graph."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phases:
+    """Which nodes are done when; ids are those of the training step's graphs."""
+
+    ahead: tuple[NodeId, ...]
+    """Contractions of the forward graph over logged samples."""
+    kept: tuple[NodeId, ...]
+    """Other nodes of the forward graph that the reverse step reads instead of computing them."""
+    cuts: tuple[NodeId, ...]
+    """Nodes of the reverse graph that late gradients are made of."""
+    late: tuple[LateGradient, ...]
+    direct: tuple[tuple[str, NodeId], ...]
+    """Parameters and the addends that the reverse step adds itself."""
+
+    @property
+    def rows(self) -> tuple[NodeId, ...]:
+        """All nodes that stand in rows."""
+        return (*self.ahead, *self.kept, *self.cuts)
+
+
+def phases(step: TrainingStep) -> Phases:
+    """The division of one training step."""
+    room = _Room()
+    ahead = _ahead(step, room)
+    graph = read_from_rows(step.reverse_step.graph, ahead)
+    forward = len(step.program.step)
+    found = step.reverse_step.gradients
+    gradients = [(n, g) for n, g in found.parameters.items() if not n.startswith(SCALE)]
+    sums = Addends(graph, [*found.states.values(), *(node for _, node in gradients)])
+    late: list[LateGradient] = []
+    direct: list[tuple[str, NodeId]] = []
+    rows: dict[NodeId, None] = {}
+    for parameter, gradient in gradients:
+        for addend in sums.of(gradient):
+            factors = _factors_to_keep(graph, addend)
+            if factors is not None and room.take(graph, factors):
+                late.append(LateGradient(parameter, addend))
+                rows |= dict.fromkeys(factors)
+            else:
+                direct.append((parameter, addend))
+    roots = [*found.states.values(), *rows, *(node for _, node in direct)]
+    kept = _kept(graph, forward, roots, {node for node in rows if node < forward}, room)
+    cuts = tuple(node for node in rows if node >= forward)
+    return Phases(ahead, kept, cuts, tuple(late), tuple(direct))
+
+
+def read_from_rows(graph: Graph, nodes: Iterable[NodeId]) -> Graph:
+    """The graph with some nodes read from their rows."""
+    found = list(graph.nodes)
+    for index in nodes:
+        node = found[index]
+        found[index] = Node(ReadState(f"{ROW}{index}"), (), node.type, node.span)
+    return Graph(tuple(found))
+
+
+class Addends:
+    """Takes sums of nodes apart, as far as no other node needs the partial sums."""
+
+    def __init__(self, graph: Graph, roots: Iterable[NodeId]) -> None:
+        self._graph = graph
+        self._demands = demands(graph, roots)
+
+    def of(self, node: NodeId) -> list[NodeId]:
+        """The nodes whose sum the node is."""
+        found: list[NodeId] = []
+        waiting = [node]
+        while waiting:
+            term = waiting.pop()
+            if isinstance(self._graph[term].op, Add) and self._demands[term] == 1:
+                waiting += reversed(self._graph[term].args)
+            else:
+                found.append(term)
+        return found
+
+
+def is_zero(graph: Graph, node: NodeId) -> bool:
+    """Whether a node is 0 everywhere, as its structure shows."""
+    match graph[node].op:
+        case Constant(values):
+            return not any(values)
+        case Broadcast() | Reshape() | Slice():
+            return is_zero(graph, graph[node].args[0])
+        case _:
+            return False
+
+
+class _Room:
+    """How much a step may keep in rows."""
+
+    def __init__(self) -> None:
+        self._left = _MOST_ELEMENTS
+        self._taken: set[NodeId] = set()
+
+    def take(self, graph: Graph, nodes: Iterable[NodeId]) -> bool:
+        """Takes the elements of these nodes if there is room for all."""
+        new = [node for node in nodes if node not in self._taken]
+        size = sum(graph[node].type.size for node in new)
+        if size > self._left:
+            return False
+        self._left -= size
+        self._taken.update(new)
+        return True
+
+
+def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
+    """The contractions of parameters with logged samples."""
+    graph = step.program.step
+    losses = [node for term in step.losses for node in (term.total, term.count)]
+    results = [state.next for state in step.program.states]
+    wanted = [*step.newest.values(), *results, *(node for node in losses if node is not None)]
+    found: list[NodeId] = []
+    for index, demand in enumerate(demands(graph, wanted)):
+        node = graph[index]
+        if demand and isinstance(node.op, Contract):
+            leaves = [view_leaf(graph, arg) for arg in node.args]
+            ops = [graph[leaf].op for leaf in leaves if leaf is not None]
+            if (
+                len(ops) == 2
+                and not any(isinstance(op, ReadState | Window) for op in ops)
+                and any(isinstance(op, ReadSignal | ReadLog) for op in ops)
+                and room.take(graph, [index])
+            ):
+                found.append(index)
+    return tuple(found)
+
+
+def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
+    """What a node shows under other indices, if that is a parameter, samples or a state."""
+    op = graph[node].op
+    match op:
+        case ReadParameter(name) | ReadState(name):
+            # what the reverse step alone is given is no view of rows
+            return None if name.startswith((SCALE, ADJOINT)) else node
+        case ReadSignal() | ReadLog() | Window() | Constant():
+            return node
+        case Broadcast() | Slice():
+            return view_leaf(graph, graph[node].args[0])
+        case Reshape():
+            source = graph[node].args[0]
+            moved = only_units_moved(graph[source].type, graph[node].type)
+            return view_leaf(graph, source) if moved else None
+        case _:
+            return None
+
+
+def shown(graph: Graph, node: NodeId) -> NodeId:
+    """The node behind broadcasts: what must be known of it at each time."""
+    while isinstance(graph[node].op, Broadcast):
+        node = graph[node].args[0]
+    return node
+
+
+def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
+    """What must stand in rows to sum a product later; None if that does not pay."""
+    if not isinstance(graph[node].op, Multiply | Contract):
+        return None
+    needed = {shown(graph, arg) for arg in graph[node].args if view_leaf(graph, arg) is None}
+    size = sum(graph[factor].type.size for factor in needed)
+    return sorted(needed) if size * _LEAST_SHARE <= graph[node].type.size else None
+
+
+def _kept(
+    graph: Graph, forward: int, roots: Iterable[NodeId], given: set[NodeId], room: _Room
+) -> tuple[NodeId, ...]:
+    """Nodes of the forward part that are dear to compute again, and those given."""
+    used = demands(graph, roots)
+    direct = {
+        leaf
+        for index in range(forward, len(graph))
+        if used[index]
+        for arg in graph[index].args
+        for leaf in _computed(graph, arg)
+        if leaf < forward
+    }
+    direct |= {leaf for root in roots for leaf in _computed(graph, root) if leaf < forward}
+    kept: list[NodeId] = []
+    costs: list[float] = []
+    for index in range(forward):
+        cost = _cost(graph, index, costs)
+        size = graph[index].type.size
+        dear = index in direct and cost > _DEAR * size
+        if index in given or (dear and room.take(graph, [index])):
+            kept.append(index)
+            cost = 0.0
+        costs.append(cost)
+    return tuple(kept)
+
+
+def _computed(graph: Graph, node: NodeId) -> list[NodeId]:
+    """The real values behind structure and truth values."""
+    op = graph[node].op
+    if isinstance(op, Broadcast | Slice | Reshape | Concat) or graph[node].type.kind == "bool":
+        return [leaf for arg in graph[node].args for leaf in _computed(graph, arg)]
+    leaf = isinstance(op, Constant | ReadParameter | ReadSignal | ReadLog | ReadState | Window)
+    return [] if leaf else [node]
+
+
+def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
+    """About how many operations a node takes with all that only it needs."""
+    node = graph[index]
+    match node.op:
+        case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState() | Window():
+            return 0.0
+        case Broadcast() | Slice() | Reshape() | Concat():
+            own = 0.0
+        case Apply():
+            own = 20.0 * node.type.size
+        case Divide():
+            own = 4.0 * node.type.size
+        case Contract() | Sum():
+            own = float(max(graph[arg].type.size for arg in node.args))
+        case _:
+            own = float(node.type.size)
+    return own + sum(costs[arg] for arg in node.args)

@@ -1,0 +1,1 @@
+"""Writes a program as an ONNX model, built from the IR."""

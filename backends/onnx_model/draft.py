@@ -1,0 +1,184 @@
+"""A program on its way to ONNX: what its models share, and how their ports are declared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import onnx
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+from onnx import TensorProto, helper
+
+from backends.onnx_model.lowering import Sources, lower_nodes
+from backends.onnx_model.nodes import OnnxNodes
+from backends.ports.metadata import interface_metadata, metadata_text
+from backends.ports.step_interface import PortNames, StepInterface, port_names, step_interface
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Parameter, Program
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.types import Axis
+from compiler.passes.expand_functions import expand_functions
+from spec_schema.units.unit import Unit
+from spec_schema.version import __version__
+
+OPSET = 17
+"""Operators as most runtimes of the last years know them; nothing here needs a newer set."""
+
+IR_VERSION = 8
+"""The file version that came with this operator set."""
+
+NATIVE = frozenset(name for name, row in SCALAR_FUNCTIONS.items() if row.onnx)
+"""Scalar functions with an operator that is exact in double; others are lowered by definition."""
+
+STEPS = "steps"
+"""Name of the free dimension of a rollout, and of the input of one that has no inputs."""
+
+Values = list[onnx.ValueInfoProto]
+
+_ELEMENTS = {
+    np.dtype(np.float32): TensorProto.FLOAT,
+    np.dtype(np.float64): TensorProto.DOUBLE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """An expanded program with its ports, their names, the weights and the precision."""
+
+    program: Program
+    interface: StepInterface
+    names: PortNames
+    weights: Mapping[str, NDArray[np.float64]]
+    dtype: np.dtype[Any]
+
+    @staticmethod
+    def of(program: Program, weights: Mapping[str, ArrayLike] | None, dtype: DTypeLike) -> Draft:
+        """ValueError for another dtype than float32 and float64 or a weight of a wrong shape."""
+        real = np.dtype(dtype)
+        if real not in _ELEMENTS:
+            message = f"an ONNX model is made in float32 or float64, not {real}"
+            raise ValueError(message)
+        arrays = physical_weights(program, weights or {})
+        expanded = expand_functions(program, NATIVE)
+        interface = step_interface(expanded)
+        return Draft(expanded, interface, port_names(interface, (STEPS,)), arrays, real)
+
+    def nodes(self) -> OnnxNodes:
+        """No nodes yet, and all names of ports taken."""
+        names = self.names
+        tables = (
+            names.inputs,
+            names.states,
+            names.parameters,
+            names.outputs,
+            names.next_states,
+            names.start_windows,
+        )
+        return OnnxNodes(self.dtype, {STEPS, *(n for table in tables for n in table.values())})
+
+    def lower_step(self, nodes: OnnxNodes, names: PortNames) -> None:
+        """Appends the step's nodes, which read and write values called as `names` says."""
+        ports = {p.signal.name: (p, names.inputs[p.signal.name]) for p in self.interface.inputs}
+        sources = Sources(ports, names.states, names.parameters)
+        values = lower_nodes(self.program.step, self.interface.step_nodes, sources, nodes)
+        for output in self.interface.outputs:
+            nodes.add_as(names.outputs[output.name], "Identity", [values[output.node]])
+        for state in self.interface.states:
+            nodes.add_as(names.next_states[state.name], "Identity", [values[state.next]])
+
+    def inputs(self, names: PortNames, *, series: bool = False) -> Values:
+        return [
+            self.value(
+                names.inputs[port.signal.name],
+                port.type.axes,
+                _doc(port.signal.doc, port.signal.unit, port.lag),
+                series=series,
+            )
+            for port in self.interface.inputs
+        ]
+
+    def outputs(self, names: PortNames, *, series: bool = False) -> Values:
+        types = {
+            output.name: self.program.step[output.node].type for output in self.program.outputs
+        }
+        return [
+            self.value(
+                names.outputs[output.name],
+                types[output.name].axes,
+                _doc(output.doc, types[output.name].unit),
+                series=series,
+            )
+            for output in self.interface.outputs
+        ]
+
+    def states(self, names: Mapping[str, str]) -> Values:
+        return [
+            self.value(names[state.name], state.axes, _doc(state.doc, state.unit))
+            for state in self.interface.states
+        ]
+
+    def start_windows(self) -> Values:
+        return [
+            self.value(
+                self.names.start_windows[port.signal.name],
+                port.type.axes,
+                _doc(f"samples {port.first} … {port.last} around the start", port.signal.unit),
+            )
+            for port in self.interface.start_windows
+        ]
+
+    def value(
+        self, name: str, axes: Sequence[Axis], doc: str, *, series: bool = False
+    ) -> onnx.ValueInfoProto:
+        """Declares a value; each dimension carries the name of its axis as denotation."""
+        shape: list[int | str] = [axis.size for axis in axes]
+        names = [axis.name for axis in axes]
+        if series:
+            shape, names = [STEPS, *shape], [STEPS, *names]
+        declared = helper.make_tensor_value_info(name, _ELEMENTS[self.dtype], shape, doc)
+        for dimension, axis in zip(declared.type.tensor_type.shape.dim, names, strict=True):
+            dimension.denotation = axis
+        return declared
+
+    def model(
+        self,
+        kind: str,
+        nodes: OnnxNodes,
+        arguments: Values,
+        results: Values,
+        parameters: Sequence[Parameter],
+    ) -> onnx.ModelProto:
+        """The model with parameters as initialisers and a description of all ports in it."""
+        for parameter in parameters:
+            name = self.names.parameters[parameter.name]
+            nodes.numbers(name, self.weights[parameter.name], _doc(parameter.doc, parameter.unit))
+        graph = helper.make_graph(
+            nodes.nodes, kind, arguments, results, nodes.initializers, self.program.doc
+        )
+        model = helper.make_model(
+            graph,
+            opset_imports=[helper.make_opsetid("", OPSET)],
+            ir_version=IR_VERSION,
+            producer_name="msnn",
+            producer_version=__version__,
+            doc_string=self.program.doc,
+        )
+        metadata = interface_metadata(self.program, self.interface, self.names, self.weights)
+        properties = {
+            "model": self.program.name,
+            "kind": kind,
+            "sample_time": str(self.program.sample_time),
+            "spec_sha256": self.program.spec_hash,
+            "interface": metadata_text(metadata),
+        }
+        helper.set_model_props(model, properties)
+        onnx.checker.check_model(model, full_check=True)
+        return model
+
+
+def _doc(doc: str, unit: Unit | None, lag: int = 0) -> str:
+    """`Force on the mass [N], 2 samples late`."""
+    text = f"{doc} [{unit.text}]".strip() if unit else doc
+    return f"{text}, {lag} samples late" if lag else text

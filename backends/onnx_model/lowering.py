@@ -1,0 +1,191 @@
+"""Lowers nodes of the IR to ONNX operators; a value has exactly the axes of its type."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import assert_never
+
+import numpy as np
+
+from backends.onnx_model.nodes import OnnxNodes
+from backends.ports.step_interface import Port
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Relation,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.types import Axis, Type
+
+_RELATIONS = {
+    Relation.LESS: "Less",
+    Relation.LESS_EQUAL: "LessOrEqual",
+    Relation.GREATER: "Greater",
+    Relation.GREATER_EQUAL: "GreaterOrEqual",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """The names of the values behind a graph's leaves, by the spec's names."""
+
+    ports: Mapping[str, tuple[Port, str]]
+    states: Mapping[str, str]
+    parameters: Mapping[str, str]
+
+
+def lower_nodes(
+    graph: Graph, nodes: Sequence[NodeId], sources: Sources, onnx: OnnxNodes
+) -> dict[NodeId, str]:
+    """Names of the values of `nodes`, which must hold the operands of each before it."""
+    values: dict[NodeId, str] = {}
+    for index in nodes:
+        node = graph[index]
+        place = f"line {node.span.line}" if node.span else ""
+        onnx.describe(node.label or f"n{index}", place)
+        operands = [values[arg] for arg in node.args]
+        types = [graph[arg].type for arg in node.args]
+        values[index] = _lower(node, operands, types, sources, onnx)
+    return values
+
+
+def _lower(
+    node: Node, values: list[str], types: list[Type], sources: Sources, onnx: OnnxNodes
+) -> str:
+    shape = node.type.shape
+    match node.op:
+        case Constant(numbers):
+            return onnx.constant(np.array(numbers).reshape(shape))
+        case ReadParameter(name):
+            return sources.parameters[name]
+        case ReadSignal(name, first, last) | ReadLog(name, first, last):
+            port, value = sources.ports[name]
+            return _read(port, value, (first, last), node.type, onnx)
+        case ReadState(name):
+            return sources.states[name]
+        case Add():
+            return onnx.add("Add", values)
+        case Subtract():
+            return onnx.add("Sub", values)
+        case Multiply():
+            return onnx.add("Mul", values)
+        case Divide():
+            return onnx.add("Div", values)
+        case Negate():
+            return onnx.add("Neg", values)
+        case Dropout():
+            return values[0]
+        case Minimum():
+            return onnx.add("Min", values)
+        case Maximum():
+            return onnx.add("Max", values)
+        case Clamp():
+            return onnx.add("Min", [onnx.add("Max", values[:2]), values[2]])
+        case Compare(relation):
+            return onnx.add(_RELATIONS[relation], values)
+        case Select():
+            return onnx.add("Where", values)
+        case Apply(function):
+            operator = SCALAR_FUNCTIONS[function].onnx
+            assert operator is not None, f"`{function}` was to be expanded"
+            return onnx.add(operator, values)
+        case Broadcast():
+            return onnx.broadcast(values[0], types[0], node.type)
+        case Reshape():
+            return onnx.reshaped(values[0], types[0].shape, shape)
+        case Slice(axis, start, stop):
+            return onnx.sliced(values[0], types[0].position(axis), start, stop)
+        case Concat(axis):
+            return onnx.add("Concat", values, axis=types[0].position(axis))
+        case Sum(axis):
+            along = onnx.integers([types[0].position(axis)])
+            return onnx.add("ReduceSum", [values[0], along], keepdims=0)
+        case Contract(axis):
+            return _contract(values, types, node.type, axis, onnx)
+        case Window(state):
+            last = len(shape) - 1
+            newest = onnx.add("Unsqueeze", [values[0], onnx.integers([last])])
+            return onnx.add("Concat", [sources.states[state], newest], axis=last)
+        case _ as never:
+            assert_never(never)
+
+
+def _read(port: Port, value: str, read: tuple[int, int], type: Type, onnx: OnnxNodes) -> str:
+    first, last = read
+    before = port.type.shape
+    if read != (port.first, port.last):
+        size = last - first + 1
+        start = first - port.first
+        value = onnx.sliced(value, len(before) - 1, start, start + size)
+        before = (*before[:-1], size)
+    return onnx.reshaped(value, before, type.shape)
+
+
+def _contract(
+    values: list[str], types: list[Type], result: Type, axis: str, onnx: OnnxNodes
+) -> str:
+    """A matrix product, stacked over the axes that both operands keep."""
+    left, right = types
+    summed = left.axes[left.position(axis)]
+    shared = [a for a in result.axes if _has(left, a) and _has(right, a)]
+    rows = [a for a in result.axes if _has(left, a) and a not in shared]
+    columns = [a for a in result.axes if _has(right, a) and a not in shared]
+    first = _arranged(values[0], left, (shared, rows, [summed]), onnx)
+    second = _arranged(values[1], right, (shared, [summed], columns), onnx)
+    product = onnx.add("MatMul", [first, second])
+    axes = (*shared, *rows, *columns)
+    after = tuple(a.size for a in axes)
+    stacked = _stacked(shared, rows, columns)
+    value = onnx.reshaped(product, stacked, after)
+    return onnx.broadcast(value, Type(axes), result)
+
+
+def _arranged(
+    value: str, type: Type, groups: tuple[list[Axis], list[Axis], list[Axis]], onnx: OnnxNodes
+) -> str:
+    axes = [axis for group in groups for axis in group]
+    value = onnx.transposed(value, [type.position(axis.name) for axis in axes])
+    return onnx.reshaped(value, tuple(axis.size for axis in axes), _stacked(*groups))
+
+
+def _stacked(shared: list[Axis], rows: list[Axis], columns: list[Axis]) -> tuple[int, ...]:
+    """Shape of a stack of matrices; an operand without rows or columns has one.
+
+    It must not be a vector: onnxruntime 1.31 fuses a transposed matrix with a vector into a product
+    of the matrix as it was, and no message tells.
+    """
+    size = math.prod
+    return (
+        *(axis.size for axis in shared),
+        size(axis.size for axis in rows),
+        size(axis.size for axis in columns),
+    )
+
+
+def _has(type: Type, axis: Axis) -> bool:
+    return axis.name in type.axis_names

@@ -1,0 +1,120 @@
+"""Makes ONNX models of a step-form program: one step, a rollout of many, the first states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import onnx
+from numpy.typing import ArrayLike, DTypeLike
+from onnx import helper
+
+from backends.onnx_model.draft import STEPS, Draft
+from backends.onnx_model.lowering import Sources, lower_nodes
+from backends.onnx_model.nodes import OnnxNodes
+from backends.ports.identifiers import c_identifier
+from backends.ports.step_interface import PortNames, port_names, step_interface
+from compiler.ir.program import Program
+
+Weights = Mapping[str, ArrayLike] | None
+
+
+def build_model(
+    program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
+) -> onnx.ModelProto:
+    """One step: inputs and states in, outputs and next states out, parameters as initialisers.
+
+    `onnx_names` tells what the values are called; each has the axes of the spec, the window last.
+    ValueError for another dtype than float32 and float64 or a weight of a wrong shape.
+    """
+    draft = Draft.of(program, weights, dtype)
+    names, nodes = draft.names, draft.nodes()
+    draft.lower_step(nodes, names)
+    arguments = [*draft.inputs(names), *draft.states(names.states)]
+    results = [*draft.outputs(names), *draft.states(names.next_states)]
+    return draft.model("step", nodes, arguments, results, draft.interface.parameters)
+
+
+def build_rollout(
+    program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
+) -> onnx.ModelProto:
+    """Many steps as one `Scan`: first states and the series of every input in, last states and the
+    series of every output out. A series has the axis `steps` first, then those of the port.
+
+    A program without inputs gets the input `steps`, a vector whose length is their number.
+    """
+    draft = Draft.of(program, weights, dtype)
+    names, nodes = draft.names, draft.nodes()
+    inside = _inside(names, nodes)
+    body = OnnxNodes(nodes.dtype, nodes.taken)
+    draft.lower_step(body, inside)
+    clock = draft.value(c_identifier("step", nodes.taken), (), "")
+    body_graph = helper.make_graph(
+        body.nodes,
+        "step",
+        [*draft.states(inside.states), *(draft.inputs(inside) or [clock])],
+        [*draft.states(inside.next_states), *draft.outputs(inside)],
+        body.initializers,
+    )
+    clocks = draft.value(STEPS, (), "only its length counts", series=True)
+    series = draft.inputs(names, series=True) or [clocks]
+    arguments = [*draft.states(names.states), *series]
+    results = [*draft.states(names.next_states), *draft.outputs(names, series=True)]
+    scan = helper.make_node(
+        "Scan",
+        [value.name for value in arguments],
+        [value.name for value in results],
+        name="rollout",
+        num_scan_inputs=len(series),
+        body=body_graph,
+    )
+    nodes.nodes.append(scan)
+    return draft.model("rollout", nodes, arguments, results, draft.interface.parameters)
+
+
+def build_initial_state(
+    program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
+) -> onnx.ModelProto:
+    """The states before the first step: windows of the record around it in, states out.
+
+    A window holds the samples t0+first … t0+last that its documentation and the metadata name.
+    ValueError for a program without states: a model that gives nothing cannot be loaded.
+    """
+    if not program.states:
+        message = f"`{program.name}` has no states, so nothing gives their first values"
+        raise ValueError(message)
+    draft = Draft.of(program, weights, dtype)
+    names, interface, nodes = draft.names, draft.interface, draft.nodes()
+    windows = {
+        port.signal.name: (port, names.start_windows[port.signal.name])
+        for port in interface.start_windows
+    }
+    sources = Sources(windows, {}, names.parameters)
+    values = lower_nodes(draft.program.start, interface.start_nodes, sources, nodes)
+    for state in interface.states:
+        nodes.add_as(names.states[state.name], "Identity", [values[state.start]])
+    results = draft.states(names.states)
+    return draft.model(
+        "initial_state", nodes, draft.start_windows(), results, interface.start_parameters
+    )
+
+
+def onnx_names(program: Program) -> PortNames:
+    """What the values at the ports of the three models are called."""
+    return port_names(step_interface(program), (STEPS,))
+
+
+def _inside(names: PortNames, nodes: OnnxNodes) -> PortNames:
+    """Names for the ports of the scanned step, which may not be those of the values around it."""
+
+    def renamed(table: dict[str, str]) -> dict[str, str]:
+        return {key: c_identifier(f"{name}.now", nodes.taken) for key, name in table.items()}
+
+    return PortNames(
+        inputs=renamed(names.inputs),
+        states=renamed(names.states),
+        parameters=names.parameters,
+        outputs=renamed(names.outputs),
+        next_states=renamed(names.next_states),
+        start_windows=names.start_windows,
+    )

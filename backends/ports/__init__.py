@@ -1,0 +1,1 @@
+"""Describes the ports of a step, as every backend shows them."""

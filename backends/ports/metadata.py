@@ -1,0 +1,145 @@
+"""Describes the ports of an exported step as plain data: names, axes, units, lags, start values."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from backends.ports.step_interface import Port, PortNames, StepInterface
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import (
+    Declared,
+    History,
+    Memory,
+    Origin,
+    Output,
+    Parameter,
+    Program,
+    State,
+    Tape,
+)
+from compiler.ir.types import Axis
+from spec_schema.units.unit import Unit
+from spec_schema.version import __version__
+
+FORMAT = 1
+"""Version of the data's layout, raised when a reader of the former one would misread it."""
+
+
+def interface_metadata(
+    program: Program,
+    interface: StepInterface,
+    names: PortNames,
+    weights: Mapping[str, ArrayLike] | None = None,
+) -> dict[str, Any]:
+    """Data for `json.dumps`. `name` is the spec's name of a thing, `port` its name in the export.
+
+    Numbers are physical, in the unit beside them; `unit` is null where the spec gives none.
+    """
+    arrays = physical_weights(program, weights or {})
+    parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
+    return {
+        "format": FORMAT,
+        "made_by": f"msnn {__version__}",
+        "model": program.name,
+        "doc": program.doc,
+        "spec_sha256": program.spec_hash,
+        "sample_time": program.sample_time,
+        "inputs": [_port(p, names.inputs[p.signal.name]) for p in interface.inputs],
+        "outputs": [_output(program, o, names.outputs[o.name]) for o in interface.outputs],
+        "states": [_state(state, names) for state in interface.states],
+        "parameters": [
+            _parameter(p, names.parameters[p.name], arrays[p.name].ravel().tolist())
+            for p in parameters.values()
+        ],
+        "start_windows": [
+            _port(p, names.start_windows[p.signal.name]) for p in interface.start_windows
+        ],
+        "dimensions": [
+            {"name": d.name, "size": d.size, "labels": list(d.labels)} for d in program.dimensions
+        ],
+    }
+
+
+def metadata_text(metadata: Mapping[str, Any]) -> str:
+    """The data as JSON, the same bytes for the same data."""
+    return json.dumps(metadata, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _port(port: Port, name: str) -> dict[str, Any]:
+    signal = port.signal
+    return {
+        **_value(signal.name, name, port.type.axes, signal.unit, signal.doc),
+        "first_sample": port.first,
+        "last_sample": port.last,
+        "lag": port.lag,
+        "range": json_range(signal.range),
+    }
+
+
+def _output(program: Program, output: Output, name: str) -> dict[str, Any]:
+    type = program.step[output.node].type
+    predicts = output.predicts
+    return {
+        **_value(output.name, name, type.axes, type.unit, output.doc),
+        "range": json_range(program.expected_range(output.name)),
+        "predicts": predicts and {"signal": predicts.signal, "ahead": predicts.ahead},
+    }
+
+
+def _state(state: State, names: PortNames) -> dict[str, Any]:
+    return {
+        **_value(state.name, names.states[state.name], state.axes, state.unit, state.doc),
+        "next_port": names.next_states[state.name],
+        "origin": _origin(state.origin),
+        "range": json_range(state.range),
+    }
+
+
+def _origin(origin: Origin) -> dict[str, Any]:
+    match origin:
+        case Declared():
+            return {"kind": "declared"}
+        case Memory():
+            return {"kind": "memory"}
+        case History(source):
+            return {"kind": "history", "source": source}
+        case Tape(signal, ahead):
+            return {"kind": "tape", "signal": signal, "ahead": ahead}
+
+
+def _parameter(parameter: Parameter, name: str, values: list[float]) -> dict[str, Any]:
+    return {
+        **_value(parameter.name, name, parameter.axes, parameter.unit, parameter.doc),
+        "range": json_range(
+            (_or_infinite(parameter.minimum, -1), _or_infinite(parameter.maximum, 1))
+        ),
+        "values": values,
+    }
+
+
+def _value(
+    spec_name: str, port: str, axes: tuple[Axis, ...], unit: Unit | None, doc: str
+) -> dict[str, Any]:
+    return {
+        "name": spec_name,
+        "port": port,
+        "axes": [{"name": axis.name, "size": axis.size} for axis in axes],
+        "unit": unit and unit.text,
+        "doc": doc,
+    }
+
+
+def _or_infinite(bound: float | None, sign: int) -> float:
+    return sign * math.inf if bound is None else bound
+
+
+def json_range(bounds: tuple[float, float] | None) -> list[float | None] | None:
+    """Lowest and highest value; JSON knows no infinity, so an open side is null."""
+    if bounds is None:
+        return None
+    return [bound if math.isfinite(bound) else None for bound in bounds]

@@ -1,0 +1,143 @@
+"""What a step-form program exchanges with its surroundings: the ports that exports have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from backends.ports.identifiers import c_identifier
+from compiler.ir.liveness import needed
+from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal
+from compiler.ir.program import Graph, NodeId, Output, Parameter, Program, Signal, State
+from compiler.ir.types import WINDOW, Axis, Type
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """Samples t+first … t+last of a signal; without a window axis in the type the one sample."""
+
+    signal: Signal
+    type: Type
+    first: int
+    last: int
+
+    @property
+    def lag(self) -> int:
+        """Samples by which the port's newest value is late: d of a port that takes s[t-d]."""
+        return max(-self.last, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class StepInterface:
+    """Ports of the step and of the function that makes its first states, each in program order."""
+
+    inputs: tuple[Port, ...]
+    states: tuple[State, ...]
+    parameters: tuple[Parameter, ...]
+    """Those that outputs and next states depend on."""
+    outputs: tuple[Output, ...]
+    step_nodes: tuple[NodeId, ...]
+    """Nodes of the step that outputs and next states need; losses are left out."""
+    start_windows: tuple[Port, ...]
+    """All samples around t0 that the start graph reads of each signal, one window a signal."""
+    start_parameters: tuple[Parameter, ...]
+    start_nodes: tuple[NodeId, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PortNames:
+    """Identifiers by the spec's names, all different from one another."""
+
+    inputs: dict[str, str]
+    states: dict[str, str]
+    parameters: dict[str, str]
+    outputs: dict[str, str]
+    next_states: dict[str, str]
+    """`<state>_next`, unless an output has that name."""
+    start_windows: dict[str, str]
+    """`<signal>_window`."""
+
+
+def step_interface(program: Program) -> StepInterface:
+    """The ports of a program in step form; ValueError where an input is read more than once."""
+    outputs = [output.node for output in program.outputs]
+    step_nodes = _nodes(program.step, [*outputs, *(s.next for s in program.states)])
+    start_nodes = _nodes(program.start, [state.start for state in program.states])
+    return StepInterface(
+        inputs=_inputs(program, step_nodes),
+        states=program.states,
+        parameters=_parameters(program, program.step, step_nodes),
+        outputs=program.outputs,
+        step_nodes=step_nodes,
+        start_windows=_windows(program, start_nodes),
+        start_parameters=_parameters(program, program.start, start_nodes),
+        start_nodes=start_nodes,
+    )
+
+
+def port_names(interface: StepInterface, reserved: Iterable[str] = ()) -> PortNames:
+    """Names for every port; none of `reserved` is used."""
+    taken = set(reserved)
+
+    def identifiers(names: Iterable[str], suffix: str = "") -> dict[str, str]:
+        return {name: c_identifier(name + suffix, taken) for name in names}
+
+    parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
+    states = [state.name for state in interface.states]
+    return PortNames(
+        inputs=identifiers(port.signal.name for port in interface.inputs),
+        outputs=identifiers(output.name for output in interface.outputs),
+        states=identifiers(states),
+        parameters=identifiers(parameters),
+        next_states=identifiers(states, ".next"),
+        start_windows=identifiers(
+            (port.signal.name for port in interface.start_windows), ".window"
+        ),
+    )
+
+
+def _nodes(graph: Graph, roots: Iterable[NodeId]) -> tuple[NodeId, ...]:
+    marked = needed(graph, roots)
+    return tuple(index for index in range(len(graph)) if marked[index])
+
+
+def _inputs(program: Program, nodes: tuple[NodeId, ...]) -> tuple[Port, ...]:
+    found: dict[str, Port] = {}
+    for index in nodes:
+        node = program.step[index]
+        match node.op:
+            case ReadSignal(name, first, last):
+                if name in found:
+                    message = f"input `{name}` is read more than once: the program has no step form"
+                    raise ValueError(message)
+                found[name] = Port(program.signal(name), node.type, first, last)
+            case ReadLog(name):
+                message = f"an output or a next state reads the record of `{name}`"
+                raise ValueError(message)
+            case _:
+                pass
+    return tuple(found[signal.name] for signal in program.signals if signal.name in found)
+
+
+def _windows(program: Program, nodes: tuple[NodeId, ...]) -> tuple[Port, ...]:
+    extents: dict[str, tuple[int, int]] = {}
+    for index in nodes:
+        match program.start[index].op:
+            case ReadLog(name, first, last) | ReadSignal(name, first, last):
+                before = extents.get(name, (first, last))
+                extents[name] = (min(first, before[0]), max(last, before[1]))
+            case _:
+                pass
+    ports: list[Port] = []
+    for signal in program.signals:
+        if signal.name in extents:
+            first, last = extents[signal.name]
+            axes = (*signal.axes, Axis(WINDOW, last - first + 1))
+            ports.append(Port(signal, Type(axes, signal.unit), first, last))
+    return tuple(ports)
+
+
+def _parameters(program: Program, graph: Graph, nodes: tuple[NodeId, ...]) -> tuple[Parameter, ...]:
+    ops = [graph[index].op for index in nodes]
+    names = {op.name for op in ops if isinstance(op, ReadParameter)}
+    return tuple(parameter for parameter in program.parameters if parameter.name in names)

@@ -1,0 +1,243 @@
+"""Lowers a graph of the IR to a `torch.fx` graph: straight-line tensor code, the batch first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, assert_never
+
+import torch
+from torch import Tensor, fx, nn
+
+from backends.torch_module.operations import (
+    RELATIONS,
+    broadcast,
+    concat,
+    contract,
+    expand_static,
+    scalar_function,
+    sum_axis,
+)
+from compiler.ir import ops
+from compiler.ir.program import Graph, Node, NodeId
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A value that another lowered graph computed before: the node of the same IR graph."""
+
+    node: NodeId
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One argument of a lowered graph: where it comes from, and whether it has a window axis."""
+
+    source: ops.ReadParameter | ops.ReadSignal | ops.ReadLog | ops.ReadState | Given
+    windowed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LoweredGraph:
+    """Callable torch code of a graph: the tensors of `leaves` in, those of the roots out."""
+
+    module: fx.GraphModule
+    leaves: tuple[Leaf, ...]
+    origins: dict[str, Node]
+    """The IR node behind each name in the generated code, for comments."""
+
+    def __call__(self, arguments: Sequence[Tensor]) -> tuple[Tensor, ...]:
+        return self.module(*arguments)
+
+
+def static_nodes(graph: Graph) -> list[bool]:
+    """Which nodes depend on parameters and constants only; their tensors have no batch axis."""
+    static: list[bool] = []
+    for _, node in graph:
+        match node.op:
+            case ops.Constant() | ops.ReadParameter():
+                static.append(True)
+            case ops.ReadSignal() | ops.ReadLog() | ops.ReadState() | ops.Window():
+                static.append(False)
+            case _:
+                static.append(all(static[arg] for arg in node.args))
+    return static
+
+
+def lower_graph(
+    graph: Graph,
+    roots: Sequence[NodeId],
+    dtype: torch.dtype,
+    *,
+    given: frozenset[NodeId] = frozenset(),
+    identify: Callable[[Leaf], str] | None = None,
+    constants: str = "constant",
+) -> LoweredGraph:
+    """Torch code for the values of `roots`; nodes in `given` become arguments of the code.
+
+    A value of shape `(*shape)` is a tensor `(B, *shape)`, or `(*shape)` where the node is static
+    (`static_nodes`). `identify` names the arguments, which are numbered; constants are buffers of
+    the module called `<constants>_0`, …. Slopes of untaken branches are the business of
+    `guard_untaken`.
+    """
+    lowering = _Lowering(graph, dtype, given, identify or _default_name, constants)
+    return lowering.run(roots)
+
+
+def _default_name(leaf: Leaf) -> str:
+    return type(leaf.source).__name__.lower()
+
+
+class _Lowering:
+    def __init__(
+        self,
+        graph: Graph,
+        dtype: torch.dtype,
+        given: frozenset[NodeId],
+        identify: Callable[[Leaf], str],
+        constants: str,
+    ) -> None:
+        self._graph = graph
+        self._dtype = dtype
+        self._given = given
+        self._identify = identify
+        self._static = static_nodes(graph)
+        self._code = fx.Graph()
+        self._root = nn.Module()
+        self._leaves: dict[Leaf, fx.Node] = {}
+        self._values: dict[NodeId, fx.Node] = {}
+        self._constants = constants
+        self._constant_count = 0
+
+    def run(self, roots: Sequence[NodeId]) -> LoweredGraph:
+        needed = self._needed(roots)
+        for index in needed:  # arguments stand first in an fx graph
+            leaf = self._leaf(index)
+            if leaf is not None:
+                self._values[index] = self._argument(leaf)
+        for index in needed:
+            if index not in self._values:
+                self._values[index] = self._lower(index)
+        self._code.output(tuple(self._values[root] for root in roots))
+        origins = {self._values[index].name: self._graph[index] for index in reversed(needed)}
+        return LoweredGraph(fx.GraphModule(self._root, self._code), tuple(self._leaves), origins)
+
+    def _needed(self, roots: Sequence[NodeId]) -> list[NodeId]:
+        found = set(roots)
+        pending = list(found)
+        while pending:
+            index = pending.pop()
+            if index not in self._given:
+                new = set(self._graph[index].args) - found
+                found |= new
+                pending.extend(new)
+        return sorted(found)
+
+    def _leaf(self, index: NodeId) -> Leaf | None:
+        node = self._graph[index]
+        if index in self._given:
+            return Leaf(Given(index), False)
+        match node.op:
+            case ops.ReadParameter() | ops.ReadState():
+                return Leaf(node.op, False)
+            case ops.ReadSignal() | ops.ReadLog():
+                return Leaf(node.op, node.type.window is not None)
+            case ops.Window(state):
+                self._argument(Leaf(ops.ReadState(state), False))
+                return None
+            case _:
+                return None
+
+    def _argument(self, leaf: Leaf) -> fx.Node:
+        if leaf not in self._leaves:
+            name = f"{self._identify(leaf)}_{len(self._leaves)}".lower()  # as fx does
+            self._leaves[leaf] = self._code.placeholder(name)
+        return self._leaves[leaf]
+
+    def _call(self, function: Callable[..., Any], *arguments: Any) -> fx.Node:
+        return self._code.call_function(function, arguments)
+
+    def _constant(self, values: tuple[float, ...], shape: tuple[int, ...]) -> fx.Node:
+        name = f"{self._constants}_{self._constant_count}"
+        self._constant_count += 1
+        tensor = torch.tensor(values, dtype=self._dtype).reshape(shape)
+        self._root.register_buffer(name, tensor, persistent=False)
+        return self._code.get_attr(name)
+
+    def _lower(self, index: NodeId) -> fx.Node:
+        node = self._graph[index]
+        args = [self._values[arg] for arg in node.args]
+        types = [self._graph[arg].type for arg in node.args]
+        static = [self._static[arg] for arg in node.args]
+        match node.op:
+            case ops.ReadParameter() | ops.ReadSignal() | ops.ReadLog() | ops.ReadState():
+                raise AssertionError("leaves became arguments before")
+            case ops.Constant(values):
+                return self._constant(values, node.type.shape)
+            case ops.Add():
+                return self._call(torch.add, *args)
+            case ops.Subtract():
+                return self._call(torch.sub, *args)
+            case ops.Multiply():
+                return self._call(torch.mul, *args)
+            case ops.Divide():
+                return self._call(torch.div, *args)
+            case ops.Negate():
+                return self._call(torch.neg, *args)
+            case ops.Dropout():
+                return args[0]
+            case ops.Minimum():
+                return self._extremum(torch.lt, args[0], node.args[1])
+            case ops.Maximum():
+                return self._extremum(torch.gt, args[0], node.args[1])
+            case ops.Clamp():
+                # torch.clamp has half the slope, or none, on the bound
+                raised = self._extremum(torch.gt, args[0], node.args[1])
+                return self._extremum(torch.lt, raised, node.args[2])
+            case ops.Compare(relation):
+                return self._call(RELATIONS[relation], *args)
+            case ops.Select():
+                return self._call(torch.where, *args)
+            case ops.Apply(function):
+                return scalar_function(self._code, function, args)
+            case ops.Broadcast():
+                return broadcast(self._code, args[0], types[0].axes, node.type.axes, static[0])
+            case ops.Reshape():
+                shape = node.type.shape if static[0] else (-1, *node.type.shape)
+                return self._call(torch.reshape, args[0], shape)
+            case ops.Slice(axis, start, stop):
+                dim = node.type.position(axis) - len(node.type.axes)
+                return self._call(torch.narrow, args[0], dim, start, stop - start)
+            case ops.Concat(axis):
+                dim = node.type.position(axis) - len(node.type.axes)
+                return concat(self._code, args, types, static, dim)
+            case ops.Sum(axis):
+                return sum_axis(self._code, args[0], types[0], axis)
+            case ops.Contract(axis):
+                return contract(self._code, args, types, static, axis, node.type)
+            case ops.Window(state):
+                buffer = self._leaves[Leaf(ops.ReadState(state), False)]
+                newest = args[0]
+                if static[0]:
+                    newest = expand_static(self._code, newest, types[0], buffer)
+                newest = self._call(torch.unsqueeze, newest, -1)
+                return self._call(torch.cat, [buffer, newest], -1)
+            case _:
+                assert_never(node.op)
+
+    def _extremum(self, wins: Callable[..., Any], first: fx.Node, other: NodeId) -> fx.Node:
+        # torch.minimum shares the slope of a tie between both operands; here the first has it all.
+        # The second is taken where it wins or is NaN; a NaN in the first is never beaten.
+        second = self._values[other]
+        second_wins = self._call(wins, second, first)
+        if not self._is_number(other):
+            second_wins = self._call(torch.logical_or, second_wins, self._call(torch.isnan, second))
+        return self._call(torch.where, second_wins, second, first)
+
+    def _is_number(self, index: NodeId) -> bool:
+        """Whether a value is known not to be NaN."""
+        node = self._graph[index]
+        while isinstance(node.op, ops.Broadcast | ops.Reshape):
+            node = self._graph[node.args[0]]
+        return isinstance(node.op, ops.Constant) and not any(map(math.isnan, node.op.values))

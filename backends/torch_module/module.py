@@ -1,0 +1,241 @@
+"""Makes a `torch.nn.Module` of a program: the step and start of the interpreter, with slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from backends.ports.identifiers import c_identifier
+from backends.raw_parameters import raw_value
+from backends.torch_module.lowering import Given, Leaf, LoweredGraph, lower_graph, static_nodes
+from backends.torch_module.parameters import physical_value
+from compiler.ir.ops import Constant, ReadLog, ReadParameter, ReadSignal, ReadState
+from compiler.ir.program import Graph, NodeId, Program
+from compiler.passes.guard_untaken import guard_untaken
+
+FloatArray = NDArray[np.float64]
+
+Windows = Callable[[str, int, int], Tensor]
+"""(signal, first, last) → samples t+first … t+last, a tensor (B, *shape, last−first+1)."""
+
+
+@dataclass(frozen=True, slots=True)
+class TorchStep:
+    """The values of one step, each with the batch first."""
+
+    outputs: dict[str, Tensor]
+    next_states: dict[str, Tensor]
+    losses: dict[str, tuple[Tensor, Tensor | None]]
+    """Prediction and target of every loss term."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Physical parameters, and what follows from them alone: computed once, used in every step."""
+
+    physical: dict[str, Tensor]
+    step: dict[NodeId, Tensor]
+    start: dict[NodeId, Tensor]
+
+
+def build_module(
+    program: Program, dtype: torch.dtype = torch.float64, device: str = "cpu"
+) -> TorchModel:
+    """The program, in window or step form, as a module whose weights are `Parameter.initial`."""
+    return TorchModel(program, dtype, torch.device(device))
+
+
+class TorchModel(nn.Module):
+    """A program in torch. Its parameters are raw variables; `physical()` gives physical values.
+
+    Logs are one tensor (rows, *shape) a signal, times `t` absolute rows (B,), states and outputs
+    (B, *shape).
+    """
+
+    def __init__(self, program: Program, dtype: torch.dtype, device: torch.device) -> None:
+        super().__init__()
+        self.program = guard_untaken(program)
+        self.dtype, self.device = dtype, device
+        self._names = self._add_parameters()
+        self._step = _Evaluator(self.program.step, _step_roots(self.program), dtype, device)
+        self._start = _Evaluator(
+            self.program.start, [state.start for state in self.program.states], dtype, device
+        )
+
+    def _add_parameters(self) -> dict[str, str]:
+        taken = set(dir(self))
+        names: dict[str, str] = {}
+        for parameter in self.program.parameters:
+            name = names[parameter.name] = c_identifier(parameter.name, taken)
+            shape = tuple(axis.size for axis in parameter.axes)
+            initial = np.asarray(parameter.initial, dtype=np.float64).reshape(shape)
+            if parameter.learn:
+                raw, _ = raw_value(parameter, initial)
+                self.register_parameter(name, nn.Parameter(self._tensor(raw)))
+            else:
+                self.register_buffer(name, self._tensor(initial))
+        return names
+
+    def _tensor(self, value: FloatArray) -> Tensor:
+        return torch.tensor(value, dtype=self.dtype, device=self.device)
+
+    def raw(self, name: str) -> Tensor:
+        """The variable behind a parameter: raw where it is learned, else its physical value."""
+        return getattr(self, self._names[name])
+
+    def physical(self) -> dict[str, Tensor]:
+        """Physical values of all parameters by name, differentiable in the raw variables."""
+        return {
+            p.name: physical_value(p, self.raw(p.name)) if p.learn else self.raw(p.name)
+            for p in self.program.parameters
+        }
+
+    def load_physical(self, weights: Mapping[str, FloatArray]) -> tuple[str, ...]:
+        """Sets the named parameters; returns those that had to be moved off a bound."""
+        moved: list[str] = []
+        with torch.no_grad():
+            for name, value in weights.items():
+                parameter = self.program.parameter(name)
+                raw, off = raw_value(parameter, value) if parameter.learn else (value, False)
+                self.raw(name).copy_(self._tensor(raw))
+                if off:
+                    moved.append(name)
+        return tuple(moved)
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values as float64 arrays, as weight files hold them."""
+        with torch.no_grad():
+            return {
+                name: value.detach().to("cpu", torch.float64).numpy().copy()
+                for name, value in self.physical().items()
+            }
+
+    def frame(self) -> Frame:
+        """What all steps of one batch share; make a new one after each change of parameters."""
+        return self.frame_of(self.physical())
+
+    def frame_of(self, physical: dict[str, Tensor]) -> Frame:
+        """The frame of physical values that are not those of the module."""
+        return Frame(physical, self._step.prepare(physical), self._start.prepare(physical))
+
+    def start(self, log: Mapping[str, Tensor], t: Tensor) -> dict[str, Tensor]:
+        """The states before the step at rows `t`."""
+        return self.start_on(gathered(log, t), self.frame(), len(t))
+
+    def step(self, log: Mapping[str, Tensor], t: Tensor, states: Mapping[str, Tensor]) -> TorchStep:
+        """Outputs, next states and loss terms at rows `t`."""
+        return self.step_on(gathered(log, t), states, self.frame(), len(t))
+
+    def start_on(self, windows: Windows, frame: Frame, batch: int) -> dict[str, Tensor]:
+        """`start` on windows that the caller cuts and a frame that it keeps."""
+        values = self._start.run(windows, {}, frame.physical, frame.start, batch)
+        return {state.name: value for state, value in zip(self.program.states, values, strict=True)}
+
+    def step_on(
+        self, windows: Windows, states: Mapping[str, Tensor], frame: Frame, batch: int
+    ) -> TorchStep:
+        """`step` on windows that the caller cuts and a frame that it keeps."""
+        values = iter(self._step.run(windows, states, frame.physical, frame.step, batch))
+        outputs = {output.name: next(values) for output in self.program.outputs}
+        next_states = {state.name: next(values) for state in self.program.states}
+        losses = {
+            loss.name: (next(values), None if loss.target is None else next(values))
+            for loss in self.program.losses
+        }
+        return TorchStep(outputs, next_states, losses)
+
+
+def gathered(log: Mapping[str, Tensor], t: Tensor) -> Windows:
+    """Windows cut from whole logs around the rows `t`."""
+
+    def windows(signal: str, first: int, last: int) -> Tensor:
+        rows = t[:, None] + torch.arange(first, last + 1, device=t.device)
+        return torch.movedim(log[signal][rows], 1, -1)
+
+    return windows
+
+
+def _step_roots(program: Program) -> list[NodeId]:
+    roots = [output.node for output in program.outputs]
+    roots += [state.next for state in program.states]
+    for loss in program.losses:
+        roots.append(loss.prediction)
+        if loss.target is not None:
+            roots.append(loss.target)
+    return roots
+
+
+class _Evaluator:
+    """Two pieces of torch code for a graph: what depends on parameters only, and the rest."""
+
+    def __init__(
+        self, graph: Graph, roots: list[NodeId], dtype: torch.dtype, device: torch.device
+    ) -> None:
+        static = static_nodes(graph)
+        used = {arg for index, node in graph if not static[index] for arg in node.args}
+        self._shared = sorted(
+            index
+            for index in used | set(roots)
+            if static[index] and not isinstance(graph[index].op, Constant | ReadParameter)
+        )
+        self._before = lower_graph(graph, self._shared, dtype) if self._shared else None
+        self._main = lower_graph(graph, roots, dtype, given=frozenset(self._shared))
+        for code in (self._before, self._main):
+            if code is not None:
+                code.module.to(device)
+        self._shapes = [graph[root].type.shape if static[root] else None for root in roots]
+
+    def prepare(self, physical: Mapping[str, Tensor]) -> dict[NodeId, Tensor]:
+        if self._before is None:
+            return {}
+        values = self._before(_arguments(self._before, None, {}, physical, {}))
+        return dict(zip(self._shared, values, strict=True))
+
+    def run(
+        self,
+        windows: Windows,
+        states: Mapping[str, Tensor],
+        physical: Mapping[str, Tensor],
+        shared: Mapping[NodeId, Tensor],
+        batch: int,
+    ) -> list[Tensor]:
+        values = self._main(_arguments(self._main, windows, states, physical, shared))
+        return [
+            value if shape is None else value.expand((batch, *shape))
+            for value, shape in zip(values, self._shapes, strict=True)
+        ]
+
+
+def _arguments(
+    code: LoweredGraph,
+    windows: Windows | None,
+    states: Mapping[str, Tensor],
+    physical: Mapping[str, Tensor],
+    shared: Mapping[NodeId, Tensor],
+) -> list[Tensor]:
+    return [_argument(leaf, windows, states, physical, shared) for leaf in code.leaves]
+
+
+def _argument(
+    leaf: Leaf,
+    windows: Windows | None,
+    states: Mapping[str, Tensor],
+    physical: Mapping[str, Tensor],
+    shared: Mapping[NodeId, Tensor],
+) -> Tensor:
+    match leaf.source:
+        case ReadParameter(name):
+            return physical[name]
+        case ReadState(name):
+            return states[name]
+        case Given(node):
+            return shared[node]
+        case ReadSignal(signal, first, last) | ReadLog(signal, first, last):
+            assert windows is not None, "parameters alone decide the shared part"
+            window = windows(signal, first, last)
+            return window if leaf.windowed else window[..., 0]

@@ -1,0 +1,27 @@
+"""Physical parameters from raw variables in torch, by the formulas of `raw_parameters`."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from compiler.ir.program import Parameter
+
+
+def physical_value(parameter: Parameter, raw: Tensor) -> Tensor:
+    """The physical value that a raw variable stands for; differentiable, same shape."""
+    match parameter.minimum, parameter.maximum:
+        case None, None:
+            return raw * parameter.scale
+        case float(low), None:
+            return low + parameter.scale * _softplus(raw)
+        case None, float(high):
+            return high - parameter.scale * _softplus(-raw)
+        case float(low), float(high):
+            return low + (high - low) * torch.sigmoid(raw)
+        case _:
+            raise AssertionError("bounds are floats or None")
+
+
+def _softplus(raw: Tensor) -> Tensor:
+    return torch.logaddexp(raw, torch.zeros_like(raw))

@@ -1,0 +1,239 @@
+"""Writes a program as the source text of a torch module that needs nothing of msnn."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import torch
+
+import templates
+from backends.ports.identifiers import c_identifier
+from backends.ports.step_interface import Port, StepInterface, step_interface
+from backends.torch_module.lowering import Leaf, LoweredGraph, lower_graph, static_nodes
+from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState
+from compiler.ir.program import Graph, NodeId, Parameter, Program
+from compiler.ir.types import Axis
+from compiler.passes.guard_untaken import guard_untaken
+from spec_schema.units.unit import Unit
+from spec_schema.version import __version__
+
+# What the generated file uses itself.
+_OWN_NAMES = {"inputs", "state", "windows", "batch", "torch", "self", "load_weights"}
+STEP, START = "constant", "start_constant"
+"""What the constants of the two functions are called; the step reads inputs, the start windows."""
+_RELEASES = re.compile(r";  (?:\w+ = )+None$")
+
+
+def torch_source(program: Program, prefix: str, dtype: str) -> str:
+    """The text of `<prefix>.py` for a program in step form; the same bytes for the same program.
+
+    Names and descriptions of the spec appear as text only, never as code.
+    """
+    program = guard_untaken(program)
+    interface = step_interface(program)
+    names = _attribute_names(program)
+    outputs = [output.node for output in program.outputs]
+    nexts = [state.next for state in program.states]
+    step = _function(program.step, outputs + nexts, interface, names, STEP)
+    start = _function(program.start, [s.start for s in program.states], interface, names, START)
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(templates.__path__[0])),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        autoescape=False,  # noqa: S701  (Python, not HTML)
+    )
+    learned = [p for p in program.parameters if p.learn]
+    return environment.get_template("torch/module.py.j2").render(
+        model=_quoted(program.name),
+        doc=_quoted(program.doc),
+        version=__version__,
+        prefix=prefix,
+        dtype=dtype,
+        sample_time=program.sample_time,
+        ports=_port_lines(program, interface),
+        parameters=[_parameter(parameter, names) for parameter in program.parameters],
+        bounded=any(_bounds(parameter) for parameter in learned),
+        step=step,
+        start=start,
+        outputs=list(zip((repr(o.name) for o in program.outputs), step.results, strict=False)),
+        next_states=list(
+            zip((repr(s.name) for s in program.states), step.results[len(outputs) :], strict=True)
+        ),
+        states=list(zip((repr(s.name) for s in program.states), start.results, strict=True)),
+        has_tensors=bool(interface.inputs or program.states),
+        has_windows=bool(interface.start_windows),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Function:
+    """Lines of a function body, the expressions of its results, and its constants."""
+
+    lines: list[str]
+    results: list[str]
+    needs_batch: bool
+    """Whether a result has no batch of its own and is repeated for each member."""
+    constants: list[tuple[str, str]]
+
+
+def _function(
+    graph: Graph,
+    roots: list[NodeId],
+    interface: StepInterface,
+    names: dict[str, str],
+    constants: str,
+) -> _Function:
+    lowered = lower_graph(graph, roots, torch.float64, identify=_argument_name, constants=constants)
+    arguments = lowered.module.graph.find_nodes(op="placeholder")
+    lines = [
+        f"{argument.name} = {_source(leaf, interface, names, constants)}"
+        for argument, leaf in zip(arguments, lowered.leaves, strict=True)
+    ]
+    lines += _body(lowered)
+    static = static_nodes(graph)
+    (output,) = lowered.module.graph.find_nodes(op="output")
+    results = [
+        f"{value.name}.expand({', '.join(['batch', *map(str, graph[root].type.shape)])})"
+        if static[root]
+        else str(value.name)
+        for root, value in zip(roots, _results(output.args[0]), strict=True)
+    ]
+    buffers = [
+        (name, _array_text(tensor.ravel().tolist(), tuple(tensor.shape)))
+        for name, tensor in lowered.module.named_buffers()
+    ]
+    return _Function(lines, results, any(static[root] for root in roots), buffers)
+
+
+def _results(value: Any) -> tuple[Any, ...]:
+    assert isinstance(value, tuple)
+    return value
+
+
+def _body(lowered: LoweredGraph) -> list[str]:
+    """The statements that fx prints, each with the equation and the spec's line it comes from."""
+    code = lowered.module.graph.python_code("self").src
+    lines: list[str] = []
+    for line in code.splitlines():
+        statement = _RELEASES.sub("", line.strip())
+        name, equals, _ = statement.partition(" = ")
+        if not equals or not name.isidentifier():
+            continue
+        origin = lowered.origins.get(name)
+        label = "" if origin is None or origin.label is None else f" {_comment(origin.label)}"
+        place = "" if origin is None or origin.span is None else f" line {origin.span.line}"
+        note = f"  #{label}{place}" if label else ""
+        lines.append(statement + note)
+    return lines
+
+
+def _argument_name(leaf: Leaf) -> str:
+    match leaf.source:
+        case ReadParameter(name) | ReadState(name) | ReadSignal(name) | ReadLog(name):
+            return c_identifier(name, {*_OWN_NAMES})
+        case _:
+            raise AssertionError("an exported step is one piece")
+
+
+def _source(leaf: Leaf, interface: StepInterface, names: dict[str, str], constants: str) -> str:
+    """Where an argument comes from in the generated class."""
+    match leaf.source:
+        case ReadParameter(name):
+            return f"self.{names[name]}"
+        case ReadState(name):
+            return f"state[{name!r}]"
+        case ReadSignal(name, first, last):
+            if constants == STEP:
+                return f"inputs[{name!r}]"
+            return _window(leaf, name, first, last, interface)
+        case ReadLog(name, first, last):
+            return _window(leaf, name, first, last, interface)
+        case _:
+            raise AssertionError("an exported step is one piece")
+
+
+def _window(leaf: Leaf, name: str, first: int, last: int, interface: StepInterface) -> str:
+    whole = next(port for port in interface.start_windows if port.signal.name == name)
+    start, stop = first - whole.first, last - whole.first + 1
+    return f"windows[{name!r}][..., {f'{start}:{stop}' if leaf.windowed else start}]"
+
+
+def _attribute_names(program: Program) -> dict[str, str]:
+    taken = {*dir(torch.nn.Module()), *_OWN_NAMES, "parametrizations", "parameter_names"}
+    return {p.name: c_identifier(p.name, taken) for p in program.parameters}
+
+
+def _parameter(parameter: Parameter, names: dict[str, str]) -> dict[str, Any]:
+    shape = tuple(axis.size for axis in parameter.axes)
+    return {
+        "key": repr(parameter.name),
+        "attribute": names[parameter.name],
+        "initial": _array_text(list(parameter.initial), shape),
+        "learn": parameter.learn,
+        "bounds": _bounds(parameter),
+    }
+
+
+def _bounds(parameter: Parameter) -> str:
+    """The parametrization that keeps a parameter inside its bounds, empty for none."""
+    match parameter.minimum, parameter.maximum:
+        case None, None:
+            return ""
+        case low, None:
+            return f"Above({low!r}, {parameter.scale!r})"
+        case None, high:
+            return f"Below({high!r}, {parameter.scale!r})"
+        case low, high:
+            return f"Between({low!r}, {high!r})"
+
+
+def _port_lines(program: Program, interface: StepInterface) -> list[tuple[str, list[str]]]:
+    """Headings and lines of the class's description."""
+    outputs = [(o.name, program.step[o.node].type, o.doc) for o in program.outputs]
+    return [
+        ("Inputs", [_port_line(port) for port in interface.inputs]),
+        ("States", [_line(s.name, s.axes, s.unit, s.doc) for s in program.states]),
+        ("Outputs", [_line(name, type.axes, type.unit, doc) for name, type, doc in outputs]),
+        ("Parameters", [_line(p.name, p.axes, p.unit, p.doc, ()) for p in program.parameters]),
+        ("Windows for `initial_state`", [_port_line(port) for port in interface.start_windows]),
+    ]
+
+
+def _port_line(port: Port) -> str:
+    signal = port.signal
+    when = "" if port.first == port.last == 0 else f" samples t{port.first:+d} … t{port.last:+d}"
+    return _line(signal.name, port.type.axes, signal.unit, signal.doc) + when
+
+
+def _line(
+    name: str,
+    axes: tuple[Axis, ...],
+    unit: Unit | None,
+    doc: str,
+    before: tuple[str, ...] = ("batch",),
+) -> str:
+    shape = ", ".join([*before, *(f"{axis.name or 'element'}={axis.size}" for axis in axes)])
+    described = f": {doc}" if doc else ""
+    return _quoted(f"{name} ({shape}) [{unit.text if unit else '?'}]{described}")
+
+
+def _array_text(values: list[float], shape: tuple[int, ...]) -> str:
+    numbers = [repr(v) if math.isfinite(v) else f'float("{v}")' for v in values]
+    return f"array({', '.join(['[' + ', '.join(numbers) + ']', *map(str, shape)])})"
+
+
+def _quoted(text: str) -> str:
+    """Text of a spec as it may stand between triple quotes: one line that ends nothing."""
+    plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return plain.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def _comment(text: str) -> str:
+    return "".join(c if c.isprintable() else "_" for c in text)[:60]

@@ -1,0 +1,1 @@
+"""Lowers the functions that every spec has."""

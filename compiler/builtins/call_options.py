@@ -1,0 +1,41 @@
+"""What stands in a call of a builtin: its keywords, and what its arguments stand for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from compiler.lowering.environment import Environment
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.errors import calculus
+from spec_schema.expressions.text import expression_text
+from spec_schema.expressions.tree import Call, Expression, Name
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+
+
+def option(call: Call, name: str) -> Expression | None:
+    """The value of a keyword, None where it is not given."""
+    return next((keyword.value for keyword in call.keywords if keyword.name == name), None)
+
+
+def method_of(model: Model, call: Call, methods: tuple[str, ...]) -> str:
+    """The word after `method=`, the first one without it."""
+    given = option(call, "method")
+    if given is None:
+        return methods[0]
+    word = expression_text(given)
+    if not isinstance(given, Name) or word not in methods:
+        function = expression_text(call.function)
+        model.findings.report(calculus.unknown_method(function, word, methods, given.span))
+        raise LoweringFailed
+    return word
+
+
+def resolved(expression: Expression, environment: Environment) -> tuple[Expression, Environment]:
+    """What an argument of an inlined function stands for, in the place of the outermost call."""
+    while isinstance(expression, Name) and expression.name in environment.arguments:
+        argument = environment.arguments[expression.name]
+        environment = argument.environment.at_time_of(environment)
+        expression = argument.expression
+    return expression, environment

@@ -1,0 +1,53 @@
+"""`linspace`, `arange`, `zeros`, `ones`: lists of numbers that the compiler makes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compiler.ir.program import NodeId
+from compiler.ir.types import UNNAMED, Axis
+from compiler.lowering.environment import Environment
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.errors import names
+from spec_schema.expressions.tree import Call
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+
+LONGEST_LIST = 100_000
+
+
+def number_list(name: str) -> Callable[[Model, Call, Environment], NodeId]:
+    """The lowering of the builtin of that name: a list of numbers along an unnamed axis."""
+
+    def lower_numbers(model: Model, call: Call, environment: Environment) -> NodeId:
+        given = [model.number(a, environment, f"an argument of `{name}`") for a in call.arguments]
+        count = int(given[-1]) if name != "arange" else _arange_count(given)
+        if not 1 <= count <= LONGEST_LIST:
+            model.findings.report(
+                names.unfit_constant(f"`{name}`", f"would have {count} elements", call.span)
+            )
+            raise LoweringFailed
+        match name:
+            case "linspace":
+                values = np.linspace(given[0], given[1], count)
+            case "arange":
+                step = given[2] if len(given) > 2 else 1.0
+                start = given[0] if len(given) > 1 else 0.0
+                values = start + step * np.arange(count)
+            case _:
+                values = np.full(count, 1.0 if name == "ones" else 0.0)
+        return model.builder(environment).constant(values, (Axis(UNNAMED, count),))
+
+    return lower_numbers
+
+
+def _arange_count(given: list[float]) -> int:
+    start, stop = (0.0, given[0]) if len(given) == 1 else (given[0], given[1])
+    step = given[2] if len(given) > 2 else 1.0
+    if step == 0 or not np.isfinite((stop - start) / step):
+        return 0
+    return max(0, int(np.ceil((stop - start) / step)))

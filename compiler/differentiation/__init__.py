@@ -1,0 +1,1 @@
+"""Derives graphs in reverse and forward mode."""

@@ -1,0 +1,243 @@
+"""Forward-mode differentiation: nodes of a graph whose values are the slopes of others.
+
+Along n directions at once, a node y of axes (…) has the tangent ẏ of axes (directions, …): the
+derivative of every element of y in each of them. Every node on the way gets ẏ = Σ over its operands
+x of ∂y/∂x ẋ (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). Tangents are made of core
+operations, so that every backend computes them as it computes the values.
+
+Conventions at kinks are those of `differentiate`. What a `where` does not take adds nothing, even
+where its slope is infinite: the tangents are chosen as the values are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import assert_never
+
+import numpy as np
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    Op,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Relation,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import NodeId
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.types import Axis, Type
+
+
+def tangents(
+    builder: GraphBuilder,
+    directions: Axis,
+    seeds: Mapping[NodeId, NodeId],
+    buffers: Mapping[str, str],
+) -> dict[NodeId, NodeId]:
+    """The tangents of all nodes of the builder's graph that depend on the keys of `seeds`.
+
+    `seeds` has the tangents of leaves. `buffers` names for each buffer state that depends on
+    something the state that keeps the tangents of its samples; one that is not named is constant.
+    Nodes are added to the builder, their number is linear in that of the graph's.
+    """
+    found: dict[NodeId, NodeId] = dict(seeds)
+    for node in range(len(builder.graph())):
+        if node in found or builder.type(node).kind == "bool":
+            continue
+        with builder.at(builder.node(node).span):
+            tangent = _Rule(builder, directions, found, buffers, node).tangent()
+        if tangent is not None:
+            found[node] = tangent
+    return found
+
+
+def zero_tangent(builder: GraphBuilder, directions: Axis, node: NodeId) -> NodeId:
+    """The tangent of a node that depends on nothing."""
+    return builder.broadcast(builder.constant(0.0), (directions, *builder.type(node).axes))
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """How the tangents of a node's operands make its own."""
+
+    builder: GraphBuilder
+    directions: Axis
+    known: Mapping[NodeId, NodeId]
+    buffers: Mapping[str, str]
+    node: NodeId
+
+    def tangent(self) -> NodeId | None:
+        b = self.builder
+        made = b.node(self.node)
+        args, op = made.args, made.op
+        moving = [self.known.get(arg) for arg in args]
+        if isinstance(op, Window) and op.state in self.buffers:
+            length = made.type.shape[-1] - 1
+            return b.window(self.buffers[op.state], self._or_zero(args[0]), length)
+        if all(tangent is None for tangent in moving):
+            return None
+        axes = (self.directions, *made.type.axes)
+        match op:
+            case Add():
+                return self._sum(*moving)
+            case Subtract():
+                return self._sum(moving[0], self._negative(moving[1]))
+            case Negate():
+                return self._negative(moving[0])
+            case Dropout():
+                return moving[0]
+            case Multiply():
+                return self._sum(self._times(0, args[1]), self._times(1, args[0]))
+            case Divide():
+                rest = self._negative(self._times(1, self.node))
+                total = self._sum(moving[0], rest)
+                return None if total is None else b.divide(total, self._repeated(args[1]))
+            case Minimum():
+                return self._chosen(b.compare(Relation.LESS_EQUAL, *args), *args)
+            case Maximum():
+                return self._chosen(b.compare(Relation.GREATER_EQUAL, *args), *args)
+            case Clamp():
+                return self._clamped()
+            case Select():
+                return self._chosen(*args)
+            case Apply(function=function):
+                slopes = SCALAR_FUNCTIONS[function].derivatives
+                return self._sum(
+                    *(
+                        None if tangent is None else self._times(i, slopes[i](b, args, self.node))
+                        for i, tangent in enumerate(moving)
+                    )
+                )
+            case Broadcast():
+                return b.broadcast(self._or_zero(args[0]), axes)
+            case Reshape():
+                return b.reshape(self._or_zero(args[0]), axes)
+            case Slice(axis=axis, start=start, stop=stop):
+                return b.slice(self._or_zero(args[0]), axis, start, stop)
+            case Concat(axis=axis):
+                return b.concat([self._or_zero(arg) for arg in args], axis)
+            case Sum(axis=axis):
+                return b.sum(self._or_zero(args[0]), axis)
+            case Contract(axis=axis):
+                return self._sum(
+                    self._contracted(args[0], args[1], axis),
+                    self._contracted(args[1], args[0], axis),
+                )
+            case Window():
+                message = "the past of a buffer depends on what its newest sample depends on"
+                raise AssertionError(message)
+            case Compare() | Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+                raise AssertionError("an operation without real operands has no rule")
+            case _:
+                assert_never(op)
+
+    def _or_zero(self, node: NodeId) -> NodeId:
+        tangent = self.known.get(node)
+        return zero_tangent(self.builder, self.directions, node) if tangent is None else tangent
+
+    def _repeated(self, value: NodeId) -> NodeId:
+        """A value for every direction."""
+        return self.builder.broadcast(value, (self.directions, *self.builder.type(value).axes))
+
+    def _sum(self, *terms: NodeId | None) -> NodeId | None:
+        total: NodeId | None = None
+        for term in terms:
+            if term is not None:
+                total = term if total is None else self.builder.add(total, term)
+        return total
+
+    def _negative(self, tangent: NodeId | None) -> NodeId | None:
+        return None if tangent is None else self.builder.negate(tangent)
+
+    def _times(self, position: int, slope: NodeId) -> NodeId | None:
+        """The operand's tangent times a value that is the same for every direction."""
+        tangent = self.known.get(self.builder.node(self.node).args[position])
+        return None if tangent is None else self.builder.multiply(tangent, self._repeated(slope))
+
+    def _chosen(self, condition: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
+        return self.builder.select(
+            self._repeated(condition), self._or_zero(then), self._or_zero(otherwise)
+        )
+
+    def _clamped(self) -> NodeId:
+        """The tangent of the bound that is taken, else that of the value."""
+        b = self.builder
+        value, low, high = b.node(self.node).args
+        below = self._repeated(b.compare(Relation.LESS, value, low))
+        above = b.compare(Relation.GREATER, value, high)
+        return b.select(below, self._or_zero(low), self._chosen(above, high, value))
+
+    def _contracted(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
+        """Σ over the axis of the tangent of one operand times the other, in the node's axes."""
+        tangent = self.known.get(moving)
+        if tangent is None:
+            return None
+        b = self.builder
+        axes = (self.directions, *b.type(self.node).axes)
+        picked = self._picked(moving, other, axis)
+        product = b.contract_over(tangent, other, axis) if picked is None else picked
+        return b.broadcast(product, axes)
+
+    def _picked(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
+        """The same for a leaf p: ∂(Σ pᵢⱼ xⱼ)/∂pᵢⱼ is xⱼ in row i, without the sum with zeros."""
+        b = self.builder
+        seed = b.node(self.known[moving])
+        own = b.type(moving)
+        before = _first_direction(seed.op, seed.type, own.size)
+        if before is None:
+            return None
+        result = b.type(self.node).axes
+        numbers = tuple(Axis(f"{a.name}'", a.size) for a in own.axes)
+        rest = tuple(a for a in b.type(other).axes if a.name != axis)
+        summed = numbers[own.position(axis)]
+        along = b.broadcast(other, (Axis(axis, summed.size), *rest))
+        picked = b.broadcast(b.reshape(along, (summed, *rest)), (*numbers, *result))
+        kept = tuple(a for a in own.axes if a.name != axis)
+        if kept:
+            primed = tuple(a for a in numbers if a is not summed)
+            same = b.constant(np.eye(Type(kept).size), (*primed, *kept), unit=None)
+            picked = b.multiply(picked, b.broadcast(same, (*numbers, *result)))
+
+        def zeros(length: int) -> NodeId | None:
+            axes = (Axis(self.directions.name, length), *result)
+            return b.broadcast(b.constant(0.0, unit=None), axes) if length else None
+
+        middle = b.reshape(picked, (Axis(self.directions.name, own.size), *result))
+        after = self.directions.size - before - own.size
+        present = [part for part in (zeros(before), middle, zeros(after)) if part is not None]
+        return b.concat(present, self.directions.name) if len(present) > 1 else present[0]
+
+
+def _first_direction(seed: Op, type: Type, count: int) -> int | None:
+    """Where the unit directions of a leaf's elements begin; None for any other seed."""
+    if not isinstance(seed, Constant):
+        return None
+    values = np.reshape(seed.values, (type.shape[0], count))
+    rows = np.flatnonzero(values.any(axis=1))
+    if len(rows) != count or not np.array_equal(values[rows], np.eye(count)):
+        return None
+    first = int(rows[0])
+    return first if int(rows[-1]) == first + count - 1 else None

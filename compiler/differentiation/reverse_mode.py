@@ -1,0 +1,294 @@
+"""Reverse-mode differentiation: nodes of a graph whose values are the gradients of others.
+
+For a scalar S that depends on the nodes with adjoints ∂S/∂y given, every node x on the way gets
+x̄ = Σ over its uses u of ūᵀ ∂u/∂x (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). The
+gradient is made of core operations, so that every backend computes it as it computes the value.
+
+Conventions at kinks, the same in every backend: abs, sign and relu have slope 0 at 0; a tie of min
+or max goes to the first operand; clamp has slope 1 on its bounds; fuzzy sets take the right-hand
+slope. The pass `guard_untaken` comes before: the branch of a `where` that is not taken then adds
+nothing, even where its own slope is infinite, as in `where(x > 0, sqrt(x), 0)` at 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import assert_never
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Relation,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import NodeId
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.types import WINDOW, Axis
+
+
+def gradients(
+    builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId], wanted: Sequence[NodeId]
+) -> list[NodeId | None]:
+    """∂S/∂w for each wanted node w, given ∂S/∂y (same axes as y) for the keys y of `adjoints`.
+
+    None where S does not depend on w. The nodes are added to the builder; cost is linear in the
+    number of nodes. Bool nodes have no gradient.
+    """
+    last = max(adjoints, default=-1)
+    needed = _depending_on(builder, wanted, last)
+    found: dict[NodeId, NodeId] = dict(adjoints)
+    for node in range(last, -1, -1):
+        adjoint = found.get(node)
+        if adjoint is None or node not in needed:
+            continue
+        rule = _Rule(builder, node, adjoint)
+        with builder.at(builder.node(node).span):
+            for position, share in rule.shares(needed):
+                argument = builder.node(node).args[position]
+                before = found.get(argument)
+                found[argument] = share if before is None else builder.add(before, share)
+    return [found.get(node) for node in wanted]
+
+
+@dataclass(frozen=True)
+class StepGradients:
+    """Nodes of ∂S/∂ what a step reads, by name; a name that S does not depend on is absent."""
+
+    states: Mapping[str, NodeId]
+    parameters: Mapping[str, NodeId]
+    signals: Mapping[str, NodeId]
+    """By signal; empty where they are not wanted."""
+
+
+def step_gradients(
+    builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId], *, signals: bool = True
+) -> StepGradients:
+    """The gradients with respect to everything that a step reads.
+
+    A buffer state is read whole (`ReadState`), or together with its newest sample (`Window`).
+    `signals` needs a graph that reads each signal once, as step form does; in window form one
+    signal is read over several windows.
+    """
+    last = max(adjoints, default=-1)
+    kinds = ReadState | Window | ReadParameter
+    readers = [
+        node
+        for node in range(last + 1)
+        if isinstance(builder.node(node).op, kinds | ReadSignal if signals else kinds)
+    ]
+    states: dict[str, NodeId] = {}
+    parameters: dict[str, NodeId] = {}
+    inputs: dict[str, NodeId] = {}
+    for node, gradient in zip(readers, gradients(builder, adjoints, readers), strict=True):
+        if gradient is None:
+            continue
+        match builder.node(node).op:
+            case ReadState(name=name):
+                _accumulate(builder, states, name, gradient)
+            case Window(state=name):
+                past = builder.type(gradient).axes[-1].size - 1
+                _accumulate(builder, states, name, builder.slice(gradient, WINDOW, 0, past))
+            case ReadParameter(name=name):
+                _accumulate(builder, parameters, name, gradient)
+            case ReadSignal(signal=name):
+                _accumulate(builder, inputs, name, gradient)
+            case _:
+                raise AssertionError("the readers are filtered above")
+    return StepGradients(states, parameters, inputs)
+
+
+def _accumulate(
+    builder: GraphBuilder, gradients: dict[str, NodeId], name: str, gradient: NodeId
+) -> None:
+    before = gradients.get(name)
+    gradients[name] = gradient if before is None else builder.add(before, gradient)
+
+
+def _depending_on(builder: GraphBuilder, wanted: Iterable[NodeId], last: NodeId) -> set[NodeId]:
+    """The nodes up to `last` that the wanted ones influence, themselves included."""
+    needed = set(wanted)
+    for node in range(last + 1):
+        if builder.type(node).kind == "real" and any(
+            argument in needed for argument in builder.node(node).args
+        ):
+            needed.add(node)
+    return needed
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """How one node passes its adjoint on to its operands."""
+
+    builder: GraphBuilder
+    node: NodeId
+    adjoint: NodeId
+
+    def shares(self, needed: set[NodeId]) -> list[tuple[int, NodeId]]:
+        """Position of each operand that is needed, and its share of the gradient."""
+        args = self.builder.node(self.node).args
+        wanted = [position for position, argument in enumerate(args) if argument in needed]
+        return [(position, self._share(position)) for position in wanted]
+
+    def _share(self, position: int) -> NodeId:
+        b, g = self.builder, self.adjoint
+        node = b.node(self.node)
+        args = node.args
+        match node.op:
+            case Add():
+                return g
+            case Subtract():
+                return g if position == 0 else b.negate(g)
+            case Negate():
+                return b.negate(g)
+            case Dropout():
+                return g
+            case Multiply():
+                return self._times(args[1 - position])
+            case Divide():
+                share = b.divide(g, args[1])
+                return share if position == 0 else b.negate(b.multiply(share, self.node))
+            case Minimum():
+                first = b.compare(Relation.LESS_EQUAL, args[0], args[1])
+                return self._chosen(first, position == 0)
+            case Maximum():
+                first = b.compare(Relation.GREATER_EQUAL, args[0], args[1])
+                return self._chosen(first, position == 0)
+            case Clamp():
+                return self._clamp_share(position)
+            case Select():
+                return self._chosen(args[0], position == 1)
+            case Apply(function=function):
+                derivative = SCALAR_FUNCTIONS[function].derivatives[position]
+                return self._times(derivative(b, args, self.node))
+            case Broadcast():
+                return self._summed_to(b.type(args[0]).axes, g)
+            case Reshape():
+                return b.reshape(g, b.type(args[0]).axes)
+            case Slice(axis=axis, start=start, stop=stop):
+                return self._padded(axis, start, stop)
+            case Concat(axis=axis):
+                start = sum(self._length(argument, axis) for argument in args[:position])
+                return b.slice(g, axis, start, start + self._length(args[position], axis))
+            case Sum():
+                return b.broadcast(g, b.type(args[0]).axes)
+            case Contract():
+                return self._contracted(position)
+            case Window():
+                length = self._length(self.node, WINDOW)
+                return b.element(g, WINDOW, length - 1)
+            case Compare() | Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+                raise AssertionError("an operation without real operands has no shares")
+            case _:
+                assert_never(node.op)
+
+    def _times(self, slope: NodeId) -> NodeId:
+        """adjoint · slope, without the product where the adjoint is the 1 of a plain gradient."""
+        b = self.builder
+        seed = b.node(self.adjoint)
+        if isinstance(seed.op, Broadcast):
+            seed = b.node(seed.args[0])
+        if seed.op == Constant((1.0,)) and b.type(slope).axes == b.type(self.adjoint).axes:
+            return slope
+        return b.multiply(self.adjoint, slope)
+
+    def _chosen(self, condition: NodeId, when: bool) -> NodeId:
+        """The adjoint where the condition has this value, elsewhere 0."""
+        zero = self._zero()
+        then, otherwise = (self.adjoint, zero) if when else (zero, self.adjoint)
+        return self.builder.select(condition, then, otherwise)
+
+    def _zero(self) -> NodeId:
+        b = self.builder
+        return b.broadcast(b.constant(0.0), b.type(self.adjoint).axes)
+
+    def _clamp_share(self, position: int) -> NodeId:
+        b = self.builder
+        x, low, high = b.node(self.node).args
+        match position:
+            case 0:
+                above = self._chosen(b.compare(Relation.LESS_EQUAL, low, x), when=True)
+                return b.select(b.compare(Relation.LESS_EQUAL, x, high), above, self._zero())
+            case 1:
+                return self._chosen(b.compare(Relation.LESS, x, low), when=True)
+            case _:
+                return self._chosen(b.compare(Relation.GREATER, x, high), when=True)
+
+    def _length(self, node: NodeId, axis: str) -> int:
+        found = self.builder.type(node).axis(axis)
+        assert found is not None
+        return found.size
+
+    def _summed_to(self, axes: tuple[Axis, ...], value: NodeId) -> NodeId:
+        """The value summed over the axes that are not in `axes`, then in their order."""
+        b = self.builder
+        kept = {axis.name for axis in axes}
+        for axis in reversed(b.type(value).axes):
+            if axis.name not in kept:
+                value = b.sum(value, axis.name)
+        return b.broadcast(value, axes)
+
+    def _padded(self, axis: str, start: int, stop: int) -> NodeId:
+        """The adjoint of a slice at its place along the axis, zeros around it."""
+        b = self.builder
+        source = b.node(self.node).args[0]
+        parts = [
+            self._zeros_along(axis, start),
+            self.adjoint,
+            self._zeros_along(axis, self._length(source, axis) - stop),
+        ]
+        present = [part for part in parts if part is not None]
+        return b.concat(present, axis) if len(present) > 1 else present[0]
+
+    def _zeros_along(self, axis: str, length: int) -> NodeId | None:
+        if length == 0:
+            return None
+        b = self.builder
+        axes = b.type(self.adjoint).axes
+        sized = tuple(Axis(axis, length) if a.name == axis else a for a in axes)
+        return b.broadcast(b.constant(0.0), sized)
+
+    def _contracted(self, position: int) -> NodeId:
+        """Σ over the axes of the other operand that this one lacks of adjoint · other."""
+        b = self.builder
+        args = b.node(self.node).args
+        wanted, other = b.type(args[position]).axes, args[1 - position]
+        kept = {axis.name for axis in wanted}
+        shared = [a for a in b.type(other).axes if b.type(self.adjoint).axis(a.name) is not None]
+        summed = [axis.name for axis in shared if axis.name not in kept]
+        if not summed:
+            left, right = self._in_axes(self.adjoint, wanted), self._in_axes(other, wanted)
+            return b.multiply(left, right)
+        # One axis is summed by the contraction itself, the others after it.
+        product = b.contract_over(self.adjoint, other, summed[-1])
+        return self._summed_to(wanted, product)
+
+    def _in_axes(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
+        return self.builder.broadcast(self._summed_to_present(value, axes), axes)
+
+    def _summed_to_present(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
+        names = {axis.name for axis in axes}
+        present = tuple(axis for axis in self.builder.type(value).axes if axis.name in names)
+        return self._summed_to(present, value)

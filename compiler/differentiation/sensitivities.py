@@ -1,0 +1,223 @@
+"""The step of second-order training: residuals of the losses and their slopes, carried forward.
+
+For every state x that depends on a learned number θ, ∂x/∂θ is a state too: the program simulates
+its own sensitivities, and any backend that runs a program computes exact Jacobians of rollouts
+without going back in time. Memory does not grow with the horizon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compiler.differentiation.forward_mode import tangents, zero_tangent
+from compiler.differentiation.sums_of_squares import is_sum_of_squares
+from compiler.differentiation.training_step import LossTerm, loss_terms
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import ReadParameter, ReadState, Relation, Window
+from compiler.ir.program import Declared, Graph, Loss, Measure, NodeId, Program, State
+from compiler.ir.types import WINDOW, Axis, Type
+
+LEARNED = "learned number"
+"""The axis of all numbers of the learned parameters, one parameter after the other."""
+
+SLOPE = "slope of "
+"""Before the name of a state: the state that keeps its derivatives, axes (LEARNED, …)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """A loss as Σ r² over its elements: r with its slopes ∂r/∂θ, both 0 where nothing is scored.
+
+    The slopes of the sum are exact, 2 Σ r ∂r/∂θ; for huber r has the weight of its element.
+    """
+
+    loss: Loss
+    values: NodeId
+    """Axes (…)."""
+    slopes: NodeId
+    """Axes (LEARNED, …)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivities:
+    """A program, its loops closed, that simulates its sensitivities."""
+
+    program: Program
+    learned: tuple[str, ...]
+    """Parameters in the order of LEARNED."""
+    losses: tuple[LossTerm, ...]
+    residuals: tuple[Residuals, ...]
+    """Of the losses that are sums of squares."""
+
+    @property
+    def numbers(self) -> int:
+        """Length of LEARNED."""
+        return sum(_size(self.program, name) for name in self.learned)
+
+
+def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
+    """The slopes of losses and states in every number of the parameters `learned`.
+
+    `program` is in window form, its loops closed, squares without a target written as comparisons
+    (`with_compared_squares`). Losses that are no sums of squares have no residuals.
+    """
+    directions = Axis(LEARNED, sum(_size(program, name) for name in learned))
+    moving = _moving_states(program, frozenset(learned))
+    buffers = {state.name: f"{SLOPE}{state.name}" for state in moving if _is_buffer(state)}
+
+    start = GraphBuilder(program.start)
+    found = tangents(start, directions, _seeds(start, program, learned, directions), {})
+    starts = {state.name: _or_zero(start, directions, state.start, found) for state in moving}
+
+    step = GraphBuilder(program.step)
+    losses = loss_terms(step, program)
+    unsquared = {
+        loss: _residual(step, loss)
+        for loss in program.losses
+        if loss.target is not None and is_sum_of_squares(program.step, loss)
+    }
+    seeds = _seeds(step, program, learned, directions)
+    for node, (name, type) in _reads_of(step.graph(), {state.name for state in moving}).items():
+        axes = (directions, *type.axes)
+        seeds[node] = step.state(f"{SLOPE}{name}", Type(axes))
+    found = tangents(step, directions, seeds, buffers)
+    residuals = tuple(
+        Residuals(
+            loss,
+            _weighted(step, residual.factor, residual.error),
+            _weighted(
+                step, residual.factor, _or_zero(step, directions, residual.error, found), directions
+            ),
+        )
+        for loss, residual in unsquared.items()
+    )
+    slopes = tuple(
+        State(
+            f"{SLOPE}{state.name}",
+            (directions, *state.axes),
+            None,
+            Declared(),
+            _or_zero(step, directions, state.next, found),
+            starts[state.name],
+        )
+        for state in moving
+    )
+    whole = replace(
+        program,
+        states=(*program.states, *slopes),
+        step=step.graph(),
+        start=start.graph(),
+    )
+    return Sensitivities(whole, tuple(learned), losses, residuals)
+
+
+def _size(program: Program, parameter: str) -> int:
+    return Type(program.parameter(parameter).axes).size
+
+
+def _is_buffer(state: State) -> bool:
+    return bool(state.axes) and state.axes[-1].name == WINDOW
+
+
+def _or_zero(
+    builder: GraphBuilder, directions: Axis, node: NodeId, found: dict[NodeId, NodeId]
+) -> NodeId:
+    tangent = found.get(node)
+    return zero_tangent(builder, directions, node) if tangent is None else tangent
+
+
+def _seeds(
+    builder: GraphBuilder, program: Program, learned: Sequence[str], directions: Axis
+) -> dict[NodeId, NodeId]:
+    """The tangents of the reads of learned parameters: 1 for each number in its own direction."""
+    first: dict[str, int] = {}
+    total = 0
+    for name in learned:
+        first[name] = total
+        total += _size(program, name)
+    seeds: dict[NodeId, NodeId] = {}
+    for index, node in builder.graph():
+        if isinstance(node.op, ReadParameter) and node.op.name in first:
+            size = node.type.size
+            units = np.zeros((directions.size, size))
+            units[first[node.op.name] + np.arange(size), np.arange(size)] = 1.0
+            seeds[index] = builder.constant(units, (directions, *node.type.axes), unit=None)
+    return seeds
+
+
+def _reads_of(graph: Graph, states: Collection[str]) -> dict[NodeId, tuple[str, Type]]:
+    return {
+        index: (node.op.name, node.type)
+        for index, node in graph
+        if isinstance(node.op, ReadState) and node.op.name in states
+    }
+
+
+def _moving_states(program: Program, learned: frozenset[str]) -> tuple[State, ...]:
+    """The states that depend on learned parameters, by their start or by any step."""
+    begun = _depending(program.start, learned, frozenset())
+    moving = frozenset(state.name for state in program.states if state.start in begun)
+    while True:
+        reached = _depending(program.step, learned, moving)
+        now = moving | {state.name for state in program.states if state.next in reached}
+        if now == moving:
+            return tuple(state for state in program.states if state.name in moving)
+        moving = now
+
+
+def _depending(graph: Graph, parameters: frozenset[str], states: frozenset[str]) -> set[NodeId]:
+    """The nodes that depend on these parameters and states."""
+    found: set[NodeId] = set()
+    for index, node in graph:
+        match node.op:
+            case ReadParameter(name):
+                depends = name in parameters
+            case ReadState(name):
+                depends = name in states
+            case Window(state):
+                depends = state in states or node.args[0] in found
+            case _:
+                depends = any(arg in found for arg in node.args)
+        if depends:
+            found.add(index)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Unsquared:
+    """A residual is factor · error; the factor counts as constant in its slopes, None for 1."""
+
+    error: NodeId
+    factor: NodeId | None
+
+
+def _residual(builder: GraphBuilder, loss: Loss) -> _Unsquared:
+    assert loss.target is not None, "a loss without a target compares nothing"
+    error = builder.subtract(loss.prediction, loss.target)
+    axes = builder.type(error).axes
+    zero = builder.broadcast(builder.constant(0.0), axes)
+    # No relation holds for NaN, so that this one tells numbers from missing targets.
+    present = builder.compare(Relation.LESS_EQUAL, loss.target, loss.target)
+    error = builder.select(present, error, zero)
+    if loss.measure is not Measure.HUBER:
+        assert loss.measure is Measure.MSE, "other losses are no sums of squares"
+        return _Unsquared(error, None)
+    # |e| ≤ 1: (e/√2)²; beyond, the weight 1/|e| gives the square the slope of the straight line
+    # (iteratively reweighted least squares; Holland, Welsch 1977).
+    one = builder.broadcast(builder.constant(1.0), axes)
+    size = builder.maximum(builder.apply("abs", error), one)
+    half = builder.broadcast(builder.constant(0.5), axes)
+    return _Unsquared(error, builder.apply("sqrt", builder.divide(half, size)))
+
+
+def _weighted(
+    builder: GraphBuilder, factor: NodeId | None, value: NodeId, directions: Axis | None = None
+) -> NodeId:
+    if factor is None:
+        return value
+    if directions is not None:
+        factor = builder.broadcast(factor, (directions, *builder.type(factor).axes))
+    return builder.multiply(value, factor)

@@ -1,0 +1,180 @@
+"""The graphs of gradient-based training: losses of one step, and its reverse.
+
+A rollout runs the step forward over the horizon and keeps the states; then it runs the reverse step
+from the last sample to the first. The reverse step reads what the forward one stored, the adjoints
+of the next states, and one scale a loss; its results are added to the gradients.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from compiler.differentiation.reverse_mode import StepGradients, step_gradients
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import ReadState, Relation, Slice, Window
+from compiler.ir.program import Graph, Loss, Measure, Node, NodeId, Program, State
+from compiler.ir.types import WINDOW, Type
+from compiler.passes.guard_untaken import guard_untaken
+
+ADJOINT = "adjoint of "
+"""Before the name of a state: ∂S/∂(its next value), of a buffer ∂S/∂(its newest sample)."""
+
+STORED = "stored "
+"""Before the name of a buffer: the newest sample that the forward step gave it."""
+
+SCALE = "scale of "
+"""Before the name of a loss: ∂S/∂(its sum over the elements of this step)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LossTerm:
+    """What one step adds to a loss: Σ of its cost over the elements that are scored."""
+
+    loss: Loss
+    total: NodeId
+    count: NodeId | None
+    """How many elements are scored; None where all are, whatever the data."""
+    elements: int
+
+    @property
+    def is_root(self) -> bool:
+        return self.loss.measure is Measure.RMSE
+
+
+@dataclass(frozen=True, slots=True)
+class Reverse:
+    """A graph and the nodes of the gradients in it, by name."""
+
+    graph: Graph
+    gradients: StepGradients
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingStep:
+    """Everything that training kernels run for one program whose loops are closed."""
+
+    program: Program
+    """`step` also has the nodes of the loss terms."""
+    losses: tuple[LossTerm, ...]
+    newest: dict[str, NodeId]
+    """The newest sample of each buffer, a node of the step; the other states have `next`."""
+    reverse_step: Reverse
+    reverse_start: Reverse
+
+
+def training_step(program: Program) -> TrainingStep:
+    """The training graphs of a program in window form, its loops closed."""
+    program = guard_untaken(program)
+    builder = GraphBuilder(program.step)
+    losses = loss_terms(builder, program)
+    newest = newest_samples(program)
+    forward = replace(program, step=builder.graph())
+    return TrainingStep(
+        forward, losses, newest, _reverse_step(forward, losses, newest), _reverse_start(forward)
+    )
+
+
+def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
+    """What one step adds to every loss; `builder` has the nodes of the program's step."""
+    return tuple(_loss_term(builder, loss) for loss in program.losses)
+
+
+def newest_samples(program: Program) -> dict[str, NodeId]:
+    """The newest sample of every buffer state, a node of the step."""
+    return {state.name: _newest(program, state) for state in program.states if _is_buffer(state)}
+
+
+def _is_buffer(state: State) -> bool:
+    return bool(state.axes) and state.axes[-1].name == WINDOW
+
+
+def _newest(program: Program, state: State) -> NodeId:
+    """The operand of the window whose tail the buffer's next value is."""
+    following = program.step[state.next]
+    window = program.step[following.args[0]] if following.args else following
+    assert isinstance(following.op, Slice), "a buffer is shifted by one sample"
+    assert window.op == Window(state.name), "a buffer is shifted by one sample"
+    return window.args[0]
+
+
+def _loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
+    """The sum of a loss's cost over the elements whose target is a number."""
+    if loss.target is None:
+        elements = builder.type(loss.prediction).size
+        return LossTerm(loss, _sum_of_all(builder, loss.prediction), None, elements)
+    error = builder.subtract(loss.prediction, loss.target)
+    axes = builder.type(error).axes
+    zero = builder.broadcast(builder.constant(0.0), axes)
+    one = builder.broadcast(builder.constant(1.0), axes)
+    # No relation holds for NaN, so that this one tells numbers from missing targets.
+    present = builder.compare(Relation.LESS_EQUAL, loss.target, loss.target)
+    cost = _cost(builder, loss.measure, builder.select(present, error, zero))
+    count = _sum_of_all(builder, builder.select(present, one, zero))
+    return LossTerm(loss, _sum_of_all(builder, cost), count, builder.type(cost).size)
+
+
+def _cost(builder: GraphBuilder, measure: Measure, error: NodeId) -> NodeId:
+    """The cost of each element; every measure is 0 where the error is."""
+    match measure:
+        case Measure.MSE | Measure.RMSE:
+            return builder.multiply(error, error)
+        case Measure.MAE:
+            return builder.apply("abs", error)
+        case Measure.HUBER:
+            size = builder.apply("abs", error)
+            half = builder.constant(0.5)
+            square = builder.multiply(half, builder.multiply(error, error))
+            near = builder.compare(Relation.LESS_EQUAL, size, builder.constant(1.0))
+            return builder.select(near, square, builder.subtract(size, half))
+        case Measure.MEAN:
+            return error
+
+
+def _sum_of_all(builder: GraphBuilder, value: NodeId) -> NodeId:
+    for axis in reversed(builder.type(value).axes):
+        value = builder.sum(value, axis.name)
+    return value
+
+
+def _reverse_step(
+    program: Program, losses: tuple[LossTerm, ...], newest: dict[str, NodeId]
+) -> Reverse:
+    builder = GraphBuilder(program.step)
+    adjoints: dict[NodeId, NodeId] = {}
+    for term in losses:
+        scale = builder.parameter(f"{SCALE}{term.loss.name}", Type(unit=None))
+        _add(builder, adjoints, term.total, scale)
+    for state in program.states:
+        result = newest.get(state.name, state.next)
+        type = builder.type(result).with_unit(None)
+        seed = builder.state(f"{ADJOINT}{state.name}", type)
+        _add(builder, adjoints, result, seed)
+    gradients = step_gradients(builder, adjoints, signals=False)
+    return _read_back(builder.graph(), gradients, {node: name for name, node in newest.items()})
+
+
+def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]) -> Reverse:
+    """The newest samples read where the forward step stored them instead of computed again."""
+    nodes: list[Node] = []
+    for index, node in graph:
+        if index in newest:
+            node = Node(ReadState(f"{STORED}{newest[index]}"), (), node.type, node.span)
+        nodes.append(node)
+    return Reverse(Graph(tuple(nodes)), gradients)
+
+
+def _reverse_start(program: Program) -> Reverse:
+    builder = GraphBuilder(program.start)
+    adjoints: dict[NodeId, NodeId] = {}
+    for state in program.states:
+        type = builder.type(state.start).with_unit(None)
+        _add(builder, adjoints, state.start, builder.state(f"{ADJOINT}{state.name}", type))
+    gradients = step_gradients(builder, adjoints, signals=False)
+    return Reverse(builder.graph(), gradients)
+
+
+def _add(
+    builder: GraphBuilder, adjoints: dict[NodeId, NodeId], node: NodeId, share: NodeId
+) -> None:
+    before = adjoints.get(node)
+    adjoints[node] = share if before is None else builder.add(before, share)

@@ -1,0 +1,273 @@
+"""Spec → Program: lowers every entry, reports every mistake of the stage, verifies the result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from compiler.elaboration.deep_recursion import room_for
+from compiler.elaboration.histories import Known
+from compiler.elaboration.losses.losses import default_loss, lower_loss
+from compiler.elaboration.names import Model
+from compiler.elaboration.signals import logged_signals
+from compiler.elaboration.submodels.needed_submodels import needed_submodels
+from compiler.elaboration.unused import lower_unused, report_unused
+from compiler.interpreter.never_finite import never_finite
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.liveness import needed, needed_over_time
+from compiler.ir.ops import ReadLog
+from compiler.ir.program import Declared, Dimension, Expected, Loss, Output, Program, State
+from compiler.linking.link import Linked, WeightsByPart, link
+from compiler.lowering.environment import Environment, Part
+from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.predictions import as_predicted, prediction_of
+from compiler.lowering.ranges import expected_values, signal_ranges
+from compiler.lowering.scope import owner_of
+from compiler.passes import run_passes
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.errors import time as times
+from spec_schema.expressions.tree import Name
+from spec_schema.reading.reader import ReadResult
+from spec_schema.sections import signals
+from spec_schema.sections.spec import Spec
+
+UNIT_WARNINGS = ("W0504", "W0505", "W0737")
+"""What `strict_units` makes errors."""
+
+_STEP = Environment(Part.STEP)
+_START = Environment(Part.START)
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A program and what is worth saying about the spec that it came from."""
+
+    program: Program
+    spec: Spec
+    """With the entries of sub-models under their full names."""
+    warnings: tuple[Diagnostic, ...]
+
+
+def compile_spec(
+    spec: Spec,
+    *,
+    used: Mapping[str, ReadResult] | None = None,
+    weights: WeightsByPart | None = None,
+    strict_units: bool = False,
+    spec_hash: str = "",
+    draw: int = 0,
+) -> Compiled:
+    """The program of a spec, in window form.
+
+    `used` is what was read for its sub-models and `weights` the arrays of those with `weights:`, by
+    their full names; without them a sub-model has its initial values.
+    Raises SpecError with every mistake found; with `strict_units` units that do not fit are errors.
+    Another `draw` has other initial values where they are drawn.
+    """
+    problems = Findings()
+    try:
+        linked = link(spec, used or {}, weights or {}, problems)
+        problems.raise_errors()
+        return compile_linked(linked, strict_units=strict_units, spec_hash=spec_hash, draw=draw)
+    except SpecError as error:
+        raise SpecError(in_own_files(error.diagnostics, spec, used or {})) from None
+
+
+def compile_linked(
+    linked: Linked, *, strict_units: bool = False, spec_hash: str = "", draw: int = 0
+) -> Compiled:
+    """The program of a spec in which everything has its full name; otherwise as `compile_spec`."""
+    spec = linked.spec
+    with room_for(len(spec.equations) + len(spec.outputs)):
+        lowered = _lowered(linked, draw)
+    model, findings = lowered.model, lowered.model.findings
+    diagnostics = tuple(
+        replace(d, severity="error") if strict_units and d.code in UNIT_WARNINGS else d
+        for d in findings.in_order
+    )
+    if any(d.severity == "error" for d in diagnostics):
+        raise SpecError(diagnostics)
+    # What failed without a diagnostic would silently be missing.
+    wanted = {*spec.outputs, *_exported_equations(spec)}
+    assert {output.name for output in lowered.outputs} == wanted, "an output was lost"
+    assert {state.name for state in lowered.states} >= spec.states.keys(), "a state was lost"
+    program = Program(
+        name=spec.name.value,
+        sample_time=model.sampling.sample_time,
+        signals=logged_signals(model, lowered.ranges),
+        parameters=model.arrays.parameters,
+        states=tuple(lowered.states),
+        step=model.builder(_STEP).graph(),
+        start=model.builder(_START).graph(),
+        outputs=tuple(lowered.outputs),
+        losses=tuple(lowered.losses),
+        expected=tuple(lowered.expected),
+        fits=tuple(model.fits.values()),
+        dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in spec.dims.items()),
+        doc=spec.doc or "",
+        spec_hash=spec_hash,
+    )
+    program = run_passes(program)
+    return Compiled(program, spec, (*diagnostics, *never_finite(program)))
+
+
+def in_own_files(
+    diagnostics: Iterable[Diagnostic], spec: Spec, used: Mapping[str, ReadResult]
+) -> tuple[Diagnostic, ...]:
+    """The diagnostics with those of a broken sub-model as its own file alone brings them.
+
+    There names are as its author wrote them; beside each stands where the file is used.
+    """
+    broken: dict[str, tuple[Diagnostic, ...]] = {}
+    for name, file in used.items():
+        path = file.source.path
+        if path in broken:
+            continue
+        try:
+            compile_spec(file.spec, used=file.used)
+        except SpecError as error:
+            place, label = spec.use[name].spec.span, f"used here as `{name}`"
+            broken[path] = tuple(d.seen_from(place, label) for d in error.diagnostics)
+    read = [file for file in used.values() if file.source.path in broken]
+    files = {source.path for file in read for source in file.sources}
+    others = (d for d in diagnostics if d.span is None or d.span.file not in files)
+    return (*(d for found in broken.values() for d in found), *others)
+
+
+@dataclass(frozen=True)
+class _Lowered:
+    """Everything of a spec as nodes of the model's graphs."""
+
+    model: Model
+    outputs: list[Output]
+    states: list[State]
+    losses: list[Loss]
+    ranges: dict[str, tuple[float, float]]
+    expected: list[Expected]
+
+
+_MOST_LOWERINGS = 100
+"""Lengths and axes of buffers settle in two or three, later by at most one equation a lowering."""
+
+
+def _lowered(linked: Linked, draw: int) -> _Lowered:
+    """The spec lowered until the buffers that it needs are those that it has."""
+    known = Known()
+    for _ in range(_MOST_LOWERINGS):
+        lowered = _lowered_once(linked, known, draw)
+        found = lowered.model.found()
+        if found == known:
+            break
+        known = found
+    else:
+        raise AssertionError("the buffers of a spec do not settle")
+    lowered.states.extend(lowered.model.histories.states())
+    lowered.states.extend(lowered.model.memories.states)
+    lowered.model.given.report(lowered.model.arrays.all_names)
+    _report_log_reads(lowered.model, lowered.outputs, lowered.states)
+    if not lowered.model.findings.failed:  # what is left unused by a mistake is no news
+        report_unused(lowered.model)
+    return lowered
+
+
+def _lowered_once(linked: Linked, known: Known, draw: int) -> _Lowered:
+    model = Model(linked, Findings(), known, draw)
+    outputs = _outputs(model)
+    ranges = signal_ranges(model)
+    states = _states(model, ranges)
+    losses = _losses(model, outputs)
+    lower_unused(model)
+    return _Lowered(model, outputs, states, losses, ranges, expected_values(model))
+
+
+def _outputs(model: Model) -> list[Output]:
+    found: list[Output] = []
+    for name, entry in {**model.spec.outputs, **_exported_equations(model.spec)}.items():
+        predicts = None
+        model.used.add(name)  # an equation too, by the export that names it
+        try:
+            node = model.entries.value(name, entry, _STEP, entry.place.key)
+            if isinstance(entry, signals.Output) and entry.predicts is not None:
+                predicts = prediction_of(model, entry.predicts, "predicts")
+                node = as_predicted(model, name, entry, node, predicts)
+        except LoweringFailed:
+            continue
+        needs = needed_submodels(model.spec, Name(name, entry.place.key))
+        found.append(Output(name, node, predicts, entry.doc or "", entry.place.key, needs))
+    return found
+
+
+def _exported_equations(spec: Spec) -> dict[str, signals.Equation]:
+    """The equations that an export names among its outputs, in the order of the spec."""
+    names = spec.export.named_outputs if spec.export is not None else frozenset[str]()
+    return {name: entry for name, entry in spec.equations.items() if name in names}
+
+
+def _states(model: Model, ranges: Mapping[str, tuple[float, float]]) -> list[State]:
+    found: list[State] = []
+    start: GraphBuilder = model.builder(_START)
+    for name, entry in model.spec.states.items():
+        try:
+            type = model.states.type(entry)
+            following = model.states.next(name, entry)
+        except LoweringFailed:
+            following, type = None, None
+        try:
+            first = model.states.start(name, entry, start)
+        except LoweringFailed:
+            continue
+        if following is None or type is None:
+            continue
+        needs: tuple[str, ...] = ()
+        if entry.next is not None and entry.der is None and not owner_of(name):
+            needs = needed_submodels(model.spec, entry.next)
+        found.append(
+            State(
+                name,
+                type.axes,
+                type.unit,
+                Declared(),
+                following,
+                first,
+                ranges.get(name),
+                entry.doc or "",
+                entry.place.key,
+                needs,
+            )
+        )
+    return found
+
+
+def _report_log_reads(model: Model, outputs: list[Output], table: list[State]) -> None:
+    """A deployed step has no log: outputs and their states must do without (losses need not)."""
+    graph = model.builder(_STEP).graph()
+    following = {state.name: state.next for state in table}
+    _, deployed = needed_over_time(graph, following, [output.node for output in outputs])
+    results = [(output.name, output.node, output.span) for output in outputs]
+    results += [(s.name, s.next, s.span) for s in table if s.name in deployed]
+    of_log = [index for index, node in graph if isinstance(node.op, ReadLog)]
+    kept = needed(graph, [node for _, node, _ in results])
+    if not any(kept[index] for index in of_log):
+        return  # nearly always: who reads the log is looked for only where somebody does
+    reported: set[int] = set()
+    for name, node, span in results:
+        kept = needed(graph, (node,))
+        for index in of_log:
+            op = graph[index].op
+            if kept[index] and isinstance(op, ReadLog) and index not in reported:
+                place = graph[index].span or span
+                assert place is not None
+                reported.add(index)
+                model.findings.report(times.target_in_step(op.signal, name, place))
+
+
+def _losses(model: Model, outputs: list[Output]) -> list[Loss]:
+    if not model.spec.losses:
+        return [default_loss(model, output) for output in outputs if output.predicts]
+    found: list[Loss] = []
+    for name, entry in model.spec.losses.items():
+        try:
+            found.extend(lower_loss(model, name, entry))
+        except LoweringFailed:
+            continue
+    return found

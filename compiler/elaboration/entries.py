@@ -1,0 +1,128 @@
+"""Equations and outputs: each lowered once for every time and stage at which it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from compiler.elaboration.submodels.connections import fitted_to_input
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Reshape
+from compiler.ir.program import NodeId
+from compiler.ir.types import Axis
+from compiler.linking.connected import Connected
+from compiler.lowering.environment import Environment, Part, Stage, Time
+from compiler.lowering.expressions import lower
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import states
+from spec_schema.sections.signals import Equation, Output
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+
+
+class Entries:
+    """The equations and outputs of a model."""
+
+    def __init__(self, model: Model, variables: frozenset[str]) -> None:
+        self._model = model
+        self._variables = variables
+        self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
+        self._lowerings: dict[tuple[str, Part], list[tuple[Time, NodeId]]] = {}
+        """Those of no stage, by name."""
+        self._active: dict[str, None] = {}
+        """The entries that are being lowered, outermost first."""
+        self._loops: list[set[str]] = []
+        """Algebraic loops that are reported: entered elsewhere, it is the same loop."""
+
+    def value(
+        self, name: str, entry: Equation | Output, environment: Environment, span: Span
+    ) -> NodeId:
+        """The value of an equation or output, lowered once a time and stage.
+
+        At another time than t every signal in it is read at that time (R1). Where that cannot be,
+        because it depends on a state or on itself, its past values are kept.
+        """
+        own = environment.of_entry()
+        stage = own.stage
+        if isinstance(entry, Connected) and stage is not None and entry.is_held_for(stage.owner):
+            own = own.without_stage()
+        if own.part is Part.START and own.latest < 0 and entry.history is not None:
+            return lower(self._model, entry.history, own)
+        if own.is_elsewhere and own.part is Part.STEP:
+            own = own.without_stage()
+            recomputed = None
+            if name not in self._active and not _has_own_past(entry):
+                recomputed = self.tried(lambda: self._lowered(name, entry, own, span))
+            if recomputed is not None:
+                return recomputed
+            if own.latest <= 0:
+                return self._model.histories.read(name, entry, span, own)
+        return self._lowered(name, entry, own, span)
+
+    def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
+        """Every time at which an entry is lowered in this part, and its node there."""
+        return self._lowerings.get((name, environment.of_entry().part), ())
+
+    def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
+        """The node, or None where lowering fails; nothing is reported and nothing remembered."""
+        mark, loops = self._model.findings.mark(), len(self._loops)
+        known = len(self._entries)
+        try:
+            return lower_it()
+        except LoweringFailed:
+            self._model.findings.forget(mark)
+            del self._loops[loops:]
+            for key in list(self._entries)[known:]:
+                if self._entries[key] is None:
+                    del self._entries[key]
+            return None
+
+    def _lowered(self, name: str, entry: Equation | Output, own: Environment, span: Span) -> NodeId:
+        key = (name, own.part, own.time, own.stage)
+        if name in self._active:
+            active = list(self._active)
+            loop = active[active.index(name) :]
+            if not any(set(loop) == known for known in self._loops):
+                self._model.findings.report(states.algebraic_loop((*loop, name), span))
+                self._loops.append(set(loop))
+            raise LoweringFailed
+        if key in self._entries:
+            node = self._entries[key]
+            if node is None:
+                raise LoweringFailed
+            return node
+        self._active[name] = None
+        try:
+            self._entries[key] = None  # stays when lowering fails
+            node = lower(self._model, entry.expr, own)
+            builder = self._model.builder(own)
+            if name in self._variables:
+                node = _own_node(builder, name, node)
+            if isinstance(entry, Connected):  # whose expression has names of its own
+                node = fitted_to_input(self._model, builder, node, name, entry, own)
+            else:
+                self._model.arrays.agree_on_unit(builder, node, name, entry)
+                builder.name(node, name)
+            self._entries[key] = node
+            if own.stage is None:
+                self._lowerings.setdefault((name, own.part), []).append((own.time, node))
+        finally:
+            del self._active[name]
+        return node
+
+
+def _has_own_past(entry: Equation | Output) -> bool:
+    """Whether the past before the start is given, by `history:` or by a log, not evaluated (R5)."""
+    return entry.history is not None or (isinstance(entry, Output) and entry.predicts is not None)
+
+
+def _own_node(builder: GraphBuilder, name: str, node: NodeId) -> NodeId:
+    """A node that stands for this entry alone: `2*x` elsewhere is another value than e = 2*x.
+
+    A gradient with respect to e must tell the two apart. `share_common` removes the detour.
+    """
+    type = builder.type(node)
+    detour = builder.emit(Reshape(), (node,), type.with_axes((Axis(f"={name}", type.size),)))
+    return builder.emit(Reshape(), (detour,), type)

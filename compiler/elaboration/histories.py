@@ -1,0 +1,185 @@
+"""Past samples of states and equations: the buffers that hold them, and what fills these (R5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from compiler.ir.program import History, NodeId
+from compiler.ir.program import State as ProgramState
+from compiler.ir.types import WINDOW, Axis, Type
+from compiler.lowering.environment import Environment, Part
+from compiler.lowering.expressions import lower, window_of
+from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.fitted import fitted
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import time as errors
+from spec_schema.sections.signals import Equation, Output, State
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+
+_STEP = Environment(Part.STEP)
+_START = Environment(Part.START)
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """How many past samples of something are kept, and the axes of one of them."""
+
+    length: int
+    axes: tuple[Axis, ...] = ()
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a lowering found out that the next one begins with."""
+
+    buffers: Mapping[str, Remembered] = field(default_factory=dict[str, Remembered])
+    measured: frozenset[str] = frozenset()
+    """States that are logged, where it matters."""
+    variables: frozenset[str] = frozenset()
+    """Equations and outputs that gradients are taken with respect to."""
+
+
+class Histories:
+    """The buffers of one lowering.
+
+    How long a buffer must be is known only when everything is lowered, and the axes of an equation
+    that reads its own past only when it is. `known` is what the lowering before this one found;
+    the compiler lowers again until nothing changes.
+    """
+
+    def __init__(self, model: Model, known: Mapping[str, Remembered]) -> None:
+        self._model = model
+        self._known = known
+        self._lengths: dict[str, int] = {}
+        self._places: dict[str, Span] = {}
+        self._refused: set[str] = set()
+        """What is a window itself, as is reported: there is no more to say about its past."""
+
+    def read(
+        self, name: str, entry: State | Equation | Output, span: Span, environment: Environment
+    ) -> NodeId:
+        """The samples of a state or equation at the environment's time, none of them after t."""
+        begin, end = environment.window or (0, 0)
+        first, last = begin + environment.shift, end + environment.shift
+        if last > 0:
+            self._model.findings.report(errors.future_of(f"`{name}`", span))
+            raise LoweringFailed
+        self._lengths[name] = max(-first, self._lengths.get(name, 0))
+        self._places.setdefault(name, span)
+        known = self._known.get(name, Remembered(0))
+        length = max(known.length, self._lengths[name])
+        builder = self._model.builder(_STEP)
+        if last < 0:
+            unit = entry.unit.value if entry.unit else None
+            type = Type((*known.axes, Axis(WINDOW, length)), unit)
+            samples = builder.state(_buffer(name), type)
+        else:
+            samples = builder.window(_buffer(name), self._now(name, entry, span), length)
+        part = builder.slice(samples, WINDOW, length + first, length + last + 1)
+        return part if environment.window is not None else builder.element(part, WINDOW, 0)
+
+    def before(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
+        """Past samples of a state in the start graph: its `history:`, else its log (R5)."""
+        builder = self._model.builder(_START)
+        window = environment.window
+        length = window[1] - window[0] + 1 if window is not None else 0
+        axes = self._model.arrays.axes_of(entry)
+        wanted = (*axes, Axis(WINDOW, length)) if length else axes
+        if entry.history is not None:
+            there = _START.shifted(environment.shift)
+            if window is not None:
+                node = window_of(self._model, entry.history, there, *window)
+            else:
+                node = lower(self._model, entry.history, there)
+            what = f"`history` of `{name}`"
+            return fitted(self._model, what, node, Type(wanted), entry.history, builder)
+        if not self._model.is_measured(name):
+            self._model.findings.report(errors.history_needed(name, span))
+            raise LoweringFailed
+        first, last = window or (0, 0)
+        type = Type(wanted, entry.unit.value if entry.unit else None)
+        return builder.log(name, first + environment.shift, last + environment.shift, type)
+
+    def found(self) -> dict[str, Remembered]:
+        """What this lowering needs: lengths, and the axes that the values turned out to have."""
+        builder = self._model.builder(_STEP)
+        found: dict[str, Remembered] = {}
+        for name, length in self._lengths.items():
+            try:
+                now = self._now(name, self._entry(name), self._places[name])
+                axes = builder.type(now).axes
+            except LoweringFailed:
+                axes = self._known.get(name, Remembered(0)).axes
+            if any(axis.name == WINDOW for axis in axes):
+                self._model.findings.report(errors.window_of_window(self._places[name]))
+                self._refused.add(name)
+                axes = ()
+            found[name] = Remembered(length, axes)
+        return found
+
+    def states(self) -> list[ProgramState]:
+        """A buffer state for everything whose past is read."""
+        builder = self._model.builder(_STEP)
+        made: list[ProgramState] = []
+        for name, remembered in self._known.items():
+            if name in self._refused:
+                continue
+            entry = self._entry(name)
+            try:
+                now = self._now(name, entry, self._places[name])
+                start = self._start(name, entry, remembered)
+            except LoweringFailed:
+                continue
+            window = builder.window(_buffer(name), now, remembered.length)
+            following = builder.slice(window, WINDOW, 1, remembered.length + 1)
+            axes = (*remembered.axes, Axis(WINDOW, remembered.length))
+            unit = builder.type(now).unit
+            made.append(ProgramState(_buffer(name), axes, unit, History(name), following, start))
+        return made
+
+    # ---- inside
+
+    def _entry(self, name: str) -> State | Equation | Output:
+        entry = self._model.scope[name].entry
+        assert isinstance(entry, State | Equation | Output)
+        return entry
+
+    def _now(self, name: str, entry: State | Equation | Output, span: Span) -> NodeId:
+        if isinstance(entry, State):
+            return self._model.states.value(name, entry, span, _STEP)
+        return self._model.entries.value(name, entry, _STEP, span)
+
+    def _start(self, name: str, entry: State | Equation | Output, remembered: Remembered) -> NodeId:
+        """Samples before t0, from the first that exists: `history:`, the log, inputs alone (R5)."""
+        model, length = self._model, remembered.length
+        builder = model.builder(_START)
+        wanted = (*remembered.axes, Axis(WINDOW, length))
+        if entry.history is not None:
+            node = window_of(model, entry.history, _START, -length, -1)
+            what = f"`history` of `{name}`"
+            return fitted(model, what, node, Type(wanted), entry.history, builder)
+        if isinstance(entry, State):
+            if name not in model.measured:
+                return self._missing(name)
+            unit = entry.unit.value if entry.unit else None
+            return builder.log(name, -length, -1, Type(wanted, unit))
+        if isinstance(entry, Output) and entry.predicts is not None:
+            ahead = model.sampling.samples(entry.predicts.ahead)
+            signal = entry.predicts.signal.value
+            return builder.log(signal, ahead - length, ahead - 1, Type(wanted))
+        node = model.entries.tried(lambda: window_of(model, entry.expr, _START, -length, -1))
+        if node is None:
+            return self._missing(name)
+        return fitted(model, f"the past of `{name}`", node, Type(wanted), entry.expr, builder)
+
+    def _missing(self, name: str) -> NodeId:
+        self._model.findings.report(errors.history_needed(name, self._places[name]))
+        raise LoweringFailed
+
+
+def _buffer(name: str) -> str:
+    return f"{name}.history"

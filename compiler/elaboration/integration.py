@@ -1,0 +1,183 @@
+"""Integrators: the continuous states of a model one sample later, all of them together (R6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, assert_never
+
+from compiler.elaboration.linear_implicit import increments
+from compiler.ir.program import NodeId
+from compiler.ir.types import Type
+from compiler.lowering.environment import Environment, Part, Stage
+from compiler.lowering.expressions import lower
+from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.fitted import fitted
+from compiler.lowering.scope import owner_of
+from compiler.lowering.unit_conflicts import report_unit_conflicts
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import calculus, time
+from spec_schema.expressions.tree import Expression
+from spec_schema.sections.integrators import (
+    Euler,
+    LinearImplicit,
+    Method,
+    Midpoint,
+    RungeKutta4,
+    SemiImplicit,
+)
+from spec_schema.units.parser import parse_unit
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+
+_SECOND = parse_unit("s")
+_STEP = Environment(Part.STEP)
+
+Values = dict[str, NodeId]
+
+LARGEST_SYSTEM = 16
+"""Numbers in all continuous states that `linear_implicit` solves for: n³/3 operations a step."""
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """The right-hand side of one continuous state and the state's type."""
+
+    expression: Expression
+    type: Type
+
+
+def integrated(model: Model, owner: str) -> Mapping[str, NodeId]:
+    """The values of the continuous states of one spec after one sample time, by its integrator.
+
+    `owner` is the sub-model that has the spec, "" for the model itself.
+    """
+    vector_field = {
+        name: Derivative(entry.der, model.states.type(entry))
+        for name, entry in model.spec.states.items()
+        if entry.der is not None and owner_of(name) == owner
+    }
+    dt = model.sampling.sample_time
+    if dt is None:
+        first = next(iter(vector_field.values())).expression
+        model.findings.report(time.needs_sample_time("`der:`", first.span))
+        raise LoweringFailed
+    builder = model.builder(_STEP)
+    values = {name: builder.state(name, law.type) for name, law in vector_field.items()}
+    integrator = model.integrators[owner]
+    method = integrator.choice if integrator else None
+    if integrator is not None and isinstance(method, LinearImplicit):
+        _check_size(model, vector_field, integrator.place.key)
+    substeps = method.substeps if method else 1
+    steps = _Steps(model, owner, vector_field, dt / substeps)
+    for _ in range(substeps):
+        values = steps.step(method, values)
+    return values
+
+
+def _check_size(model: Model, vector_field: Mapping[str, Derivative], place: Span) -> None:
+    size = sum(law.type.size for law in vector_field.values())
+    if size > LARGEST_SYSTEM:
+        model.findings.report(calculus.too_large_to_solve(size, LARGEST_SYSTEM, place))
+        raise LoweringFailed
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """One step of length `step`, h in the formulas, of x' = f(x), by each of the methods."""
+
+    model: Model
+    owner: str
+    vector_field: Mapping[str, Derivative]
+    step_length: float
+
+    def step(self, method: Method | None, values: Values) -> Values:
+        match method:
+            case Euler():
+                return self._moved(values, self._slopes(values), self.step_length)
+            case SemiImplicit():
+                return self._semi_implicit(values)
+            case LinearImplicit():
+                return self._linear_implicit(values)
+            case Midpoint():
+                half = self._moved(values, self._slopes(values), self.step_length / 2)
+                return self._moved(values, self._slopes(half), self.step_length)
+            case RungeKutta4() | None:  # the default without `integrator:`
+                return self._runge_kutta(values)
+            case _:
+                assert_never(method)
+
+    def _semi_implicit(self, values: Values) -> Values:
+        """xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ … xₙ), in the order of `states:`; order 1.
+
+        With a position and a velocity this is the symplectic Euler method, whichever comes first
+        (Hairer, Lubich, Wanner: Geometric Numerical Integration, 2006, I.1.2, equation 1.9).
+        """
+        moved = dict(values)
+        for name in values:
+            slope = self._slope(name, Environment(Part.STEP, stage=Stage(dict(moved), self.owner)))
+            moved |= self._moved({name: moved[name]}, {name: slope}, self.step_length)
+        return moved
+
+    def _linear_implicit(self, values: Values) -> Values:
+        """x + Δ with (I − h J) Δ = h f(x), J = ∂f/∂x at x; order 1, L-stable.
+
+        The linearly implicit Euler method (Hairer, Wanner: Solving Ordinary Differential Equations
+        II, 1996, IV.7, s = 1 and γ = 1).
+        """
+        builder = self.model.builder(_STEP)
+        slopes = self._slopes(values)
+        moved: Values = {}
+        for name, increment in increments(builder, values, slopes, self.step_length).items():
+            moved[name] = builder.add(values[name], increment)
+            report_unit_conflicts(self.model, builder, self.vector_field[name].expression)
+        return moved
+
+    def _runge_kutta(self, values: Values) -> Values:
+        """x + h/6 · (k₁ + 2(k₂ + k₃) + k₄), the classical method (Kutta 1901)."""
+        builder = self.model.builder(_STEP)
+        h = self.step_length
+        k1 = self._slopes(values)
+        k2 = self._slopes(self._moved(values, k1, h / 2))
+        k3 = self._slopes(self._moved(values, k2, h / 2))
+        k4 = self._slopes(self._moved(values, k3, h))
+        two = builder.constant(2.0)
+        total: Values = {}
+        for name in values:
+            middle = builder.multiply(two, builder.add(k2[name], k3[name]))
+            total[name] = builder.add(builder.add(k1[name], middle), k4[name])
+        return self._moved(values, total, h / 6)
+
+    def _slopes(self, values: Values) -> Values:
+        """f(x), every memoryless equation between states and `der` evaluated anew."""
+        stage = Environment(Part.STEP, stage=Stage(values, self.owner))
+        slopes: Values = {}
+        failed = False
+        for name in self.vector_field:
+            try:
+                slopes[name] = self._slope(name, stage)
+            except LoweringFailed:
+                failed = True
+        if failed:
+            raise LoweringFailed
+        return slopes
+
+    def _slope(self, name: str, stage: Environment) -> NodeId:
+        law = self.vector_field[name]
+        node = lower(self.model, law.expression, stage)
+        type = law.type.with_unit(None)
+        builder = self.model.builder(stage)
+        return fitted(self.model, f"`der` of `{name}`", node, type, law.expression, builder)
+
+    def _moved(self, values: Values, slopes: Values, length: float) -> Values:
+        """values + length · slopes."""
+        builder = self.model.builder(_STEP)
+        moved: Values = {}
+        for name, value in values.items():
+            expression = self.vector_field[name].expression
+            with builder.at(expression.span):
+                scaled = builder.multiply(builder.constant(length, unit=_SECOND), slopes[name])
+                moved[name] = builder.add(value, scaled)
+            report_unit_conflicts(self.model, builder, expression)
+        return moved

@@ -1,0 +1,106 @@
+"""Solves the linear system of the linearly implicit Euler method, written out in operations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from compiler.differentiation.gradient_nodes import element_gradients
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Constant
+from compiler.ir.program import NodeId
+from compiler.ir.types import UNNAMED, Axis
+from compiler.jacobian.sparsity_pattern import nonzero_elements
+from spec_schema.units.parser import parse_unit
+
+_SECOND = parse_unit("s")
+
+Row = dict[int, NodeId]
+"""The elements of a row of a matrix that are not 0 whatever the data."""
+
+
+def increments(
+    builder: GraphBuilder, values: Mapping[str, NodeId], slopes: Mapping[str, NodeId], step: float
+) -> dict[str, NodeId]:
+    """Δ of each state: (I − h J) Δ = h f with f the slopes and J = ∂f/∂x at the values.
+
+    Gaussian elimination without exchange of rows: while h J is small against I no pivot is
+    near 0, and while J is diagonally dominant and stable none is below 1 whatever h. Elements that
+    are 0 by structure cost nothing.
+    """
+    h = builder.constant(step, unit=_SECOND)
+    matrix: list[Row] = []
+    right: list[NodeId] = []
+    for name in values:
+        slope = slopes[name]
+        matrix += _rows(builder, len(matrix), slope, values, h)
+        for index in range(builder.type(slope).size):
+            right.append(builder.multiply(h, _scalar(builder, slope, index)))
+    solution = _solved(builder, matrix, right)
+    found: dict[str, NodeId] = {}
+    for name, value in values.items():
+        axes = builder.type(value).axes
+        size = builder.type(value).size
+        parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in solution[:size]]
+        joined = builder.concat(parts, UNNAMED) if size > 1 else parts[0]
+        found[name] = builder.reshape(joined, axes)
+        del solution[:size]
+    return found
+
+
+def _scalar(builder: GraphBuilder, value: NodeId, index: int) -> NodeId:
+    """One element of a value, counted in C order."""
+    flat = builder.reshape(value, (Axis(UNNAMED, builder.type(value).size),))
+    return builder.element(flat, UNNAMED, index)
+
+
+def _rows(
+    builder: GraphBuilder, number: int, slope: NodeId, values: Mapping[str, NodeId], h: NodeId
+) -> list[Row]:
+    """The rows of I − h J that belong to the elements of a slope; `number` is that of the first."""
+    rows: list[Row] = []
+    found = element_gradients(builder, slope, list(values.values()))
+    nodes = [gradient for gradients in found for gradient in gradients if gradient is not None]
+    nonzero = nonzero_elements(builder.graph(), nodes)
+    for gradients in found:
+        row: Row = {number + len(rows): builder.constant(1.0)}
+        column = 0
+        for value, gradient in zip(values.values(), gradients, strict=True):
+            if gradient is not None:
+                for index in np.flatnonzero(nonzero[gradient]).tolist():
+                    scaled = builder.multiply(h, _scalar(builder, gradient, index))
+                    before = row.get(column + index)
+                    row[column + index] = _difference(builder, before, scaled)
+            column += builder.type(value).size
+        rows.append(row)
+    return rows
+
+
+def _solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> list[NodeId]:
+    """x of A x = b: Gaussian elimination, then substitution from the last row to the first."""
+    size = len(matrix)
+    for k in range(size):
+        for i in range(k + 1, size):
+            if k not in matrix[i]:
+                continue
+            factor = _quotient(builder, matrix[i].pop(k), matrix[k][k])
+            for j in [column for column in matrix[k] if column > k]:
+                product = builder.multiply(factor, matrix[k][j])
+                matrix[i][j] = _difference(builder, matrix[i].get(j), product)
+            right[i] = builder.subtract(right[i], builder.multiply(factor, right[k]))
+    found: list[NodeId] = list(right)
+    for k in reversed(range(size)):
+        total = right[k]
+        for j in sorted(column for column in matrix[k] if column > k):
+            total = builder.subtract(total, builder.multiply(matrix[k][j], found[j]))
+        found[k] = _quotient(builder, total, matrix[k][k])
+    return found
+
+
+def _difference(builder: GraphBuilder, left: NodeId | None, right: NodeId) -> NodeId:
+    return builder.negate(right) if left is None else builder.subtract(left, right)
+
+
+def _quotient(builder: GraphBuilder, left: NodeId, right: NodeId) -> NodeId:
+    return left if builder.node(right).op == Constant((1.0,)) else builder.divide(left, right)

@@ -1,0 +1,1 @@
+"""Lowers losses: what is compared with what, and how it becomes a number."""

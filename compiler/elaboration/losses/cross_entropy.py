@@ -1,0 +1,70 @@
+"""`cross_entropy(logits, target)`: how improbable the recorded class is by the model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compiler.builtins.matrices import largest_along
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.program import NodeId
+from compiler.ir.types import WINDOW, Axis, describe_axes
+from compiler.lowering.environment import Environment
+from compiler.lowering.expressions import lower_all
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.errors import shapes
+from spec_schema.expressions.tree import Call
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+
+
+def lower_cross_entropy(
+    model: Model, call: Call, environment: Environment
+) -> tuple[NodeId, NodeId]:
+    """−Σᵢ pᵢ log softmax(z)ᵢ = log Σᵢ exp(zᵢ − m) + Σᵢ pᵢ (m − zᵢ), m the largest z, Σᵢ pᵢ = 1.
+
+    z are logits, before any softmax, along their last axis besides the window. The target is p
+    along the same axis, or without it the number of the class, counted from 0. Returns the cost
+    and what is NaN where the target is missing, else 0.
+    """
+    builder = model.builder(environment)
+    logits, target = lower_all(model, call.arguments, environment)
+    axes = builder.type(logits).axes
+    classes = next((axis for axis in reversed(axes) if axis.name != WINDOW), None)
+    rest = tuple(axis for axis in axes if axis != classes)
+    found = builder.type(target).axes
+    if classes is None or set(found) not in ({*axes}, {*rest}):
+        what = f"the {'first' if classes is None else 'second'} argument of `cross_entropy`"
+        wanted = f"{describe_axes(axes)} or {describe_axes(rest)}" if classes else "a vector"
+        argument = call.arguments[0 if classes is None else 1]
+        shown = describe_axes(axes if classes is None else found)
+        model.findings.report(shapes.wrong_axes(what, wanted, shown, argument.span))
+        raise LoweringFailed
+    shares, missing = _shares(builder, target, axes, classes)
+    largest = largest_along(builder, logits, classes)
+    below = builder.subtract(logits, largest)
+    total = builder.sum(builder.apply("exp", below), classes.name)
+    cost = builder.subtract(
+        builder.apply("log", total), builder.sum(builder.multiply(shares, below), classes.name)
+    )
+    return cost, builder.broadcast(missing, builder.type(cost).axes)
+
+
+def _shares(
+    builder: GraphBuilder, target: NodeId, axes: tuple[Axis, ...], classes: Axis
+) -> tuple[NodeId, NodeId]:
+    """p with the axes of the logits, 0 where it is missing; and the mark of what is missing."""
+    zero = builder.constant(0.0)
+    missing = builder.multiply(zero, target)  # NaN stays NaN
+    if classes in builder.type(target).axes:
+        there = builder.compare(Relation.LESS_EQUAL, target, target)  # no relation holds for NaN
+        known = builder.select(there, target, zero)
+        return builder.broadcast(known, axes), builder.sum(missing, classes.name)
+    numbers = builder.constant(np.arange(classes.size), (classes,))
+    repeated = builder.broadcast(target, (classes, *builder.type(target).axes))
+    away = builder.apply("abs", builder.subtract(repeated, numbers))
+    near = builder.compare(Relation.LESS, away, builder.constant(0.5))
+    return builder.broadcast(builder.select(near, builder.constant(1.0), zero), axes), missing

@@ -1,0 +1,127 @@
+"""Losses: what of each sample is compared with what, and how it becomes a number (R9)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from compiler.elaboration.losses.cross_entropy import lower_cross_entropy
+from compiler.elaboration.losses.loss_terms import terms_of
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.liveness import reads_simulation
+from compiler.ir.program import Loss, Measure, NodeId, Output
+from compiler.ir.types import Type
+from compiler.lowering.environment import Environment, Part
+from compiler.lowering.expressions import aligning, lower, lower_all
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.errors import names
+from spec_schema.expressions.tree import Call, Expression
+from spec_schema.sections.signals import Loss as LossEntry
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+
+_LOSS = Environment(Part.LOSS)
+_COMPARING = {
+    "mse": Measure.MSE,
+    "rmse": Measure.RMSE,
+    "mae": Measure.MAE,
+    "huber": Measure.HUBER,
+}
+_PENALTIES = ("l1", "l2")
+_ARGUMENTS = (
+    dict.fromkeys(_COMPARING, (1, 2))
+    | dict.fromkeys(_PENALTIES, (1, 1))
+    | {"cross_entropy": (2, 2)}
+)
+"""Fewest and most arguments; a value that is compared with nothing is compared with 0."""
+LOSS_FUNCTIONS = frozenset(_ARGUMENTS)
+"""Names that stand in the sum of a loss and nowhere else."""
+
+
+def lower_loss(model: Model, name: str, entry: LossEntry) -> list[Loss]:
+    """The terms of a `losses:` entry: one under its name, or `NAME.mse`, `NAME.mae`, ….
+
+    Each term has the entry's weight, which a stage can replace, and its own share of the entry.
+    """
+    terms = terms_of(model, entry.expr, LOSS_FUNCTIONS)
+    losses: list[Loss] = []
+    taken = Counter[str]()
+    for term in terms:
+        if term.function is not None:
+            assert isinstance(term.expression, Call)
+            measure, prediction, target = _measured(model, term.function, term.expression)
+        else:
+            cost = lower(model, term.expression, _LOSS)
+            measure, prediction, target = Measure.MEAN, cost, None
+        label = term.function or "cost"
+        taken[label] += 1
+        again = str(taken[label]) if taken[label] > 1 else ""
+        own = name if len(terms) == 1 else f"{name}.{label}{again}"
+        span = entry.place.key if len(terms) == 1 else term.expression.span
+        losses.append(Loss(own, measure, prediction, target, entry.weight, term.share, span))
+    return losses
+
+
+def default_loss(model: Model, output: Output) -> Loss:
+    """mse of an output against what it predicts, under the output's name."""
+    assert output.predicts is not None
+    builder = model.builder(_LOSS)
+    found = builder.type(output.node)
+    ahead = output.predicts.ahead
+    target = builder.log(output.predicts.signal, ahead, ahead, Type(found.axes, found.unit))
+    return Loss(output.name, Measure.MSE, output.node, target, span=output.span)
+
+
+def _measured(model: Model, function: str, call: Call) -> tuple[Measure, NodeId, NodeId | None]:
+    least, most = _ARGUMENTS[function]
+    if not least <= len(call.arguments) <= most or call.keywords:
+        found = len(call.arguments) + len(call.keywords)
+        wanted = f"{least} or {most} arguments" if least < most else _counted(least)
+        model.findings.report(
+            names.wrong_argument_count(function, wanted, found, call.function.span)
+        )
+        raise LoweringFailed
+    builder = model.builder(_LOSS)
+    if function in _PENALTIES:
+        return Measure.MEAN, _penalty(model, function, call.arguments[0]), None
+    if function == "cross_entropy":
+        cost, missing = lower_cross_entropy(model, call, _LOSS)
+        # only what was recorded can be missing
+        return Measure.MEAN, cost, None if reads_simulation(builder.graph(), missing) else missing
+    if len(call.arguments) == 1:
+        value = lower(model, call.arguments[0], _LOSS)
+        type = builder.type(value)
+        zero = builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
+        return _COMPARING[function], value, zero
+    prediction, target = lower_all(model, call.arguments, _LOSS)
+    with aligning(model, function, call, call.arguments[0], call.arguments[1]):
+        builder.subtract(prediction, target)  # compares the units of the two
+        prediction, target, _ = builder.aligned(prediction, target)
+    return _COMPARING[function], *_scored(builder, prediction, target)
+
+
+def _counted(count: int) -> str:
+    return f"{count} argument{'s' if count > 1 else ''}"
+
+
+def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[NodeId, NodeId]:
+    """The two values with one from the log alone as target: only there NaN means `not recorded`.
+
+    Every measure is the same for a swapped pair. Two simulated values are compared by their
+    difference, the target is 0.
+    """
+    graph = builder.graph()
+    if not reads_simulation(graph, target):
+        return prediction, target
+    if not reads_simulation(graph, prediction):
+        return target, prediction
+    difference = builder.subtract(prediction, target)
+    type = builder.type(difference)
+    return difference, builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
+
+
+def _penalty(model: Model, function: str, argument: Expression) -> NodeId:
+    builder = model.builder(_LOSS)
+    value = lower(model, argument, _LOSS)
+    return builder.apply("abs", value) if function == "l1" else builder.power(value, 2)

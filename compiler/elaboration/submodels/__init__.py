@@ -1,0 +1,1 @@
+"""Joins sub-models: what feeds their inputs, and which of them a value needs."""

@@ -1,0 +1,64 @@
+"""Which sub-models a value needs in the same step: those whose equations or states it reads."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any, cast
+
+from compiler.linking.connected import Connected
+from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.tree import Expression, Member, Name
+from spec_schema.fields.entry import Entry
+from spec_schema.sections.spec import Spec
+
+
+def needed_submodels(spec: Spec, expression: Expression) -> tuple[str, ...]:
+    """The sub-models of the model itself that an expression of it needs, through anything but time.
+
+    A parameter or a layer of a sub-model is not the sub-model: a controller may share them.
+    """
+    if not spec.use:
+        return ()
+    found: dict[str, None] = {}
+    seen: set[str] = set()
+    waiting: list[Any] = [expression]
+    while waiting:
+        for name in names_in(waiting.pop()):
+            if name in seen:
+                continue
+            seen.add(name)
+            entry = spec.equations.get(name) or spec.outputs.get(name) or spec.states.get(name)
+            if entry is not None and "." in name and not isinstance(entry, Connected):
+                found[name.partition(".")[0]] = None
+            for section in (spec.equations, spec.outputs, spec.functions):
+                if name in section:
+                    waiting.append(section[name].expr)
+            if name in spec.layers:
+                waiting.append(spec.layers[name])
+    return tuple(found)
+
+
+def names_in(value: Any) -> Iterator[str]:
+    """Every name in an expression or in the expressions of an entry."""
+    match value:
+        case None | str() | int() | float() | Span():  # most of what there is
+            return
+        case Name(name=name):
+            yield name
+        case Member(base=base):
+            yield base
+        case Entry():
+            for field in type(value).model_fields:
+                yield from names_in(getattr(value, field))
+        case tuple():
+            for part in cast("tuple[Any, ...]", value):
+                yield from names_in(part)
+        case Mapping():
+            for part in cast("Mapping[str, Any]", value).values():
+                yield from names_in(part)
+        case _ if dataclasses.is_dataclass(value):
+            for field in dataclasses.fields(value):
+                yield from names_in(getattr(value, field.name))
+        case _:
+            return

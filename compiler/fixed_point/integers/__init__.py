@@ -1,0 +1,1 @@
+"""Programs of integers: building, running, and dropping what nothing uses."""

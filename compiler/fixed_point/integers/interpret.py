@@ -1,0 +1,213 @@
+"""Runs an integer program: the judge of generated C in fixed point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntFlag
+from typing import assert_never
+
+from compiler.fixed_point.integers.program import (
+    CheckedInput,
+    Choose,
+    IntegerNode,
+    IntegerProgram,
+    Larger,
+    Literal,
+    Lookup,
+    Product,
+    ReadMemory,
+    ReadWord,
+    RoundShift,
+    Smaller,
+    WeightedSum,
+)
+from compiler.ir.ops import Relation
+
+Words = Mapping[str, Sequence[int]]
+"""Integers by name, each a flat list in C order."""
+
+
+class FixedStatus(IntFlag):
+    """What a step returns; bits that float exports have too mean the same."""
+
+    OUT_OF_RANGE = 1
+    CLAMPED = 4
+    HELD = 8
+    STATE_SATURATED = 16
+    UNINITIALISED = 32
+    EQUATION_OUT_OF_RANGE = 64
+
+
+@dataclass(slots=True)
+class IntegerState:
+    """What one instance remembers."""
+
+    memories: dict[str, list[int]]
+    held: dict[str, list[int]]
+    fills: bool = False
+    """Whether buffers of inputs wait for their first sample."""
+    waits: bool = False
+    """Whether there are states that only `reset` can set."""
+
+
+@dataclass(frozen=True, slots=True)
+class IntegerStep:
+    """What a step answers."""
+
+    outputs: dict[str, list[int]]
+    status: FixedStatus
+    nodes: list[int] = field(repr=False)
+
+
+def initial(program: IntegerProgram) -> IntegerState:
+    """The state after `init`: what a record would give is 0, or the nearest that is allowed."""
+    zeros = {port.name: [0] * port.size for port in program.windows}
+    values = evaluated(program.start, zeros, {})
+    memories = {
+        memory.name: [
+            _within(0 if memory.from_record else values[node], memory.low, memory.high)
+            for node in memory.start
+        ]
+        for memory in program.memories
+    }
+    fills = any(m.first_fills is not None for m in program.memories)
+    waits = any(m.from_record and m.first_fills is None for m in program.memories)
+    return IntegerState(memories, _first_held(program), fills, waits)
+
+
+def reset(program: IntegerProgram, windows: Words) -> IntegerState:
+    """The state that the samples around the first step give."""
+    checked = {
+        port.name: [_within(word, port.low, port.high) for word in windows[port.name]]
+        for port in program.windows
+    }
+    values = evaluated(program.start, checked, {})
+    memories = {
+        memory.name: [_within(values[node], memory.low, memory.high) for node in memory.start]
+        for memory in program.memories
+    }
+    return IntegerState(memories, _first_held(program))
+
+
+def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> IntegerStep:
+    """One step; the state is changed."""
+    status = FixedStatus(0)
+    words: dict[str, list[int]] = {}
+    for entry in program.inputs:
+        name = entry.port.name
+        words[name], bits = checked_input(entry, inputs[name], state.held.get(name, []))
+        status |= bits
+        if name in state.held:
+            state.held[name] = words[name]
+    if state.fills:
+        for memory in program.memories:
+            if memory.first_fills is not None:
+                port, elements = memory.first_fills
+                samples = memory.size // len(elements)
+                state.memories[memory.name] = [
+                    words[port][element] for element in elements for _ in range(samples)
+                ]
+        state.fills = False
+    if state.waits:
+        status |= FixedStatus.UNINITIALISED
+    values = evaluated(program.step, words, state.memories)
+    for entry in program.expected:
+        ends = zip(entry.nodes, entry.low, entry.high, strict=True)
+        if not all(low <= values[node] <= high for node, low, high in ends):
+            status |= FixedStatus.EQUATION_OUT_OF_RANGE
+    following: dict[str, list[int]] = {}
+    for memory in program.memories:
+        following[memory.name] = [_within(values[n], memory.low, memory.high) for n in memory.next]
+        if following[memory.name] != [values[n] for n in memory.next]:
+            status |= FixedStatus.STATE_SATURATED
+    state.memories = following
+    outputs = {port.name: [values[n] for n in nodes] for port, nodes in program.outputs}
+    return IntegerStep(outputs, status, values)
+
+
+def checked_input(
+    entry: CheckedInput, words: Sequence[int], held: Sequence[int]
+) -> tuple[list[int], FixedStatus]:
+    """The words that the step uses: always within the range, whatever came in."""
+    low, high = entry.port.low, entry.port.high
+    clamped = [_within(word, low, high) for word in words]
+    if clamped == list(words):
+        return clamped, FixedStatus(0)
+    match entry.policy:
+        case "hold":
+            used = [w if c == w else h for w, c, h in zip(words, clamped, held, strict=True)]
+            return used, FixedStatus.HELD
+        case "flag":
+            return clamped, FixedStatus.OUT_OF_RANGE | FixedStatus.CLAMPED
+        case _:
+            return clamped, FixedStatus.CLAMPED
+
+
+def evaluated(
+    nodes: Sequence[IntegerNode], words: Words, memories: Mapping[str, Sequence[int]]
+) -> list[int]:
+    """The value of every node; each is within the bounds that were proved."""
+    values: list[int] = []
+    for node in nodes:
+        value = _value(node, [values[arg] for arg in node.args], words, memories)
+        assert node.low <= value <= node.high, f"{node} is {value}"
+        values.append(value)
+    return values
+
+
+def _value(
+    node: IntegerNode, args: list[int], words: Words, memories: Mapping[str, Sequence[int]]
+) -> int:
+    match node.op:
+        case Literal(value):
+            return value
+        case ReadWord(port, index):
+            return words[port][index]
+        case ReadMemory(memory, index):
+            return memories[memory][index]
+        case WeightedSum(constant, coefficients):
+            return constant + sum(c * a for c, a in zip(coefficients, args, strict=True))
+        case Product():
+            return args[0] * args[1]
+        case RoundShift(bits):
+            return (args[0] + (1 << (bits - 1))) >> bits
+        case Smaller():
+            return min(args)
+        case Larger():
+            return max(args)
+        case Choose(relation):
+            return args[2] if _holds(relation, args[0], args[1]) else args[3]
+        case Lookup(first, bits, table):
+            place = args[0] - first
+            cell, part = place >> bits, place & ((1 << bits) - 1)
+            rise = (table[cell + 1] - table[cell]) * part
+            half = (1 << bits) >> 1
+            return table[cell] + ((rise + half) >> bits)
+        case _:
+            assert_never(node.op)
+
+
+def _holds(relation: Relation, left: int, right: int) -> bool:
+    match relation:
+        case Relation.LESS:
+            return left < right
+        case Relation.LESS_EQUAL:
+            return left <= right
+        case Relation.GREATER:
+            return left > right
+        case Relation.GREATER_EQUAL:
+            return left >= right
+
+
+def _first_held(program: IntegerProgram) -> dict[str, list[int]]:
+    """The valid value nearest to 0, for inputs that are held."""
+    return {
+        entry.port.name: [_within(0, entry.port.low, entry.port.high)] * entry.port.size
+        for entry in program.inputs
+        if entry.policy == "hold"
+    }
+
+
+def _within(value: int, low: int, high: int) -> int:
+    return min(max(value, low), high)

@@ -1,0 +1,215 @@
+"""A step in integers: every value has proved bounds, and stands for integer · 2^−fraction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from compiler.ir.ops import Relation
+from compiler.ir.types import Axis
+from spec_schema.diagnostics.source import Span
+from spec_schema.units.unit import Unit
+
+
+@dataclass(frozen=True, slots=True)
+class Width:
+    """How many bits data and coefficients have (`word`), and sums and products (`sum`)."""
+
+    name: str
+    word: int
+    sum: int
+
+    @property
+    def largest_word(self) -> int:
+        return 2 ** (self.word - 1) - 1
+
+    @property
+    def largest_sum(self) -> int:
+        return 2 ** (self.sum - 1) - 1
+
+
+Q15 = Width("q15", 16, 32)
+Q31 = Width("q31", 32, 64)
+
+
+@dataclass(frozen=True, slots=True)
+class Literal:
+    """A number known at compile time."""
+
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReadWord:
+    """Element of an input, or in the start of a window, in C order."""
+
+    port: str
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReadMemory:
+    """Element of a memory as it is when the step begins."""
+
+    memory: str
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class WeightedSum:
+    """constant + Σ coefficientᵢ · operandᵢ, added in this order."""
+
+    constant: int
+    coefficients: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Product:
+    """a · b."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoundShift:
+    """⌊a / 2^bits + 1/2⌋."""
+
+    bits: int
+
+
+@dataclass(frozen=True, slots=True)
+class Smaller:
+    """min(a, b)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Larger:
+    """max(a, b)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choose:
+    """c where a relation b holds, else d."""
+
+    relation: Relation
+
+
+@dataclass(frozen=True, slots=True)
+class Lookup:
+    """Linear interpolation in a table whose cells are 2^bits wide and begin at `first`."""
+
+    first: int
+    bits: int
+    values: tuple[int, ...]
+    function: str
+
+
+IntegerOp = (
+    Literal
+    | ReadWord
+    | ReadMemory
+    | WeightedSum
+    | Product
+    | RoundShift
+    | Smaller
+    | Larger
+    | Choose
+    | Lookup
+)
+
+
+@dataclass(frozen=True, slots=True)
+class IntegerNode:
+    """An operation on nodes before it; its value is always in low … high."""
+
+    op: IntegerOp
+    args: tuple[int, ...]
+    fraction: int
+    low: int
+    high: int
+    span: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class WordPort:
+    """Words that come in or go out, in C order of the axes."""
+
+    name: str
+    axes: tuple[Axis, ...]
+    unit: Unit | None
+    fraction: int
+    low: int
+    high: int
+    doc: str
+    span: Span | None = field(default=None, compare=False)
+
+    @property
+    def size(self) -> int:
+        size = 1
+        for axis in self.axes:
+            size *= axis.size
+        return size
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """What stays between steps: words or, of a state that is summed up, wide numbers."""
+
+    name: str
+    axes: tuple[Axis, ...]
+    unit: Unit | None
+    fraction: int
+    low: int
+    high: int
+    wide: bool
+    next: tuple[int, ...]
+    """Nodes of the step, one an element."""
+    start: tuple[int, ...]
+    """Nodes of the start, one an element."""
+    from_record: bool
+    """Whether only `reset` can know the start."""
+    first_fills: tuple[str, tuple[int, ...]] | None
+    """A buffer of an input: the port and, for each row, the element that the first step fills it
+    with."""
+    doc: str
+    span: Span | None = field(default=None, compare=False)
+
+    @property
+    def size(self) -> int:
+        return len(self.next)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedInput:
+    """An input of the step, and what happens to words outside its range."""
+
+    port: WordPort
+    policy: str
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedWords:
+    """A range of an equation that its values may leave: nodes, their lowest and highest value."""
+
+    name: str
+    nodes: tuple[int, ...]
+    low: tuple[int, ...]
+    high: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IntegerProgram:
+    """The step and the start of a model in integers."""
+
+    name: str
+    width: Width
+    inputs: tuple[CheckedInput, ...]
+    windows: tuple[WordPort, ...]
+    """What `reset` takes: samples around the first step, oldest first."""
+    window_firsts: tuple[int, ...]
+    """The oldest sample of each window, relative to the first step."""
+    outputs: tuple[tuple[WordPort, tuple[int, ...]], ...]
+    memories: tuple[Memory, ...]
+    step: tuple[IntegerNode, ...]
+    start: tuple[IntegerNode, ...]
+    expected: tuple[ExpectedWords, ...] = ()
+    doc: str = ""
+    spec_hash: str = ""
+    sample_time: float | None = None

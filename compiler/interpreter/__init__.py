@@ -1,0 +1,1 @@
+"""Runs programs with numpy: the meaning that every backend must agree with."""

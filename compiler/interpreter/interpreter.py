@@ -1,0 +1,228 @@
+"""Runs a Program with numpy, many members of a batch at once: the judge of every backend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from compiler.interpreter.operations import NOWHERE, Array, Evaluator, Surroundings, evaluator
+from compiler.ir.liveness import needed, states_beside_the_log
+from compiler.ir.ops import ReadLog, ReadSignal, ReadState, Window
+from compiler.ir.program import Extent, Graph, NodeId, Program
+
+States = dict[str, Array]
+
+
+@dataclass(frozen=True, slots=True)
+class StepValues:
+    """What one step computes for a batch of B members; every array is (B, *shape)."""
+
+    outputs: dict[str, Array]
+    next_states: States
+    losses: dict[str, tuple[Array, Array | None]]
+    """Prediction and target of each loss; empty where losses were not wanted."""
+    nodes: Sequence[Array | None]
+    """Value of every node that was computed; the batch is 1 where it does not matter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rollout:
+    """Outputs of a run, (B, steps, *shape) by name, and the states after its last step."""
+
+    outputs: dict[str, Array]
+    states: States
+
+
+class Interpreter:
+    """A program with weights, ready to run over a log.
+
+    The log is one array (rows, *shape) a signal; `t` are row numbers in it, one per member of the
+    batch. `weights` are physical arrays by name, a missing one is the parameter's initial value.
+    With dtype float32 every operation rounds to float32 and functions are the project's own
+    kernels. Raises ValueError for weights of a wrong shape, IndexError for rows outside the log.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        weights: Mapping[str, ArrayLike] | None = None,
+        dtype: DTypeLike = np.float64,
+    ) -> None:
+        self.program = program
+        self.dtype = np.dtype(dtype)
+        if self.dtype not in (np.dtype(np.float32), np.dtype(np.float64)):
+            message = f"the interpreter runs in float32 or float64, not {self.dtype}"
+            raise ValueError(message)
+        self.weights = physical_weights(program, weights or {})
+        states = program.states
+        following = {state.name: state.next for state in states}
+        beside = states_beside_the_log(program.step, following)
+        self._simulated = {n: node for n, node in following.items() if n not in beside}
+        outputs = [output.node for output in program.outputs]
+        scored = [state.next for state in states]
+        scored += [loss.prediction for loss in program.losses]
+        scored += [loss.target for loss in program.losses if loss.target is not None]
+        with np.errstate(all="ignore"):
+            self._start = self._prepared(program.start, [state.start for state in states])
+            simulated = [*outputs, *self._simulated.values()]
+            self._simulate = self._prepared(program.step, simulated)
+            self._score = self._prepared(program.step, outputs + scored)
+
+    def start(self, log: Mapping[str, Array], t0: ArrayLike) -> States:
+        """The states before the first step of runs that begin at rows t0."""
+        t = _rows(t0)
+        values = self._start.run(Surroundings(log, t, {}))
+        return {
+            state.name: _for_batch(values[state.start], len(t)).copy()
+            for state in self.program.states
+        }
+
+    def step(
+        self,
+        log: Mapping[str, Array],
+        t: ArrayLike,
+        states: Mapping[str, Array],
+        *,
+        losses: bool = True,
+    ) -> StepValues:
+        """One step at rows t; without `losses` the log needs no targets.
+
+        States that only losses need and that read the log are then left out.
+        """
+        rows = _rows(t)
+        plan = self._score if losses else self._simulate
+        every = {state.name: state.next for state in self.program.states}
+        following = every if losses else self._simulated
+        values = plan.run(Surroundings(log, rows, self._cast(states)))
+        return StepValues(
+            {out.name: _value(values, out.node, rows) for out in self.program.outputs},
+            {name: _value(values, node, rows) for name, node in following.items()},
+            {
+                loss.name: (
+                    _value(values, loss.prediction, rows),
+                    None if loss.target is None else _value(values, loss.target, rows),
+                )
+                for loss in self.program.losses
+            }
+            if losses
+            else {},
+            values,
+        )
+
+    def rollout(
+        self,
+        log: Mapping[str, Array],
+        t0: ArrayLike,
+        steps: int,
+        states: Mapping[str, Array] | None = None,
+    ) -> Rollout:
+        """`steps` steps from rows t0, from given states or those of `start`; scores no losses."""
+        t = _rows(t0)
+        current: Mapping[str, Array] = self.start(log, t) if states is None else states
+        types = {
+            output.name: self.program.step[output.node].type for output in self.program.outputs
+        }
+        outputs = {
+            name: np.empty((len(t), steps, *type.shape), self.dtype) for name, type in types.items()
+        }
+        for k in range(steps):
+            values = self.step(log, t + k, current, losses=False)
+            for name, value in values.outputs.items():
+                outputs[name][:, k] = value
+            current = values.next_states
+        return Rollout(outputs, dict(self._cast(current)))
+
+    def _prepared(self, graph: Graph, wanted: Iterable[NodeId]) -> _Plan:
+        return _Plan(graph, wanted, self.weights, self.dtype)
+
+    def _cast(self, states: Mapping[str, Array]) -> Mapping[str, Array]:
+        return {name: np.asarray(value, self.dtype) for name, value in states.items()}
+
+
+def physical_weights(
+    program: Program, weights: Mapping[str, ArrayLike]
+) -> dict[str, NDArray[np.float64]]:
+    """The array of every parameter, its initial value where none is given."""
+    result: dict[str, NDArray[np.float64]] = {}
+    for parameter in program.parameters:
+        shape = tuple(axis.size for axis in parameter.axes)
+        given = weights.get(parameter.name)
+        if given is None:
+            value = np.array(parameter.initial, np.float64).reshape(shape)
+        else:
+            value = np.array(given, np.float64)
+            if value.shape != shape:
+                message = f"weights of `{parameter.name}` have shape {value.shape}, not {shape}"
+                raise ValueError(message)
+        result[parameter.name] = value
+    return result
+
+
+class _Plan:
+    """The evaluators of the nodes that some results need; what is constant is computed once."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        wanted: Iterable[NodeId],
+        weights: Mapping[str, NDArray[np.float64]],
+        dtype: np.dtype[Any],
+    ) -> None:
+        live = needed(graph, wanted)
+        self._known: list[Any] = [None] * len(graph)
+        self._steps: list[tuple[NodeId, Evaluator]] = []
+        self._extents: dict[str, Extent] = {}
+        for index, node in graph:
+            if not live[index]:
+                continue
+            types = tuple(graph[arg].type for arg in node.args)
+            evaluate = evaluator(node, types, weights, dtype)
+            if isinstance(node.op, ReadSignal | ReadLog):
+                extent = Extent(node.op.first, node.op.last)
+                previous = self._extents.get(node.op.signal, extent)
+                self._extents[node.op.signal] = previous.union(extent)
+            outside = isinstance(node.op, ReadSignal | ReadLog | ReadState | Window)
+            if outside or any(self._known[arg] is None for arg in node.args):
+                self._steps.append((index, evaluate))
+            else:
+                self._known[index] = evaluate(self._known, NOWHERE)
+
+    def run(self, around: Surroundings) -> list[Array]:
+        self._check_rows(around)
+        values = self._known.copy()
+        with np.errstate(all="ignore"):
+            for index, evaluate in self._steps:
+                values[index] = evaluate(values, around)
+        return values
+
+    def _check_rows(self, around: Surroundings) -> None:
+        # numpy would take a negative row from the end of the log
+        if not self._extents:
+            return
+        first, last = int(around.t.min()), int(around.t.max())
+        for signal, extent in self._extents.items():
+            rows = len(around.log[signal])
+            if first + extent.first < 0 or last + extent.last >= rows:
+                message = (
+                    f"`{signal}` has rows 0 … {rows - 1} in the log, the step at rows {first} … "
+                    f"{last} reads {first + extent.first} … {last + extent.last}"
+                )
+                raise IndexError(message)
+
+
+def _rows(t: ArrayLike) -> NDArray[np.int64]:
+    return np.atleast_1d(np.asarray(t, np.int64))
+
+
+def _value(values: Sequence[Array], node: NodeId, rows: NDArray[np.int64]) -> Array:
+    return _for_batch(values[node], len(rows))
+
+
+def _for_batch(value: Array, batch: int) -> Array:
+    if value.shape[0] == batch:
+        return value
+    return np.broadcast_to(value, (batch, *value.shape[1:]))

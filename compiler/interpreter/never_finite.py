@@ -1,0 +1,31 @@
+"""Finds parts of formulas that are infinite or NaN whatever the data: `sqrt(-1)`, `x / 0`."""
+
+from __future__ import annotations
+
+from compiler.ir.ops import Add, Apply, Broadcast, Constant, Divide, Multiply, Subtract
+from compiler.ir.program import Graph, NodeId, Program
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.errors import names as errors
+
+_ARITHMETIC = (Add, Subtract, Multiply, Divide, Apply)
+
+
+def never_finite(program: Program) -> list[Diagnostic]:
+    """Warnings of numbers that no data can make finite; the program has been through the passes."""
+    graph = program.step
+    found: dict[Diagnostic, None] = {}
+    for _, node in graph:
+        operands = [graph[arg].op for arg in node.args]
+        # what is made of constants alone is folded, unless the result is infinite or NaN
+        constant = bool(operands) and all(isinstance(op, Constant) for op in operands)
+        by_zero = isinstance(node.op, Divide) and _is_zero(graph, node.args[1])
+        if node.span is not None and isinstance(node.op, _ARITHMETIC) and (constant or by_zero):
+            found[errors.never_finite(node.span)] = None
+    return list(found)
+
+
+def _is_zero(graph: Graph, node: NodeId) -> bool:
+    while isinstance(graph[node].op, Broadcast):
+        node = graph[node].args[0]
+    op = graph[node].op
+    return isinstance(op, Constant) and not all(op.values)

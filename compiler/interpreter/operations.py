@@ -1,0 +1,230 @@
+"""Turns one node into a function that computes its value with numpy: the meaning of every op.
+
+Values carry the batch as their first axis; one that is the same for the whole batch may have a
+batch of 1. Every sum and every choice is written out in the order that all backends follow, so that
+C can reproduce it bit for bit:
+
+- a sum starts with element 0 and adds the others one after the other (`np.add.accumulate`, which
+  is sequential by definition, never `np.sum`, which is pairwise);
+- `Minimum(a, b)` is a where a <= b or a is NaN, else b; `Maximum` the same with >=; so a tie, also
+  one of −0 and +0, gives the first operand, and NaN propagates;
+- `Clamp(x, low, high)` is Minimum(Maximum(x, low), high).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Relation,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Node
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.types import Type
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a graph reads from outside: the log, the rows of the batch in it, and the states."""
+
+    log: Mapping[str, Array]
+    t: NDArray[np.int64]
+    states: Mapping[str, Array]
+
+
+NOWHERE = Surroundings({}, np.zeros(1, np.int64), {})
+"""Around what depends on constants only."""
+
+Evaluator = Callable[[list[Array], Surroundings], Array]
+
+_RELATIONS: dict[Relation, Callable[[Array, Array], Array]] = {
+    Relation.LESS: np.less,
+    Relation.LESS_EQUAL: np.less_equal,
+    Relation.GREATER: np.greater,
+    Relation.GREATER_EQUAL: np.greater_equal,
+}
+
+
+def evaluator(
+    node: Node,
+    operands: tuple[Type, ...],
+    weights: Mapping[str, Array],
+    dtype: np.dtype[Any],
+) -> Evaluator:
+    """The function that computes the node from the values of all nodes before it.
+
+    `operands` are the types of the node's arguments. Real values have exactly `dtype`.
+    """
+    args, shape = node.args, node.type.shape
+    match node.op:
+        case Constant(values):
+            constant = np.array(values, dtype).reshape((1, *shape))
+            return lambda values, around: constant
+        case ReadParameter(name):
+            weight = np.asarray(weights[name], dtype).reshape((1, *shape))
+            return lambda values, around: weight
+        case ReadSignal(name, first, last) | ReadLog(name, first, last):
+            return _read(name, first, last, node.type, dtype)
+        case ReadState(name):
+            return lambda values, around: around.states[name]
+        case Add():
+            return _binary(np.add, args)
+        case Subtract():
+            return _binary(np.subtract, args)
+        case Multiply():
+            return _binary(np.multiply, args)
+        case Divide():
+            return _binary(np.divide, args)
+        case Negate():
+            return lambda values, around: np.negative(values[args[0]])
+        case Dropout():
+            return lambda values, around: values[args[0]]
+        case Minimum():
+            return _binary(_minimum, args)
+        case Maximum():
+            return _binary(_maximum, args)
+        case Clamp():
+            value, low, high = args
+            return lambda values, around: _minimum(
+                _maximum(values[value], values[low]), values[high]
+            )
+        case Compare(relation):
+            return _binary(_RELATIONS[relation], args)
+        case Select():
+            condition, then, otherwise = args
+            return lambda values, around: np.where(
+                values[condition], values[then], values[otherwise]
+            )
+        case Apply(function):
+            return _apply(function, args, dtype)
+        case Broadcast():
+            place = _placement(operands[0], node.type)
+            return lambda values, around: _repeated(place(values[args[0]]), shape)
+        case Reshape():
+            return lambda values, around: values[args[0]].reshape((-1, *shape))
+        case Slice(axis, start, stop):
+            ahead = operands[0].position(axis) + 1
+            index = (*(slice(None),) * ahead, slice(start, stop))
+            return lambda values, around: values[args[0]][index]
+        case Concat(axis):
+            position = operands[0].position(axis) + 1
+            return lambda values, around: _concatenated([values[arg] for arg in args], position)
+        case Sum(axis):
+            position = operands[0].position(axis) + 1
+            return lambda values, around: _sum(np.moveaxis(values[args[0]], position, 0))
+        case Contract(axis):
+            left, right = args
+            put_left = _placement(operands[0], node.type, axis)
+            put_right = _placement(operands[1], node.type, axis)
+            return lambda values, around: _sum(put_left(values[left]) * put_right(values[right]))
+        case Window(state):
+            return lambda values, around: _concatenated(
+                [around.states[state], values[args[0]][..., np.newaxis]], -1
+            )
+        case _:
+            assert_never(node.op)
+
+
+def _binary(function: Callable[[Array, Array], Array], args: tuple[int, ...]) -> Evaluator:
+    left, right = args
+    return lambda values, around: function(values[left], values[right])
+
+
+def _read(name: str, first: int, last: int, type: Type, dtype: np.dtype[Any]) -> Evaluator:
+    if type.window is None:
+        return lambda values, around: around.log[name][around.t + first].astype(dtype, copy=False)
+    offsets = np.arange(first, last + 1)
+
+    def window(values: list[Array], around: Surroundings) -> Array:
+        samples = around.log[name][around.t[:, np.newaxis] + offsets]
+        return np.moveaxis(samples, 1, -1).astype(dtype, copy=False)
+
+    return window
+
+
+def _apply(function: str, args: tuple[int, ...], dtype: np.dtype[Any]) -> Evaluator:
+    row = SCALAR_FUNCTIONS[function]
+    if row.kernel is None or dtype == np.float64:
+        # numpy may take another code path, with other last bits, for memory that has gaps
+        def by_numpy(values: list[Array], around: Surroundings) -> Array:
+            return row.numpy(*(np.ascontiguousarray(values[arg]) for arg in args))
+
+        return by_numpy
+    from compiler.kernels.trace.evaluate import evaluate  # float64 users do not pay for its tables
+
+    kernel = row.kernel
+    return lambda values, around: evaluate(kernel, *(values[arg] for arg in args))
+
+
+def _minimum(left: Array, right: Array) -> Array:
+    return np.where((left <= right) | np.isnan(left), left, right)
+
+
+def _maximum(left: Array, right: Array) -> Array:
+    return np.where((left >= right) | np.isnan(left), left, right)
+
+
+def _placement(operand: Type, result: Type, summed: str | None = None) -> Callable[[Array], Array]:
+    """Moves an operand's axes to the places of the result's, a length of 1 where it lacks one.
+
+    With `summed` that axis comes first, before the batch.
+    """
+    names = operand.axis_names
+    wanted = [axis.name for axis in result.axes]
+    order = (0, *(names.index(name) + 1 for name in wanted if name in names))
+    if summed is not None:
+        order = (names.index(summed) + 1, *order)
+    leading = (slice(None),) * (len(order) - sum(name in names for name in wanted))
+    index = (*leading, *(slice(None) if name in names else np.newaxis for name in wanted))
+    return lambda value: value.transpose(order)[index]
+
+
+def _repeated(value: Array, shape: tuple[int, ...]) -> Array:
+    return np.broadcast_to(value, (value.shape[0], *shape))
+
+
+def _concatenated(parts: list[Array], position: int) -> Array:
+    batch = max(part.shape[0] for part in parts)
+    return np.concatenate([_repeated_batch(part, batch) for part in parts], axis=position)
+
+
+def _repeated_batch(value: Array, batch: int) -> Array:
+    if value.shape[0] == batch:
+        return value
+    return np.broadcast_to(value, (batch, *value.shape[1:]))
+
+
+def _sum(terms: Array) -> Array:
+    """((e₀ + e₁) + e₂) + … over the first axis."""
+    return np.add.accumulate(terms, axis=0)[-1]

@@ -1,0 +1,275 @@
+"""Builds a graph of typed nodes out of operations; operands are aligned by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from compiler.ir.node_store import NodeStore
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    Op,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Relation,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, NodeId
+from compiler.ir.rules.alignment import align, contracted
+from compiler.ir.rules.unit_rules import (
+    UnitConflict,
+    function_unit,
+    product_unit,
+    quotient_unit,
+    sum_unit,
+)
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS, Array
+from compiler.ir.types import WINDOW, Axis, Type, in_order
+from spec_schema.units.unit import ONE as ONE
+from spec_schema.units.unit import Unit
+
+
+class GraphBuilder(NodeStore):
+    """Grows a `Graph`. Methods take and return node ids and raise AxisConflict."""
+
+    def __init__(self, graph: Graph | None = None) -> None:
+        super().__init__(graph)
+        self.conflicts: list[UnitConflict] = []
+        """Units that did not fit since the caller last looked; the caller knows the place."""
+
+    # ---- leaves
+
+    def constant(
+        self,
+        value: float | Sequence[float] | Array,
+        axes: tuple[Axis, ...] = (),
+        unit: Unit | None = ONE,
+    ) -> NodeId:
+        values = tuple(float(v) for v in np.asarray(value, dtype=float).ravel())
+        return self.emit(Constant(values), (), Type(axes, unit))
+
+    def parameter(self, name: str, type: Type) -> NodeId:
+        return self.emit(ReadParameter(name), (), type)
+
+    def signal(self, name: str, first: int, last: int, type: Type) -> NodeId:
+        return self.emit(ReadSignal(name, first, last), (), type)
+
+    def log(self, name: str, first: int, last: int, type: Type) -> NodeId:
+        return self.emit(ReadLog(name, first, last), (), type)
+
+    def state(self, name: str, type: Type) -> NodeId:
+        return self.emit(ReadState(name), (), type)
+
+    # ---- elementwise
+
+    def add(self, left: NodeId, right: NodeId) -> NodeId:
+        return self._sum_like(Add(), "+", left, right)
+
+    def subtract(self, left: NodeId, right: NodeId) -> NodeId:
+        return self._sum_like(Subtract(), "-", left, right)
+
+    def minimum(self, left: NodeId, right: NodeId) -> NodeId:
+        return self._sum_like(Minimum(), "min", left, right)
+
+    def maximum(self, left: NodeId, right: NodeId) -> NodeId:
+        return self._sum_like(Maximum(), "max", left, right)
+
+    def multiply(self, left: NodeId, right: NodeId) -> NodeId:
+        unit = product_unit(self.type(left).unit, self.type(right).unit)
+        return self._binary(Multiply(), left, right, unit)
+
+    def divide(self, left: NodeId, right: NodeId) -> NodeId:
+        unit = quotient_unit(self.type(left).unit, self.type(right).unit)
+        return self._binary(Divide(), left, right, unit)
+
+    def negate(self, value: NodeId) -> NodeId:
+        return self.emit(Negate(), (value,), self.type(value))
+
+    def power(self, base: NodeId, exponent: int) -> NodeId:
+        """baseⁿ as a fixed chain of squarings and products, 1/… for a negative exponent."""
+        if exponent < 0:
+            return self.divide(self.constant(1.0), self.power(base, -exponent))
+        result: NodeId | None = None
+        square = base
+        while exponent:
+            if exponent & 1:
+                result = square if result is None else self.multiply(result, square)
+            exponent >>= 1
+            if exponent:
+                square = self.multiply(square, square)
+        if result is None:
+            axes = self.type(base).axes
+            return self.broadcast(self.constant(1.0), axes)
+        return result
+
+    def compare(self, relation: Relation, left: NodeId, right: NodeId) -> NodeId:
+        self._ruled_sum(relation.value, left, right)
+        left, right, axes = self.aligned(left, right)
+        return self.emit(Compare(relation), (left, right), Type(axes, ONE, "bool"))
+
+    def select(self, condition: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
+        unit = self._ruled_sum("where", then, otherwise)
+        then, otherwise, _ = self.aligned(then, otherwise)
+        condition, then, axes = self.aligned(condition, then)
+        # where the condition's window renamed an axis, this one has it too
+        _, otherwise, _ = self.aligned(then, otherwise)
+        return self.emit(Select(), (condition, then, otherwise), Type(axes, unit))
+
+    def clamp(self, value: NodeId, low: NodeId, high: NodeId) -> NodeId:
+        unit = self._ruled_sum("clip", value, low)
+        self._ruled_sum("clip", value, high)
+        value, low, _ = self.aligned(value, low)
+        value, high, axes = self.aligned(value, high)
+        _, low, _ = self.aligned(value, low)  # it has an axis that the window of high renamed
+        return self.emit(Clamp(), (value, low, high), Type(axes, unit))
+
+    def apply(self, function: str, *args: NodeId) -> NodeId:
+        row = SCALAR_FUNCTIONS[function]
+        units = tuple(self.type(arg).unit for arg in args)
+        unit, conflict = function_unit(function, row.units, units)
+        if conflict:
+            self.conflicts.append(conflict)
+        if len(args) == 2:
+            left, right, axes = self.aligned(*args)
+            return self.emit(Apply(function), (left, right), Type(axes, unit))
+        return self.emit(Apply(function), args, self.type(args[0]).with_unit(unit))
+
+    def dropout(self, value: NodeId, rate: float, layer: str) -> NodeId:
+        return self.emit(Dropout(rate, layer), (value,), self.type(value))
+
+    # ---- structure
+
+    def broadcast(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
+        type = self.type(value)
+        if type.axes == axes:
+            return value
+        return self.emit(Broadcast(), (value,), type.with_axes(axes))
+
+    def reshape(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
+        type = self.type(value)
+        if type.axes == axes:
+            return value
+        return self.emit(Reshape(), (value,), type.with_axes(axes))
+
+    def rename(self, value: NodeId, old: str, new: str) -> NodeId:
+        """The value with one axis under another name; one that becomes the window moves last."""
+        axes = self.type(value).axes
+        if new == WINDOW:
+            last = tuple(a for a in axes if a.name == old)
+            axes = tuple(a for a in axes if a.name != old) + last
+            value = self.broadcast(value, axes)
+        return self.reshape(value, tuple(Axis(new, a.size) if a.name == old else a for a in axes))
+
+    def slice(self, value: NodeId, axis: str, start: int, stop: int) -> NodeId:
+        type = self.type(value)
+        if (start, stop) == (0, type.axes[type.position(axis)].size):
+            return value
+        axes = tuple(Axis(axis, stop - start) if a.name == axis else a for a in type.axes)
+        return self.emit(Slice(axis, start, stop), (value,), type.with_axes(axes))
+
+    def element(self, value: NodeId, axis: str, index: int) -> NodeId:
+        """One element along an axis, which disappears."""
+        part = self.slice(value, axis, index, index + 1)
+        rest = tuple(a for a in self.type(part).axes if a.name != axis)
+        return self.reshape(part, rest)
+
+    def concat(self, values: Sequence[NodeId], axis: str) -> NodeId:
+        types = [self.type(value) for value in values]
+        unit = types[0].unit
+        for type in types[1:]:
+            unit, conflict = sum_unit("concat", unit, type.unit)
+            if conflict:
+                self.conflicts.append(conflict)
+        size = sum(type.axes[type.position(axis)].size for type in types)
+        axes = tuple(Axis(axis, size) if a.name == axis else a for a in types[0].axes)
+        return self.emit(Concat(axis), tuple(values), Type(axes, unit))
+
+    def sum(self, value: NodeId, axis: str) -> NodeId:
+        type = self.type(value)
+        rest = tuple(a for a in type.axes if a.name != axis)
+        return self.emit(Sum(axis), (value,), type.with_axes(rest))
+
+    def contract(self, left: NodeId, right: NodeId) -> NodeId:
+        """`left @ right` by rule R3."""
+        mine, partner, axes = contracted(self.type(left).axes, self.type(right).axes)
+        if partner != mine.name:
+            right = self.rename(right, partner, mine.name)
+        unit = product_unit(self.type(left).unit, self.type(right).unit)
+        return self.emit(Contract(mine.name), (left, right), Type(axes, unit))
+
+    def contract_over(self, left: NodeId, right: NodeId, axis: str) -> NodeId:
+        """Σ over one axis that both have of their product, other axes aligned by name."""
+        mine, other = self.type(left), self.type(right)
+        rest = [a for a in mine.axes if a.name != axis]
+        rest += [a for a in other.axes if a.name != axis and mine.axis(a.name) is None]
+        unit = product_unit(mine.unit, other.unit)
+        return self.emit(Contract(axis), (left, right), Type(in_order(tuple(rest)), unit))
+
+    def window(self, state: str, newest: NodeId, length: int) -> NodeId:
+        """The `length` samples of a buffer state and the newest one."""
+        type = self.type(newest)
+        return self.emit(
+            Window(state), (newest,), type.with_axes((*type.axes, Axis(WINDOW, length + 1)))
+        )
+
+    # ---- inside
+
+    def aligned(self, left: NodeId, right: NodeId) -> tuple[NodeId, NodeId, tuple[Axis, ...]]:
+        """Both operands brought to the axes of their elementwise result."""
+        left_type, right_type = self.type(left), self.type(right)
+        if left_type.axes == right_type.axes:
+            return left, right, left_type.axes
+        axes, left_axes, right_axes = align(left_type.axes, right_type.axes)
+        left = self._as_named(left, left_axes)
+        right = self._as_named(right, right_axes)
+        return self.broadcast(left, axes), self.broadcast(right, axes), axes
+
+    def _as_named(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
+        """The value with the axis that `align` made the window renamed to it."""
+        names = {axis.name for axis in axes}
+        for axis in self.type(value).axes:
+            if axis.name not in names:
+                return self.rename(value, axis.name, WINDOW)
+        return value
+
+    def _ruled_sum(self, operation: str, left: NodeId, right: NodeId) -> Unit | None:
+        left_unit, right_unit = self._term_unit(left), self._term_unit(right)
+        unit, conflict = sum_unit(operation, left_unit, right_unit)
+        if conflict:
+            self.conflicts.append(conflict)
+        return unit
+
+    def _term_unit(self, value: NodeId) -> Unit | None:
+        """Unit in a sum: a literal 0 fits every unit."""
+        node = self.node(value)
+        if isinstance(node.op, Constant) and not any(node.op.values):
+            return None
+        return node.type.unit
+
+    def _sum_like(self, op: Op, operation: str, left: NodeId, right: NodeId) -> NodeId:
+        return self._binary(op, left, right, self._ruled_sum(operation, left, right))
+
+    def _binary(self, op: Op, left: NodeId, right: NodeId, unit: Unit | None) -> NodeId:
+        left, right, axes = self.aligned(left, right)
+        return self.emit(op, (left, right), Type(axes, unit))

@@ -1,0 +1,71 @@
+"""Finds the nodes that some values are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from compiler.ir.ops import ReadLog, ReadSignal, ReadState, Window
+from compiler.ir.program import Graph, NodeId
+
+
+def needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:
+    """For every node whether one of the wanted values depends on it, or is it."""
+    marked = [False] * len(graph)
+    for node in wanted:
+        marked[node] = True
+    for index in range(len(graph) - 1, -1, -1):
+        if marked[index]:
+            for arg in graph[index].args:
+                marked[arg] = True
+    return marked
+
+
+def reads_simulation(graph: Graph, value: NodeId) -> bool:
+    """Whether a value depends on what the step sees or keeps, not on the log alone."""
+    return any(
+        live and isinstance(node.op, ReadSignal | ReadState | Window)
+        for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
+    )
+
+
+def needed_over_time(
+    step: Graph, following: Mapping[str, NodeId], wanted: Iterable[NodeId]
+) -> tuple[list[bool], set[str]]:
+    """The same through the states: the nodes that the values need in any step, and these states.
+
+    `following` has the node of each state's next value.
+    """
+    marked, names = [False] * len(step), set[str]()
+    waiting = list(wanted)
+    while waiting:
+        index = waiting.pop()
+        if marked[index]:
+            continue
+        marked[index] = True
+        node = step[index]
+        waiting += node.args
+        if isinstance(node.op, ReadState | Window):
+            name = node.op.name if isinstance(node.op, ReadState) else node.op.state
+            names.add(name)
+            if name in following:
+                waiting.append(following[name])
+    return marked, names
+
+
+def states_beside_the_log(step: Graph, following: Mapping[str, NodeId]) -> set[str]:
+    """The states whose next values the log is needed for; `following` has their nodes."""
+    found: set[str] = set()
+    while True:
+        reading = [False] * len(step)
+        for index, node in step:
+            match node.op:
+                case ReadLog():
+                    reading[index] = True
+                case ReadState(name=name) | Window(state=name):
+                    reading[index] = name in found or any(reading[arg] for arg in node.args)
+                case _:
+                    reading[index] = any(reading[arg] for arg in node.args)
+        more = {name for name, node in following.items() if reading[node]} - found
+        if not more:
+            return found
+        found |= more

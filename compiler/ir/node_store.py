@@ -1,0 +1,75 @@
+"""The nodes of a graph that is being built: equal ones are made once."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+
+from compiler.ir.ops import Constant, Op
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.types import Type
+from spec_schema.diagnostics.source import Span
+from spec_schema.units.unit import Unit
+
+
+class NodeStore:
+    """Grows a `Graph`, node by node."""
+
+    def __init__(self, graph: Graph | None = None) -> None:
+        self._nodes: list[Node] = list(graph.nodes) if graph else []
+        self._known: dict[_Key, NodeId] = {}
+        for index, node in enumerate(self._nodes):
+            self._known.setdefault(_key(node.op, node.args, node.type), index)
+        self._span: Span | None = None
+
+    def graph(self) -> Graph:
+        return Graph(tuple(self._nodes))
+
+    def type(self, node: NodeId) -> Type:
+        return self._nodes[node].type
+
+    def node(self, node: NodeId) -> Node:
+        return self._nodes[node]
+
+    @contextmanager
+    def at(self, span: Span | None) -> Generator[None]:
+        """Nodes made inside carry this place of the spec."""
+        previous, self._span = self._span, span or self._span
+        try:
+            yield
+        finally:
+            self._span = previous
+
+    def name(self, node: NodeId, label: str) -> None:
+        """Remember what the spec calls this value; the first name stays."""
+        if self._nodes[node].label is None:
+            self._nodes[node] = replace(self._nodes[node], label=label)
+
+    def set_unit(self, node: NodeId, unit: Unit | None) -> None:
+        """Give a value whose unit was not known the one that the spec declares for it."""
+        found = self._nodes[node]
+        if found.type.unit is None:
+            self._nodes[node] = replace(found, type=found.type.with_unit(unit))
+
+    def emit(
+        self, op: Op, args: tuple[NodeId, ...], type: Type, span: Span | None = None
+    ) -> NodeId:
+        """The node with this operation, operands and type, made if there is none yet."""
+        key = _key(op, args, type)
+        known = self._known.get(key)
+        if known is None:
+            known = self._known[key] = len(self._nodes)
+            self._nodes.append(Node(op, args, type, span or self._span))
+        return known
+
+
+_Key = tuple[Op, tuple[NodeId, ...], Type, bytes]
+
+
+def _key(op: Op, args: tuple[NodeId, ...], type: Type) -> _Key:
+    """What makes two nodes the same; 0.0 == -0.0, but the constants are different numbers."""
+    bits = np.array(op.values).tobytes() if isinstance(op, Constant) else b""
+    return op, args, type, bits

@@ -1,0 +1,310 @@
+"""The typed intermediate representation: a synchronous stream program in SSA form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal
+
+from compiler.ir.fit import Fit
+from compiler.ir.ops import Op, ReadLog, ReadParameter, ReadSignal
+from compiler.ir.types import Axis, Type
+from spec_schema.diagnostics.source import Span
+from spec_schema.units.unit import Unit
+
+NodeId = int
+"""Position of a node in its graph; operands always stand before the node that uses them."""
+
+InvalidPolicy = Literal["clamp", "hold", "flag", "trust"]
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One operation: its operands, the static type of its value and its place in the spec."""
+
+    op: Op
+    args: tuple[NodeId, ...]
+    type: Type
+    span: Span | None = field(default=None, compare=False)
+    label: str | None = field(default=None, compare=False)
+    """Name of the equation, output or layer that this value is, for comments and reports."""
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """Nodes in an order in which they can be evaluated."""
+
+    nodes: tuple[Node, ...] = ()
+
+    def __getitem__(self, node: NodeId) -> Node:
+        return self.nodes[node]
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def __iter__(self) -> Iterator[tuple[NodeId, Node]]:
+        return iter(enumerate(self.nodes))
+
+
+class Role(Enum):
+    """Why a signal is in the log."""
+
+    INPUT = "input"
+    """Read by the step: part of the deployed interface."""
+    TARGET = "target"
+    """Read by losses and metrics only."""
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A logged quantity: an input, or a target that only training reads."""
+
+    name: str
+    role: Role
+    axes: tuple[Axis, ...] = ()
+    unit: Unit | None = None
+    range: tuple[float, float] | None = None
+    on_invalid: InvalidPolicy = "flag"
+    doc: str = ""
+    span: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Statistic:
+    """What of a signal's training rows a parameter is, set once before the first stage."""
+
+    kind: Literal["mean", "std"]
+    signal: str
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A learnable array: initial value in C order, bounds and unit are physical.
+
+    The optimiser works on a raw variable: physical = scale·raw without bounds, a sigmoid between
+    two bounds, a softplus above or below one; one mechanism for all optimisers.
+    """
+
+    name: str
+    axes: tuple[Axis, ...] = ()
+    unit: Unit | None = None
+    initial: tuple[float, ...] = (0.0,)
+    minimum: float | None = None
+    maximum: float | None = None
+    scale: float = 1.0
+    learn: bool = True
+    statistic: Statistic | None = None
+    """Where the value comes from if not from `initial`, which is only where nothing is known."""
+    doc: str = ""
+    span: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """A state that the spec declares under `states:`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """What a layer or a call such as `integral` keeps between steps."""
+
+    of_run: bool = False
+    """Whether it starts alike wherever a run begins, as that there was no step before."""
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """A buffer of the last samples of a signal or value, made by the compiler."""
+
+    source: str
+    """What is buffered: an input or a named equation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tape:
+    """The values of a closed signal up to `ahead−1` samples after t, made by closing a loop."""
+
+    signal: str
+    ahead: int
+
+
+Origin = Declared | Memory | History | Tape
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Memory between steps; a buffer (History, Tape) has the window as its last axis."""
+
+    name: str
+    axes: tuple[Axis, ...]
+    unit: Unit | None
+    origin: Origin
+    next: NodeId
+    """Node of `Program.step` whose value the state takes after the step."""
+    start: NodeId
+    """Node of `Program.start` whose value the state has before the first step."""
+    range: tuple[float, float] | None = None
+    doc: str = ""
+    span: Span | None = field(default=None, compare=False)
+    needs: tuple[str, ...] = ()
+    """Sub-models that the `next:` of a discrete state needs in the same step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """What an output stands for: `signal[t+ahead]`."""
+
+    signal: str
+    ahead: int
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A named result of the step."""
+
+    name: str
+    node: NodeId
+    predicts: Prediction | None = None
+    doc: str = ""
+    span: Span | None = field(default=None, compare=False)
+    needs: tuple[str, ...] = ()
+    """Sub-models that it needs in the same step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """The values that the spec expects of an equation; nothing is computed for it alone.
+
+    An equation of which the step computes several samples (`e`, `e[t-3]`) has one for each node.
+    """
+
+    name: str
+    node: NodeId
+    range: tuple[float, float]
+    span: Span | None = field(default=None, compare=False)
+
+
+class Measure(Enum):
+    """How a loss becomes a number: the mean over steps, starts, window and dims of …."""
+
+    MSE = "mse"
+    """… (prediction − target)²."""
+    RMSE = "rmse"
+    """… (prediction − target)², then its root per batch."""
+    MAE = "mae"
+    """… |prediction − target|."""
+    HUBER = "huber"
+    """… e²/2 for |e| ≤ 1, |e| − 1/2 beyond, e = prediction − target."""
+    MEAN = "mean"
+    """… the prediction itself: an expression that is already a cost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """One term of the training objective, weight · share · measure.
+
+    Elements whose target is NaN are not scored. The terms of an entry that is a sum of measures
+    are named `entry.mse` and so on.
+    """
+
+    name: str
+    measure: Measure
+    prediction: NodeId
+    target: NodeId | None
+    weight: float = 1.0
+    """Of the entry; a stage can replace it."""
+    share: float = 1.0
+    """The factor of this term in the entry's sum."""
+    span: Span | None = field(default=None, compare=False)
+
+    @property
+    def entry(self) -> str:
+        """The name under `losses:`, or of the output whose default loss this is."""
+        return self.name.partition(".")[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """A named dimension of the spec and the labels of its elements, empty where it has none."""
+
+    name: str
+    size: int
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A model as a pure function of logs, states and parameters: `step` at every t, `start` at t0.
+
+    *Window form*: `ReadSignal` nodes read any samples of the inputs. *Step form* (`to_step_form`):
+    they read sample t, a preview [t … t+n] or one delayed sample, and buffers hold the past.
+    """
+
+    name: str
+    sample_time: float | None
+    """Seconds between samples; None for a static model whose rows are independent samples."""
+    signals: tuple[Signal, ...]
+    parameters: tuple[Parameter, ...]
+    states: tuple[State, ...]
+    step: Graph
+    start: Graph
+    outputs: tuple[Output, ...]
+    losses: tuple[Loss, ...] = ()
+    expected: tuple[Expected, ...] = ()
+    """Ranges of equations that outputs, states or losses need."""
+    fits: tuple[Fit, ...] = ()
+    """Layers that training starts by least squares; while there are losses."""
+    dimensions: tuple[Dimension, ...] = ()
+    doc: str = ""
+    spec_hash: str = ""
+    """sha256 of the spec's text, so that weights and generated files can name their source."""
+
+    def signal(self, name: str) -> Signal:
+        return next(signal for signal in self.signals if signal.name == name)
+
+    def parameter(self, name: str) -> Parameter:
+        return next(parameter for parameter in self.parameters if parameter.name == name)
+
+    def state(self, name: str) -> State:
+        return next(state for state in self.states if state.name == name)
+
+    def output(self, name: str) -> Output:
+        return next(output for output in self.outputs if output.name == name)
+
+    def expected_range(self, name: str) -> tuple[float, float] | None:
+        """The range of an equation, which may be an output; None without one."""
+        return next((entry.range for entry in self.expected if entry.name == name), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """The samples t+first … t+last of a signal that something reads."""
+
+    first: int
+    last: int
+
+    def union(self, other: Extent) -> Extent:
+        return Extent(min(self.first, other.first), max(self.last, other.last))
+
+
+def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
+    """The samples that the graph reads of each signal, from the log or as the step sees them."""
+    wanted = ReadLog if log else ReadSignal
+    found: dict[str, Extent] = {}
+    for _, node in graph:
+        if isinstance(node.op, wanted):
+            extent = Extent(node.op.first, node.op.last)
+            previous = found.get(node.op.signal)
+            found[node.op.signal] = previous.union(extent) if previous else extent
+    return found
+
+
+def parameters_read(graph: Graph) -> frozenset[str]:
+    """Names of the parameters that the graph uses."""
+    return frozenset(n.op.name for _, n in graph if isinstance(n.op, ReadParameter))
+
+
+def learned_numbers(program: Program) -> int:
+    """How many numbers training can move."""
+    return sum(Type(p.axes).size for p in program.parameters if p.learn)

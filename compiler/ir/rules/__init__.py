@@ -1,0 +1,1 @@
+"""Says which programs are legal: types, units and alignment of every operation."""

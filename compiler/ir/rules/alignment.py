@@ -1,0 +1,103 @@
+"""How the axes of two operands meet: by name, a missing one is broadcast (rule R3)."""
+
+from __future__ import annotations
+
+from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes, in_order
+
+
+class AxisConflict(Exception):  # noqa: N818  (a finding to report, not a failure)
+    """Operands whose axes cannot meet; `reason` is a clause for the message, `hint` a repair."""
+
+    def __init__(
+        self, left: tuple[Axis, ...], right: tuple[Axis, ...], reason: str, hint: str = ""
+    ):
+        super().__init__(f"{describe_axes(left)} and {describe_axes(right)}: {reason}")
+        self.left = left
+        self.right = right
+        self.reason = reason
+        self.hint = hint
+
+
+def _named(axes: tuple[Axis, ...], name: str) -> Axis | None:
+    return next((axis for axis in axes if axis.name == name), None)
+
+
+def _with_window(axes: tuple[Axis, ...], other: tuple[Axis, ...]) -> tuple[Axis, ...]:
+    """Windowless axes with the one renamed to the window that runs along the other's window.
+
+    That is the unnamed axis, or else the last named one absent in the other operand, if it has the
+    window's length: `W * delta.past(30)`.
+    """
+    window = _named(other, WINDOW)
+    if window is None or _named(axes, WINDOW) is not None:
+        return axes
+    names = {axis.name for axis in other}
+    candidates = [axis for axis in axes if axis.name == UNNAMED and axis.name not in names]
+    candidates += [axis for axis in reversed(axes) if axis.name and axis.name not in names][:1]
+    along = next((axis for axis in candidates if axis.size == window.size), None)
+    if along is None:
+        return axes
+    return in_order(tuple(window if axis is along else axis for axis in axes))
+
+
+def align(
+    left: tuple[Axis, ...], right: tuple[Axis, ...]
+) -> tuple[tuple[Axis, ...], tuple[Axis, ...], tuple[Axis, ...]]:
+    """Axes of an elementwise result, and the operands' axes renamed to be a part of them.
+
+    Renaming keeps the element order but for an axis that moves to the end as the window; the
+    caller broadcasts from `left`/`right` as returned. Raises AxisConflict.
+    """
+    left_axes, right_axes = _with_window(left, right), _with_window(right, left)
+    result = list(left_axes)
+    for axis in right_axes:
+        mine = _named(left_axes, axis.name)
+        if mine is None:
+            result.append(axis)
+        elif mine.size != axis.size:
+            name = {WINDOW: "windows", UNNAMED: "unnamed axes"}.get(axis.name, f"`{axis.name}`")
+            raise AxisConflict(left, right, f"{name} of {mine.size} and {axis.size} elements")
+    return in_order(tuple(result)), left_axes, right_axes
+
+
+def contracted(
+    left: tuple[Axis, ...], right: tuple[Axis, ...]
+) -> tuple[Axis, str, tuple[Axis, ...]]:
+    """For `left @ right`: the axis of left that is summed, the name of its partner, result axes.
+
+    The last axis of left (its window if it has one) meets right's axis of the same name, else its
+    unnamed axis, else its window. Raises AxisConflict where none or two fit.
+    """
+    if not left or not right:
+        raise AxisConflict(left, right, "`@` needs an axis to sum on both sides", "use `*`")
+    last = left[-1]
+    same = _named(right, last.name)
+    partner: Axis | None
+    if same is not None and last.name != UNNAMED:
+        partner = same
+    else:
+        others = [a for a in (_named(right, UNNAMED), _named(right, WINDOW)) if a is not None]
+        if last.name == UNNAMED:  # an unnamed axis may also meet the last named one of its length
+            others += [a for a in reversed(right) if a.name not in (UNNAMED, WINDOW)]
+        fitting = [axis for axis in others if axis.size == last.size]
+        if len(fitting) > 1:
+            names = " and ".join(f"`{axis.name or '_'}`" for axis in fitting)
+            raise AxisConflict(left, right, f"{names} both have {last.size} elements")
+        partner = fitting[0] if fitting else None
+    if partner is None or partner.size != last.size:
+        shown = f"`{last.name}`" if last.name else "the last axis"
+        raise AxisConflict(
+            left, right, f"nothing on the right fits {shown} with {last.size} elements"
+        )
+    rest_left = left[:-1]
+    rest_right = tuple(axis for axis in right if axis is not partner)
+    result = list(rest_left)
+    for axis in rest_right:
+        mine = _named(rest_left, axis.name)
+        if mine is None:
+            result.append(axis)
+        elif mine.size != axis.size:
+            raise AxisConflict(
+                left, right, f"`{axis.name}` of {mine.size} and {axis.size} elements"
+            )
+    return last, partner.name, in_order(tuple(result))

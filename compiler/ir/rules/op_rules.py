@@ -1,0 +1,225 @@
+"""The rule of each op: what its operands and its type must be to make a legal node."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import assert_never
+
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Node
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.types import WINDOW, Axis, Type, describe_axes
+
+LARGEST_SIZE = 1 << 24
+"""Scalars in one value: 128 MiB in float64, far above any model and far below any memory."""
+MOST_AXES = 12
+LONGEST_NAME = 200
+FARTHEST_SAMPLE = 1 << 24
+"""Samples between t and the farthest one that a program reads."""
+
+
+def broken_axes(axes: tuple[Axis, ...]) -> str | None:
+    """Why these are not the axes of a value, None if they are."""
+    if not axes:
+        return None
+    names = [axis.name for axis in axes]
+    if len(set(names)) != len(names):
+        return f"{describe_axes(axes)} has an axis twice"
+    if any(len(name) > LONGEST_NAME or not name.isprintable() for name in names):
+        return "an axis has no proper name"
+    if WINDOW in names[:-1]:
+        return f"{describe_axes(axes)} has the window before the end"
+    if len(axes) > MOST_AXES or any(axis.size < 1 for axis in axes):
+        return f"{describe_axes(axes)} has too many axes or an empty one"
+    if math.prod(axis.size for axis in axes) > LARGEST_SIZE:
+        return f"{describe_axes(axes)} has more than {LARGEST_SIZE} elements"
+    return None
+
+
+def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str | None:
+    """Why the node is not legal after its operands, None if it is.
+
+    Units are not looked at: they label values, and the front end has checked them.
+    """
+    type, axes = node.type, node.type.axes
+    reason = broken_axes(axes) or _wrong_count(node, operands)
+    if reason is not None:
+        return reason
+    match node.op:
+        case Constant(values):
+            if len(values) != type.size or not all(math.isfinite(value) for value in values):
+                return f"{len(values)} numbers for {describe_axes(axes)}, or one is not finite"
+            return _real(type)
+        case ReadParameter(name):
+            return _from(f"parameter `{name}`", sources.parameters.get(name), type)
+        case ReadState(name):
+            return _from(f"state `{name}`", sources.states.get(name), type)
+        case ReadSignal(name, first, last) | ReadLog(name, first, last):
+            return _read(sources.signals.get(name), name, first, last, type)
+        case Add() | Subtract() | Multiply() | Divide() | Negate() | Minimum() | Maximum():
+            return _elementwise(type, operands) or _real(type, *operands)
+        case Clamp():
+            return _elementwise(type, operands) or _real(type, *operands)
+        case Dropout(rate):
+            if not 0 <= rate < 1:
+                return f"a share of {rate} cannot be left out"
+            return _elementwise(type, operands) or _real(type, *operands)
+        case Apply(function):
+            if function not in SCALAR_FUNCTIONS:
+                return f"there is no function `{function}`"
+            return _elementwise(type, operands) or _real(type, *operands)
+        case Compare():
+            reason = _elementwise(type, operands) or _real(*operands)
+            return reason or (None if type.kind == "bool" else "a comparison is a bool")
+        case Select():
+            if operands[0].kind != "bool":
+                return "the condition is not a bool"
+            return _elementwise(type, operands) or _real(type, *operands[1:])
+        case Broadcast():
+            fits = set(operands[0].axes) <= set(axes) and operands[0].kind == type.kind
+            return None if fits else f"{describe_axes(operands[0].axes)} does not fit in the result"
+        case Reshape():
+            fits = operands[0].size == type.size and operands[0].kind == type.kind
+            return None if fits else f"{describe_axes(operands[0].axes)} has another size"
+        case Slice(axis, start, stop):
+            return _sliced(operands[0], axis, start, stop, type)
+        case Concat(axis):
+            return _joined(operands, axis, type)
+        case Sum(axis):
+            rest = tuple(a for a in operands[0].axes if a.name != axis)
+            fits = operands[0].axis(axis) is not None and rest == axes
+            return _real(type, *operands) or (None if fits else f"not the sum over `{axis}`")
+        case Contract(axis):
+            return _real(type, *operands) or _contracted(operands[0], operands[1], axis, axes)
+        case Window(state):
+            return _windowed(sources.states.get(state), operands[0], state, type)
+        case _:
+            assert_never(node.op)
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """Axes of what a graph may read, by name."""
+
+    signals: Mapping[str, tuple[Axis, ...]]
+    parameters: Mapping[str, tuple[Axis, ...]]
+    states: Mapping[str, tuple[Axis, ...]]
+
+
+def _wrong_count(node: Node, operands: tuple[Type, ...]) -> str | None:
+    match node.op:
+        case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+            count = 0
+        case Negate() | Dropout() | Broadcast() | Reshape() | Slice() | Sum() | Window():
+            count = 1
+        case Add() | Subtract() | Multiply() | Divide() | Minimum() | Maximum() | Compare():
+            count = 2
+        case Contract():
+            count = 2
+        case Clamp() | Select():
+            count = 3
+        case Apply(function):
+            row = SCALAR_FUNCTIONS.get(function)
+            count = row.arity if row is not None else len(operands)
+        case Concat():
+            count = max(len(operands), 1)
+        case _:
+            assert_never(node.op)
+    return None if len(operands) == count else f"{len(operands)} operands, not {count}"
+
+
+def _real(*types: Type) -> str | None:
+    for type in types:
+        if type.kind != "real":
+            return "a bool where a number belongs"
+    return None
+
+
+def _elementwise(type: Type, operands: tuple[Type, ...]) -> str | None:
+    for operand in operands:
+        if operand.axes != type.axes:
+            return f"an operand has axes {describe_axes(operand.axes)}"
+    return None
+
+
+def _from(what: str, axes: tuple[Axis, ...] | None, type: Type) -> str | None:
+    if axes is None:
+        return f"there is no {what}"
+    if axes != type.axes:
+        return f"{what} has axes {describe_axes(axes)}"
+    return _real(type)
+
+
+def _read(
+    axes: tuple[Axis, ...] | None, name: str, first: int, last: int, type: Type
+) -> str | None:
+    if axes is None:
+        return f"there is no signal `{name}`"
+    if not -FARTHEST_SAMPLE <= first <= last <= FARTHEST_SAMPLE:
+        return f"samples {first} … {last} are no window"
+    window = (Axis(WINDOW, last - first + 1),) if type.window is not None else ()
+    if not window and first != last:
+        return "several samples need a window axis"
+    return _from(f"signal `{name}`", (*axes, *window), type)
+
+
+def _sliced(operand: Type, axis: str, start: int, stop: int, type: Type) -> str | None:
+    whole = operand.axis(axis)
+    if whole is None or not 0 <= start < stop <= whole.size:
+        return f"`{axis}` {start}:{stop} is no part of {describe_axes(operand.axes)}"
+    part = tuple(Axis(axis, stop - start) if a.name == axis else a for a in operand.axes)
+    return None if part == type.axes and operand.kind == type.kind else "not the slice's axes"
+
+
+def _joined(operands: tuple[Type, ...], axis: str, type: Type) -> str | None:
+    parts = [operand.axis(axis) for operand in operands]
+    size = sum(part.size for part in parts if part is not None)
+    for operand, part in zip(operands, parts, strict=True):
+        longer = tuple(Axis(axis, size) if a.name == axis else a for a in operand.axes)
+        if part is None or longer != type.axes or operand.kind != type.kind:
+            return f"{describe_axes(operand.axes)} does not join along `{axis or '_'}`"
+    return None
+
+
+def _contracted(left: Type, right: Type, axis: str, axes: tuple[Axis, ...]) -> str | None:
+    mine, partner = left.axis(axis), right.axis(axis)
+    if mine is None or mine != partner:
+        return f"`{axis or '_'}` is not an axis of equal length on both sides"
+    rest = {a for a in (*left.axes, *right.axes) if a.name != axis}
+    return None if rest == set(axes) else "not the axes of both without the contracted one"
+
+
+def _windowed(state: tuple[Axis, ...] | None, newest: Type, name: str, type: Type) -> str | None:
+    if state is None or not state or state[-1].name != WINDOW:
+        return f"there is no buffer `{name}`"
+    grown = (*newest.axes, Axis(WINDOW, state[-1].size + 1))
+    if newest.axes != state[:-1] or type.axes != grown:
+        return f"buffer `{name}` has axes {describe_axes(state)}"
+    return _real(type, newest)

@@ -1,0 +1,73 @@
+"""How units flow through the operations; an unknown unit (None) never conflicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from compiler.ir.scalar_functions import UnitRule
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import ONE as ONE
+from spec_schema.units.unit import Unit
+
+RADIAN = parse_unit("rad")
+
+
+@dataclass(frozen=True, slots=True)
+class UnitConflict:
+    """Units that an operation cannot take together: what it is, what it found, what it wants."""
+
+    operation: str
+    found: Unit
+    expected: Unit
+
+
+Ruled = tuple[Unit | None, UnitConflict | None]
+
+
+def same_unit(left: Unit, right: Unit) -> bool:
+    """Whether values in the two units can be added: equal scale and dimension, rad counts as 1."""
+    return left.same_as(right)
+
+
+def sum_unit(operation: str, left: Unit | None, right: Unit | None) -> Ruled:
+    """Unit of a sum, difference, minimum, comparison or choice of two values."""
+    if left is None:
+        return right, None
+    if right is None or same_unit(left, right):
+        return left, None
+    return None, UnitConflict(operation, right, left)
+
+
+def product_unit(left: Unit | None, right: Unit | None) -> Unit | None:
+    return None if left is None or right is None else left * right
+
+
+def quotient_unit(left: Unit | None, right: Unit | None) -> Unit | None:
+    return None if left is None or right is None else left / right
+
+
+def power_unit(base: Unit | None, exponent: int | Fraction) -> Unit | None:
+    return None if base is None else base.power(exponent)
+
+
+def function_unit(name: str, rule: UnitRule, arguments: tuple[Unit | None, ...]) -> Ruled:
+    """Unit of a scalar function's value by the rule of its row."""
+    unit = arguments[0]
+    match rule:
+        case UnitRule.NUMBER | UnitRule.TO_ANGLE | UnitRule.ANGLE:
+            expected = RADIAN if rule is UnitRule.ANGLE else ONE
+            result = RADIAN if rule is UnitRule.TO_ANGLE else ONE
+            for argument in arguments:
+                if argument is not None and not same_unit(argument, expected):
+                    return result, UnitConflict(name, argument, expected)
+            return result, None
+        case UnitRule.RATIO_TO_ANGLE:
+            _, conflict = sum_unit(name, arguments[0], arguments[1])
+            return RADIAN, conflict
+        case UnitRule.SAME:
+            return unit, None
+        case UnitRule.SIGN:
+            return ONE, None
+        case UnitRule.ROOT:
+            return power_unit(unit, Fraction(1, 2)), None

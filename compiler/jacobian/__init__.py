@@ -1,0 +1,1 @@
+"""Derives the Jacobian of one step as core operations."""

@@ -1,0 +1,89 @@
+"""Jacobians of one step: how its next states and outputs change with states, inputs, parameters.
+
+For x' = f(x, u, p), y = h(x, u, p) the matrices are A = ∂x'/∂x, B = ∂x'/∂u, C = ∂y/∂x, D = ∂y/∂u,
+and on request ∂x'/∂p and ∂y/∂p. The vector x is all memory of the step: declared states, and the
+samples in buffers, so that A is that of the whole discrete system.
+
+Every next number and every output is a row of its own, computed without the others; what of a row
+cannot be anything but 0, or is the same number always, is known and not computed. The rest comes
+from reverse mode, one pass a row, with the conventions at kinks of `differentiate`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.liveness import needed
+from compiler.ir.ops import ReadParameter, ReadSignal
+from compiler.ir.program import NodeId, Program
+from compiler.ir.types import Axis
+from compiler.jacobian.entries import matrix_of
+from compiler.jacobian.matrices import Jacobian, Matrix, Member, Vector
+from compiler.jacobian.row_gradients import slopes_of_elements
+from compiler.jacobian.scalarize import every_element, single_elements
+from compiler.passes.guard_untaken import guard_untaken
+from spec_schema.units.unit import Unit
+
+
+def jacobian(program: Program, *, parameters: bool = False) -> Jacobian:
+    """The Jacobian of a program in step form; `parameters` also by the parameters of the step."""
+    program = guard_untaken(replace(program, losses=(), expected=()))
+    step = program.step
+    results = {"x": [(s.name, s.next, s.axes, s.unit) for s in program.states]}
+    types = [(output, step[output.node].type) for output in program.outputs]
+    results["y"] = [(output.name, output.node, type.axes, type.unit) for output, type in types]
+    roots = [node for members in results.values() for _, node, _, _ in members]
+    states, outputs = (
+        _vector(letter, [(name, axes, unit) for name, _, axes, unit in members])
+        for letter, members in results.items()
+    )
+    inputs, tuned = _read(program, roots)
+
+    elements = single_elements(
+        step, [(root, at) for root in roots for at in every_element(step[root].type)]
+    )
+    wanted = [
+        node
+        for node, part in elements.parts.items()
+        if parameters or not isinstance(part.leaf, ReadParameter)
+    ]
+    graph, slopes = slopes_of_elements(elements, wanted)
+    builder = GraphBuilder(graph)
+    of_states, of_outputs = slopes[: states.size], slopes[states.size :]
+    named = [
+        ("A", states, states, of_states),
+        ("B", states, inputs, of_states),
+        ("C", outputs, states, of_outputs),
+        ("D", outputs, inputs, of_outputs),
+    ]
+    if parameters:
+        named += [("dx_dp", states, tuned, of_states), ("dy_dp", outputs, tuned, of_outputs)]
+    matrices: list[Matrix] = [
+        matrix_of(name, rows, columns, rows_slopes, elements.parts, builder)
+        for name, rows, columns, rows_slopes in named
+    ]
+    return Jacobian(builder.graph(), tuple(matrices), states, inputs, outputs, tuned)
+
+
+_Quantity = tuple[str, tuple[Axis, ...], Unit | None]
+
+
+def _vector(letter: str, quantities: Iterable[_Quantity]) -> Vector:
+    members: list[Member] = []
+    for name, axes, unit in quantities:
+        first = members[-1].first + members[-1].size if members else 0
+        members.append(Member(name, axes, unit, first))
+    return Vector(letter, tuple(members))
+
+
+def _read(program: Program, roots: Sequence[NodeId]) -> tuple[Vector, Vector]:
+    """Inputs and parameters that the step reads, in the program's order."""
+    marked = needed(program.step, roots)
+    live = [node for index, node in program.step if marked[index]]
+    ports = {n.op.signal: n.type for n in live if isinstance(n.op, ReadSignal)}
+    names = {n.op.name for n in live if isinstance(n.op, ReadParameter)}
+    inputs = [(s.name, ports[s.name].axes, s.unit) for s in program.signals if s.name in ports]
+    tuned = [(p.name, p.axes, p.unit) for p in program.parameters if p.name in names]
+    return _vector("u", inputs), _vector("p", tuned)

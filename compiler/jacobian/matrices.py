@@ -1,0 +1,117 @@
+"""Matrices of slopes: what their rows and columns are, and which entries are known or computed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.ir.program import Graph, NodeId
+from compiler.ir.types import Axis, Type
+from spec_schema.units.unit import Unit
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A quantity in a vector: its numbers stand in C order of its axes."""
+
+    name: str
+    axes: tuple[Axis, ...]
+    unit: Unit | None
+    first: int
+    """Where they begin."""
+
+    @property
+    def size(self) -> int:
+        return Type(self.axes).size
+
+
+@dataclass(frozen=True, slots=True)
+class Vector:
+    """Quantities one after the other, and the letter that engineers use for it."""
+
+    letter: str
+    members: tuple[Member, ...]
+
+    @property
+    def size(self) -> int:
+        return sum(member.size for member in self.members)
+
+    def member(self, name: str) -> Member:
+        """The quantity of that name."""
+        return next(member for member in self.members if member.name == name)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Computed entries: element (i, j, …) of the node is entry offset + Σ stride · index."""
+
+    node: NodeId
+    offset: int
+    strides: tuple[int, ...]
+
+    def places(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
+        """The entry of every element of the node."""
+        grid = np.array(self.offset)
+        for size, stride in zip(shape, self.strides, strict=True):
+            grid = grid[..., np.newaxis] + stride * np.arange(size)
+        return grid
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """Slopes of the rows by the columns, entry (i, j) at i · columns + j."""
+
+    name: str
+    rows: Vector
+    columns: Vector
+    known: tuple[float | None, ...]
+    """Entries that are the same number always, None for one that is computed."""
+    fixed: tuple[bool, ...]
+    """Whether an entry depends on nothing but parameters."""
+    blocks: tuple[Block, ...]
+    """In the order in which they are written: later ones replace entries of earlier ones."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.rows.size, self.columns.size
+
+    @property
+    def size(self) -> int:
+        return len(self.known)
+
+    @property
+    def nodes(self) -> list[NodeId]:
+        """The nodes of its computed entries."""
+        return [block.node for block in self.blocks]
+
+    def filled(
+        self, values: Mapping[NodeId, NDArray[Any]], members: int, dtype: np.dtype[Any]
+    ) -> NDArray[Any]:
+        """The matrices (members, rows, columns); `values` of nodes are (members, *shape)."""
+        numbers = [0.0 if number is None else number for number in self.known]
+        entries = np.tile(np.array(numbers, dtype), (members, 1))
+        for block in self.blocks:
+            computed = values[block.node]
+            entries[:, block.places(computed.shape[1:])] = computed
+        return entries.reshape(members, *self.shape)
+
+
+@dataclass(frozen=True, slots=True)
+class Jacobian:
+    """Matrices, and the graph that computes their entries from what a step reads."""
+
+    graph: Graph
+    matrices: tuple[Matrix, ...]
+    states: Vector
+    inputs: Vector
+    outputs: Vector
+    parameters: Vector
+
+    @property
+    def roots(self) -> list[NodeId]:
+        """The nodes of all computed entries."""
+        return [node for matrix in self.matrices for node in matrix.nodes]

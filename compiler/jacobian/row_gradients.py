@@ -1,0 +1,64 @@
+"""Slopes of single numbers by the parts of leaves that they are made of, as nodes of a graph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from compiler.differentiation.reverse_mode import gradients
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node
+from compiler.ir.liveness import needed
+from compiler.ir.program import Graph, NodeId
+from compiler.jacobian.drop_zero_terms import known_number, without_zeros
+from compiler.jacobian.scalarize import Elements, Part
+from compiler.passes.fold_constants import folded
+
+Slopes = tuple[dict[NodeId, NodeId], ...]
+"""For each element its slopes by nodes of parts, in the axes of the part; none where it is 0."""
+
+
+def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Graph, Slopes]:
+    """The slopes of all elements by these parts, and the graph of their nodes.
+
+    Reverse mode, one pass an element. The graph reads the leaves themselves, and has nothing in it
+    that is known to be 0.
+    """
+    draft = GraphBuilder(elements.graph)
+    one = draft.constant(1.0)
+    passes = {
+        element: gradients(draft, {element: one}, parts)
+        for element in dict.fromkeys(elements.nodes)
+    }
+    slopes = [
+        {part: s for part, s in zip(parts, passes[element], strict=True) if s is not None}
+        for element in elements.nodes
+    ]
+    wanted = [slope for by_part in slopes for slope in by_part.values()]
+    graph, read = _with_leaves(draft.graph(), elements.parts, wanted)
+    graph, moved = folded(graph)
+    builder = GraphBuilder()
+    found = without_zeros(graph, [moved[read[slope]] for slope in wanted], builder)
+    finished = tuple(
+        {
+            part: slope
+            for part, draft_slope in by_part.items()
+            if known_number(builder, slope := found[moved[read[draft_slope]]]) != 0.0
+        }
+        for by_part in slopes
+    )
+    return builder.graph(), finished
+
+
+def _with_leaves(
+    graph: Graph, parts: dict[NodeId, Part], wanted: Sequence[NodeId]
+) -> tuple[Graph, dict[NodeId, NodeId]]:
+    """What is wanted, with slices of leaves instead of the nodes that stand for parts of them."""
+    live = needed(graph, wanted)
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index, node in graph:
+        if index in parts:
+            copies[index] = parts[index].read(builder)
+        elif live[index]:
+            copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+    return builder.graph(), copies

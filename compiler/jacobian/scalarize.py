@@ -1,0 +1,284 @@
+"""Rewrites a graph so that single elements of its values are computed without the others.
+
+An element is a value with some of its axes fixed at an index; these axes are fixed in its operands
+too, down to single numbers of states, signals and parameters. A sum keeps the axis that it runs
+along, so that a product with a matrix stays a loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import assert_never
+
+import numpy as np
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    Op,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.types import WINDOW, Axis, Type
+
+Fixed = tuple[tuple[str, int], ...]
+"""Axes that are fixed, by name and in the order of the type, each at an index."""
+
+Leaf = ReadState | ReadSignal | ReadParameter
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Numbers of a leaf: element (i, j, …) of the part is its number offset + Σ stride · index."""
+
+    leaf: Leaf
+    whole: Type
+    """Of the leaf."""
+    fixed: Fixed
+    type: Type
+    offset: int
+    strides: tuple[int, ...]
+
+    def read(self, builder: GraphBuilder) -> NodeId:
+        """The part as a slice of its leaf."""
+        value = builder.emit(self.leaf, (), self.whole)
+        for name, index in self.fixed:
+            value = builder.element(value, name, index)
+        return value
+
+    @property
+    def numbers(self) -> list[int]:
+        """The places of its elements in the leaf, in C order."""
+        grid = np.array(self.offset)
+        for size, stride in zip(self.type.shape, self.strides, strict=True):
+            grid = grid[..., np.newaxis] + stride * np.arange(size)
+        return [int(place) for place in grid.ravel()]
+
+
+@dataclass(frozen=True, slots=True)
+class Elements:
+    """A graph in which every wanted element is a node of its own."""
+
+    graph: Graph
+    nodes: tuple[NodeId, ...]
+    """Of the wanted elements, in their order."""
+    parts: dict[NodeId, Part]
+    """The nodes that stand for parts of leaves; no other node reads from outside the graph."""
+
+
+def single_elements(graph: Graph, wanted: Iterable[tuple[NodeId, Fixed]]) -> Elements:
+    """The elements of values of `graph`, each given by its node and the axes that are fixed.
+
+    A window over a buffer becomes the samples of the state followed by the newest one.
+    """
+    wanted = list(wanted)
+    needs: list[dict[Fixed, None]] = [{} for _ in graph.nodes]
+    for node, fixed in wanted:
+        needs[node][fixed] = None
+    for index in range(len(graph) - 1, -1, -1):
+        for fixed in needs[index]:
+            for operand, inner in _Element(graph, index, fixed).operands():
+                needs[operand][inner] = None
+    made = _Made(graph)
+    for index in range(len(graph)):
+        for fixed in needs[index]:
+            made.add(_Element(graph, index, fixed))
+    nodes = tuple(made.known[element] for element in wanted)
+    return Elements(made.builder.graph(), nodes, made.parts)
+
+
+def every_element(type: Type) -> list[Fixed]:
+    """All elements of a value, in C order."""
+    names = type.axis_names
+    return [tuple(zip(names, index, strict=True)) for index in np.ndindex(*type.shape)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Element:
+    graph: Graph
+    index: NodeId
+    fixed: Fixed
+
+    @property
+    def node(self) -> Node:
+        return self.graph[self.index]
+
+    @property
+    def type(self) -> Type:
+        at = dict(self.fixed)
+        return self.node.type.with_axes(tuple(a for a in self.node.type.axes if a.name not in at))
+
+    def operands(self) -> list[tuple[NodeId, Fixed]]:
+        """The elements of operands that it is made of, in the order in which `_Made` takes them."""
+        node, at = self.node, dict(self.fixed)
+        match node.op:
+            case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+                return []
+            case Reshape():
+                return [(node.args[0], self._before_reshape(node.args[0]))]
+            case Slice(axis, start, _):
+                moved = {n: i + start if n == axis else i for n, i in at.items()}
+                return [(node.args[0], self._in(node.args[0], moved))]
+            case Concat(axis) if axis in at:
+                part, index = self._part_of(axis, at[axis])
+                return [(part, self._in(part, at | {axis: index}))]
+            case Window():
+                length = node.type.shape[-1]
+                newest = (node.args[0], self._in(node.args[0], at))
+                return [newest] if at.get(WINDOW, length - 1) == length - 1 else []
+            case _:
+                return [(arg, self._in(arg, at)) for arg in node.args]
+
+    def _in(self, operand: NodeId, at: dict[str, int]) -> Fixed:
+        names = self.graph[operand].type.axis_names
+        return tuple((name, at[name]) for name in names if name in at)
+
+    def _part_of(self, axis: str, index: int) -> tuple[NodeId, int]:
+        for part in self.node.args:
+            type = self.graph[part].type
+            size = type.shape[type.position(axis)]
+            if index < size:
+                return part, index
+            index -= size
+        raise AssertionError("an index is below the sum of the parts' lengths")
+
+    def _before_reshape(self, operand: NodeId) -> Fixed:
+        """The operand's fixed axes, where every axis is or where the axes only change names."""
+        before, after, at = self.graph[operand].type, self.node.type, dict(self.fixed)
+        if len(at) == len(after.axes):
+            indices = tuple(at[axis.name] for axis in after.axes)
+            number = int(np.ravel_multi_index(indices, after.shape)) if indices else 0
+            found = np.unravel_index(number, before.shape)
+            return tuple((a.name, int(i)) for a, i in zip(before.axes, found, strict=True))
+        old = [axis for axis in before.axes if axis.size != 1]
+        new = [axis for axis in after.axes if axis.size != 1]
+        if [axis.size for axis in old] != [axis.size for axis in new]:
+            return ()
+        renamed = {n.name: o.name for o, n in zip(old, new, strict=True)}
+        return self._in(operand, {renamed[n]: i for n, i in at.items() if n in renamed})
+
+
+class _Made:
+    """The new graph while it grows."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.builder = GraphBuilder()
+        self.known: dict[tuple[NodeId, Fixed], NodeId] = {}
+        self.parts: dict[NodeId, Part] = {}
+
+    def add(self, element: _Element) -> None:
+        operands = [self.known[operand] for operand in element.operands()]
+        with self.builder.at(element.node.span):
+            made = self._made(element, operands)
+        if not element.fixed and element.node.label is not None:
+            self.builder.name(made, element.node.label)
+        self.known[element.index, element.fixed] = made
+
+    def _made(self, element: _Element, operands: list[NodeId]) -> NodeId:
+        b, node, type = self.builder, element.node, element.type
+        match node.op:
+            case ReadState() | ReadSignal() | ReadParameter():
+                return self._part(node.op, node.type, element.fixed)
+            case ReadLog():
+                raise AssertionError("outputs and next states do not read the record")
+            case Constant(values):
+                numbers = np.reshape(values, node.type.shape)
+                at = dict(element.fixed)
+                kept = tuple(at.get(axis.name, slice(None)) for axis in node.type.axes)
+                chosen = tuple(float(x) for x in np.ravel(numbers[kept]))
+                return b.emit(Constant(chosen), (), type)
+            case Broadcast():
+                return b.broadcast(operands[0], type.axes)
+            case Reshape():
+                return self._reshaped(element, operands[0])
+            case Slice(axis, start, stop):
+                fixed = any(name == axis for name, _ in element.fixed)
+                return operands[0] if fixed else b.slice(operands[0], axis, start, stop)
+            case Concat(axis):
+                fixed = any(name == axis for name, _ in element.fixed)
+                return operands[0] if fixed else b.emit(Concat(axis), tuple(operands), type)
+            case Window(state):
+                return self._window(element, state, operands)
+            case (
+                Add()
+                | Subtract()
+                | Multiply()
+                | Divide()
+                | Negate()
+                | Minimum()
+                | Maximum()
+                | Clamp()
+                | Compare()
+                | Select()
+                | Apply()
+                | Dropout()
+                | Sum()
+                | Contract()
+            ):
+                return b.emit(node.op, tuple(operands), type)
+            case _:
+                assert_never(node.op)
+
+    def _part(self, leaf: Leaf, whole: Type, fixed: Fixed) -> NodeId:
+        at = dict(fixed)
+        strides = [math.prod(whole.shape[i + 1 :]) for i in range(len(whole.shape))]
+        free = [i for i, axis in enumerate(whole.axes) if axis.name not in at]
+        offset = sum(at.get(a.name, 0) * s for a, s in zip(whole.axes, strides, strict=True))
+        type = whole.with_axes(tuple(whole.axes[i] for i in free))
+        part = Part(leaf, whole, fixed, type, offset, tuple(strides[i] for i in free))
+        node = self.builder.emit(_stand_in(part), (), type)
+        self.parts[node] = part
+        return node
+
+    def _reshaped(self, element: _Element, operand: NodeId) -> NodeId:
+        """The operand has what is left, or where the axes were joined or split, all numbers."""
+        b = self.builder
+        if b.type(operand).size == element.type.size:
+            return b.reshape(operand, element.type.axes)
+        value = b.reshape(operand, element.node.type.axes)
+        for name, index in element.fixed:
+            value = b.element(value, name, index)
+        return value
+
+    def _window(self, element: _Element, state: str, operands: list[NodeId]) -> NodeId:
+        window = element.node.type
+        kept = Axis(WINDOW, window.shape[-1] - 1)
+        past = Type((*window.axes[:-1], kept), window.unit)
+        at = dict(element.fixed)
+        if WINDOW in at:
+            return operands[0] if operands else self._part(ReadState(state), past, element.fixed)
+        newest = self.builder.type(operands[0]).axes
+        last = self.builder.reshape(operands[0], (*newest, Axis(WINDOW, 1)))
+        before = self._part(ReadState(state), past, element.fixed)
+        return self.builder.emit(Concat(WINDOW), (before, last), element.type)
+
+
+def _stand_in(part: Part) -> Op:
+    """A leaf of its own for every part, so that the slope of one holds nothing of another."""
+    place = ",".join(f"{name}={index}" for name, index in part.fixed)
+    return ReadState(f"{part.leaf!r}[{place}]")

@@ -1,0 +1,88 @@
+"""Which elements of a value can be other than 0: the structure of a Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.interpreter.operations import NOWHERE, evaluator
+from compiler.ir.liveness import needed
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, Node, NodeId
+
+Marks = NDArray[np.float64]
+"""0 where an element is 0 whatever is read, otherwise above 0."""
+
+
+def nonzero_elements(graph: Graph, values: Iterable[NodeId]) -> dict[NodeId, NDArray[np.bool_]]:
+    """For each value, in the shape of its axes, False where the formula makes it 0.
+
+    Zeros begin in constants and pass through products, sums and what only moves elements; of a
+    number that is read nothing is assumed, and 0 · ∞ counts as 0.
+    """
+    values = list(values)
+    marks: list[Any] = [None] * len(graph)
+    for index, live in enumerate(needed(graph, values)):
+        if live:
+            marks[index] = _marks(graph, graph[index], marks)
+    return {value: np.asarray(marks[value][0] > 0) for value in values}
+
+
+def _marks(graph: Graph, node: Node, marks: list[Any]) -> Marks:
+    """The marks of a node, (1, *shape)."""
+    of = [marks[arg] for arg in node.args]
+    match node.op:
+        case Constant(values):
+            return np.reshape(np.array(values) != 0, (1, *node.type.shape)).astype(float)
+        case Multiply() | Contract() | Sum() | Broadcast() | Reshape() | Slice() | Concat():
+            types = tuple(graph[arg].type for arg in node.args)
+            # products and sums of marks, which are not below 0, mark products and sums
+            found = evaluator(node, types, {}, np.dtype(np.float64))(marks, NOWHERE)
+            return np.minimum(found, 1.0)
+        case Add() | Subtract() | Minimum() | Maximum():
+            return np.maximum(of[0], of[1])
+        case Negate() | Dropout() | Divide():
+            return of[0]
+        case Select():
+            return np.maximum(of[1], of[2])
+        case (
+            Apply()
+            | Clamp()
+            | Compare()
+            | ReadParameter()
+            | ReadSignal()
+            | ReadLog()
+            | ReadState()
+            | Window()
+        ):
+            return np.ones((1, *node.type.shape))
+        case _:
+            assert_never(node.op)

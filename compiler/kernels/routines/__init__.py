@@ -1,0 +1,1 @@
+"""The scalar functions, one family a file, each written once for every backend."""

@@ -1,0 +1,62 @@
+"""Arithmetic on numbers held as an unevaluated sum of two reals, and exact errors of + and ×.
+
+Algorithms of T. J. Dekker, "A floating-point technique for extending the available precision",
+Numerische Mathematik 18 (1971), and D. E. Knuth's two-sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from compiler.kernels.trace.values import Real
+
+
+def polynomial(x: Real, coefficients: Sequence[float]) -> Real:
+    """c₀ + x·(c₁ + x·(c₂ + …)) by Horner's rule, at least two coefficients."""
+    total = x * coefficients[-1] + coefficients[-2]
+    for coefficient in reversed(coefficients[:-2]):
+        total = total * x + coefficient
+    return total
+
+
+def ordered_sum(larger: Real, smaller: Real) -> tuple[Real, Real]:
+    """larger + smaller rounded, and the exact rest; |larger| ≥ |smaller| or larger = 0."""
+    total = larger + smaller
+    return total, smaller - (total - larger)
+
+
+def exact_sum(a: Real, b: Real) -> tuple[Real, Real]:
+    """a + b rounded, and the exact rest, whichever is larger."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
+def split(x: Real) -> tuple[Real, Real]:
+    """x as an exact sum of two reals of half the digits each; |x| far below overflow."""
+    shift = (x.format.digits + 1) // 2
+    scaled = x * (2.0**shift + 1.0)
+    high = scaled - (scaled - x)
+    return high, x - high
+
+
+def exact_product(a: Real, b: Real) -> tuple[Real, Real]:
+    """a·b rounded, and the exact rest (while it stays above the denormal numbers)."""
+    product = a * b
+    a_high, a_low = split(a)
+    b_high, b_low = split(b)
+    rest = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
+    return product, rest
+
+
+def reciprocal(high: Real, low: Real) -> Real:
+    """1 / (high + low) with hardly more than the rounding of the result; |low| ≤ ulp(high)/2.
+
+    A quotient q cut to half the digits makes 1 − q·high exact, so that the last sum q + q·rest
+    is the only rounding that counts.
+    """
+    quotient = 1.0 / high
+    short, _ = split(quotient)
+    high_1, high_2 = split(high)
+    rest = ((1.0 - short * high_1) - short * high_2) - short * low
+    return short + quotient * rest

@@ -1,0 +1,85 @@
+"""e^x, and the reduced form of it from which the hyperbolic and logistic kernels are built."""
+
+from __future__ import annotations
+
+from compiler.kernels.routines.double_word import polynomial
+from compiler.kernels.tables.coefficients import EXPONENTIAL, EXPONENTIAL_LIMITS, INVERSE_LN_2, LN_2
+from compiler.kernels.trace.operations import (
+    branch,
+    constant,
+    integer,
+    look_up,
+    to_real,
+    to_unsigned,
+)
+from compiler.kernels.trace.statements import Kind, Table
+from compiler.kernels.trace.subroutine import Subroutine
+from compiler.kernels.trace.values import Real, Value
+
+
+def round_to_integer(x: Real) -> Real:
+    """The nearest integer, ties to even, for |x| ≤ 2^(digits − 2): the sum has no room for more."""
+    shift = 1.5 * 2.0 ** (x.format.digits - 1)
+    return (x + shift) - shift
+
+
+def reduce_exponential(x: Real) -> tuple[Real, Real, Real]:
+    """n, s, rest with e^x = 2^n·(1 + s + rest), n a whole number, |s| < 0.415, rest tiny.
+
+    x = n·ln 2 + r, |r| ≤ ln 2 / 2, with n·(first word of ln 2) exact; s + rest = r + r²·P(r).
+    """
+    ln_2_high, ln_2_low = LN_2[x.format]
+    count = round_to_integer(x * INVERSE_LN_2[x.format][0]).named("count")
+    high = (x - count * ln_2_high).named("high")
+    low = (count * ln_2_low).named("low")
+    r = (high - low).named("r")
+    lost = (high - r) - low
+    tail = (r * r * polynomial(r, EXPONENTIAL[x.format]) + lost).named("tail")
+    s = (r + tail).named("s")
+    return count, s, (r - s) + tail
+
+
+def small_power_of_two(count: Real, limit: int) -> Real:
+    """2^count for a whole number 0 ≤ count ≤ limit ≤ 62, from the integer 1 shifted."""
+    n = to_unsigned(count)
+    if limit <= 31:
+        return to_real(integer(count, 1) << n)
+    half = n >> 1
+    return to_real(integer(count, 1) << half) * to_real(integer(count, 1) << (n - half))
+
+
+def scale_factors(count: Real) -> tuple[Real, Real]:
+    """Two powers of two with product 2^count, count a whole number from the smallest exponent − 1.
+
+    m·first is exact for m near 1, so that (m·first)·second rounds once, also to a denormal number
+    or to infinity.
+    """
+    smallest = count.format.smallest_exponent
+    n = to_unsigned(count + (1.0 - smallest))
+    entries = (count.format.overflow_exponent - smallest) // 32 + 1
+    powers = tuple(2.0 ** (smallest + 32 * i) for i in range(entries))
+    table = Table("powers", Kind.REAL, powers)
+    first = to_real(integer(count, 1) << (n & 31)) * 0.5
+    return first, look_up(table, n >> 5)
+
+
+def overflowed(x: Real) -> Real:
+    """Infinity of the sign of x for |x| ≥ 2; NaN stays NaN."""
+    return x * 2.0 ** (x.format.overflow_exponent - 1)
+
+
+def _exp(x: Real) -> tuple[Value, ...]:
+    largest, smallest = EXPONENTIAL_LIMITS[x.format]
+
+    def inside() -> Real:
+        count, s, _ = reduce_exponential(x)
+        first, second = scale_factors(count)
+        return (1.0 + s) * first * second
+
+    def in_range() -> Real:
+        return branch(x >= smallest, inside, lambda: constant(x, 0.0), "power")
+
+    return (branch(x <= largest, in_range, lambda: overflowed(x), "result"),)
+
+
+EXP = Subroutine("exp", ("x",), ("result",), "e^x", _exp)

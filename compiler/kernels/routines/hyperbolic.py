@@ -1,0 +1,128 @@
+"""tanh, sinh and cosh, from a polynomial near 0 and from the reduced exponential elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from compiler.kernels.routines.double_word import polynomial
+from compiler.kernels.routines.exponential import (
+    overflowed,
+    reduce_exponential,
+    scale_factors,
+    small_power_of_two,
+)
+from compiler.kernels.tables.coefficients import (
+    EXPONENTIAL_LIMITS,
+    HYPERBOLIC_SINE,
+    HYPERBOLIC_TANGENT,
+    LN_2,
+)
+from compiler.kernels.tables.formats import Format
+from compiler.kernels.trace.operations import branch, select
+from compiler.kernels.trace.subroutine import Subroutine
+from compiler.kernels.trace.values import Real, Value
+
+
+def tiny(format: Format) -> float:
+    """Below it an odd function with slope 1 rounds to its argument."""
+    return 2.0 ** -((format.digits + 1) // 2)
+
+
+def odd_near_zero(x: Real, coefficients: tuple[float, ...]) -> Real:
+    """x + x·z·P(z), z = x²."""
+    square = x * x
+    return x + x * (square * polynomial(square, coefficients))
+
+
+def with_sign_of(x: Real, magnitude: Real) -> Real:
+    """The magnitude, negative where x < 0."""
+    return select(x < 0.0, -magnitude, magnitude)
+
+
+def odd_function(
+    x: Real, limit_near: float, near: Callable[[], Real], far: Callable[[Real], Real]
+) -> Real:
+    """x where tiny, near() for |x| < limit_near, elsewhere far(|x|) with the sign of x; `far` gets
+    the NaN."""
+    size = abs(x).named("size")
+
+    def not_near() -> Real:
+        return with_sign_of(x, far(size))
+
+    def not_tiny() -> Real:
+        return branch(size < limit_near, near, not_near, "value")
+
+    return branch(size < tiny(x.format), lambda: x, not_tiny, "result")
+
+
+def _tanh(x: Real) -> tuple[Value, ...]:
+    # 1 − 2/(e^{2x} + 1) rounds to 1 beyond: half the logarithm of 2^(digits + 2)
+    limit = (x.format.digits + 2) * sum(LN_2[x.format]) / 2.0
+    largest_count = x.format.digits + 2
+
+    def far(size: Real) -> Real:
+        def inside() -> Real:
+            count, s, _ = reduce_exponential(size + size)
+            power = small_power_of_two(count, largest_count).named("power")
+            return 1.0 - 2.0 / ((power + 1.0) + power * s)
+
+        return branch(size <= limit, inside, lambda: select(size > limit, 1.0, x), "outer")
+
+    def near() -> Real:
+        # P is between −⅓ and −0.2: with −¼ taken out, which is exact to multiply with, its rounding
+        # counts less
+        first, *others = HYPERBOLIC_TANGENT[x.format]
+        square = x * x
+        scaled = square * polynomial(square, (first + 0.25, *others))
+        # tiny x round to x by themselves; + 0 keeps the sign of -0, as -0 + (-0) * (+0) does
+        return x + x * ((scaled - 0.25 * square) + 0.0)
+
+    # up to 0.92 the rounding of the quotient would cost float more than the polynomial does
+    limit_near = 0.92 if x.format.digits == 24 else 0.55
+    size = abs(x).named("size")
+    return (branch(size < limit_near, near, lambda: with_sign_of(x, far(size)), "result"),)
+
+
+def _half_exponential(x: Real) -> tuple[Real, Real]:
+    """e^x / 2 rounded, and the rest."""
+    count, s, rest = reduce_exponential(x)
+    first, second = scale_factors(count - 1.0)
+    whole = 1.0 + s
+    lost = s - (whole - 1.0)
+    return whole * first * second, (lost + rest) * first * second
+
+
+def _hyperbolic_limit(format: Format) -> float:
+    """Beyond it e^x / 2 is infinite for certain."""
+    return EXPONENTIAL_LIMITS[format][0] + 1.0
+
+
+def _sinh(x: Real) -> tuple[Value, ...]:
+    def far(size: Real) -> Real:
+        def inside() -> Real:
+            half, rest = _half_exponential(size)
+            return half + (rest - 0.25 / half)
+
+        limit = _hyperbolic_limit(x.format)
+        return branch(size <= limit, inside, lambda: overflowed(size), "outer")
+
+    def near() -> Real:
+        return odd_near_zero(x, HYPERBOLIC_SINE[x.format])
+
+    return (odd_function(x, 1.0, near, far),)
+
+
+def _cosh(x: Real) -> tuple[Value, ...]:
+    size = abs(x).named("size")
+
+    def inside() -> Real:
+        half, rest = _half_exponential(size)
+        return half + (rest + 0.25 / half)
+
+    limit = _hyperbolic_limit(x.format)
+    return (branch(size <= limit, inside, lambda: overflowed(size), "result"),)
+
+
+TANH = Subroutine("tanh", ("x",), ("result",), "Hyperbolic tangent.", _tanh)
+SINH = Subroutine("sinh", ("x",), ("result",), "Hyperbolic sine.", _sinh)
+COSH = Subroutine("cosh", ("x",), ("result",), "Hyperbolic cosine.", _cosh)

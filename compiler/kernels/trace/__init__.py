@@ -1,0 +1,1 @@
+"""Traces a routine into statements, and evaluates or simplifies them."""

@@ -1,0 +1,103 @@
+"""Chooses arguments for which a kernel takes each of its branches both ways."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.kernels.tables.formats import RealName
+from compiler.kernels.trace.evaluate import routine
+from compiler.kernels.trace.run_routine import Outcome, run_routine
+from compiler.kernels.trace.statements import (
+    Assign,
+    Binary,
+    Block,
+    Branch,
+    Call,
+    Constant,
+    Kind,
+    Routine,
+    operation_operands,
+)
+
+Array = NDArray[Any]
+
+
+@cache
+def branch_cover(name: str, real: RealName) -> tuple[tuple[float, ...], ...]:
+    """Few arguments of a kernel that together see all outcomes that any candidate sees.
+
+    Candidates lie at, below and above every number that the kernel compares with, all over the
+    exponents, and beyond the numbers.
+    """
+    traced = routine(name, real)
+    candidates = _candidates(traced)
+    points = np.array(list(product(candidates, repeat=len(traced.parameters))), candidates.dtype)
+    outcomes = _outcomes(traced, points)
+    chosen: list[int] = []
+    while outcomes.shape[0]:
+        best = int(np.argmax(outcomes.sum(axis=0)))
+        chosen.append(best)
+        outcomes = outcomes[~outcomes[:, best]]
+    return (*(tuple(float(x) for x in points[index]) for index in chosen), *_BESIDES.get(name, ()))
+
+
+_BESIDES = {"pow": ((-math.inf, 1.5),)}
+"""C moves the choice of pow's sign into a branch; this is one more outcome there."""
+
+
+def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
+    """One row for each outcome that is reached: by which points."""
+    reached: dict[Outcome, NDArray[np.bool_]] = {}
+
+    def note(outcome: Outcome, elements: NDArray[np.bool_]) -> None:
+        before = reached.get(outcome)
+        reached[outcome] = elements if before is None else before | elements
+
+    run_routine(traced, tuple(points.T), note)
+    rows = [row for row in reached.values() if row.any()]
+    return np.array(rows).reshape(len(rows), len(points))
+
+
+def _candidates(traced: Routine) -> Array:
+    """Plain numbers first: they are chosen where others do no better."""
+    dtype = traced.format.dtype
+    limits = np.finfo(dtype)
+    compared = np.array(sorted(set(_compared(traced.body))), dtype)
+    with np.errstate(all="ignore"):
+        beside = [compared, np.nextafter(compared, dtype.type(-np.inf))]
+        beside.append(np.nextafter(compared, dtype.type(np.inf)))
+    powers = 2.0 ** np.arange(limits.minexp, limits.maxexp, limits.maxexp // 18)
+    sizes = np.concatenate(
+        [
+            np.array([0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 7.3], dtype),
+            (1.37 * powers).astype(dtype),
+            *beside,
+            np.array([0.0, limits.smallest_subnormal, limits.tiny, limits.max], dtype),
+            np.array([np.inf, np.nan], dtype),
+        ]
+    )
+    return np.concatenate([sizes, -sizes])
+
+
+def _compared(block: Block) -> Iterator[float]:
+    """The real numbers that stand in comparisons."""
+    for statement in block.statements:
+        match statement:
+            case Assign(target, Binary() as operation) if target.kind is Kind.TRUTH:
+                for operand in operation_operands(operation):
+                    if isinstance(operand, Constant) and operand.kind is Kind.REAL:
+                        yield float(operand.value)
+            case Call(_, called, _):
+                yield from _compared(called.body)
+            case Branch(_, _, then, otherwise):
+                yield from _compared(then)
+                yield from _compared(otherwise)
+            case _:
+                pass

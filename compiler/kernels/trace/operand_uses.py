@@ -1,0 +1,82 @@
+"""Where the operands of a traced routine are used, which decides how the C text writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import assert_never
+
+from compiler.kernels.trace.statements import (
+    Assign,
+    Block,
+    Branch,
+    Call,
+    Convert,
+    Local,
+    Operand,
+    Routine,
+    Select,
+    operation_operands,
+)
+
+
+def operands(block: Block) -> Iterator[Operand]:
+    """Every use of an operand in a block and in those within it."""
+    yield from block.values
+    for statement in block.statements:
+        match statement:
+            case Assign(_, operation):
+                yield from operation_operands(operation)
+            case Call(_, _, arguments):
+                yield from arguments
+            case Branch(_, condition, then, otherwise):
+                yield condition
+                yield from operands(then)
+                yield from operands(otherwise)
+            case _:
+                assert_never(statement)
+
+
+def branch_values(block: Block) -> Iterator[Operand]:
+    """What the arms of branches give: assigned as a whole, not part of an expression."""
+    for statement in block.statements:
+        if isinstance(statement, Branch):
+            for arm in (statement.then, statement.otherwise):
+                yield from arm.values
+                yield from branch_values(arm)
+
+
+def plain_operands(block: Block) -> Iterator[Operand]:
+    """What is cast or chosen: a plain or negated variable, never an expression."""
+    for statement in block.statements:
+        match statement:
+            case Assign(_, Convert(operand)):
+                yield operand
+            case Assign(_, Select(_, then, otherwise)):
+                yield then
+                yield otherwise
+            case Branch(_, _, then, otherwise):
+                yield from plain_operands(then)
+                yield from plain_operands(otherwise)
+            case _:
+                pass
+
+
+def locals_within(routine: Routine) -> Iterator[Local]:
+    """The parameters of a routine and every local that it assigns."""
+    yield from routine.parameters
+    yield from _assigned(routine.body)
+
+
+def _assigned(block: Block) -> Iterator[Local]:
+    for statement in block.statements:
+        match statement:
+            case Assign(target, _):
+                yield target
+            case Call(targets, _, _):
+                yield from targets
+            case Branch(targets, _, then, otherwise):
+                yield from targets
+                yield from _assigned(then)
+                yield from _assigned(otherwise)
+            case _:
+                assert_never(statement)

@@ -1,0 +1,101 @@
+"""What a kernel may do with symbolic values besides arithmetic and comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import cast
+
+from compiler.kernels.trace.statements import (
+    Branch,
+    Constant,
+    Convert,
+    Function,
+    Kind,
+    Lookup,
+    Select,
+    Table,
+    Unary,
+)
+from compiler.kernels.trace.values import Real, Truth, Unsigned, Value, real_constant, symbolic
+
+
+def constant(like: Real, value: float) -> Real:
+    """A number in the format of `like`."""
+    return Real(like.tracer, real_constant(value, like.format))
+
+
+def integer(like: Value, value: int) -> Unsigned:
+    """A 32-bit integer constant."""
+    return Unsigned(like.tracer, Constant(Kind.UNSIGNED, value))
+
+
+def square_root(x: Real) -> Real:
+    """√x, correctly rounded; NaN below zero."""
+    return Real(x.tracer, x.tracer.assign(Unary(Function.SQUARE_ROOT, x.operand), Kind.REAL))
+
+
+def to_unsigned(x: Real, kind: Kind = Kind.UNSIGNED) -> Unsigned:
+    """The integer part of x, which must lie in the range of the integer."""
+    return Unsigned(x.tracer, x.tracer.assign(Convert(x.operand), kind))
+
+
+def to_real(n: Unsigned) -> Real:
+    """The integer as a real; kernels convert only what the format holds exactly."""
+    return Real(n.tracer, n.tracer.assign(Convert(n.operand), Kind.REAL))
+
+
+def to_kind(n: Unsigned, kind: Kind) -> Unsigned:
+    """The integer in 64 bits, or its low 32 bits."""
+    return Unsigned(n.tracer, n.tracer.assign(Convert(n.operand), kind))
+
+
+def look_up(table: Table, index: Unsigned) -> Real:
+    """An entry of a table of reals."""
+    return Real(index.tracer, index.tracer.assign(Lookup(table, index.operand), Kind.REAL))
+
+
+def look_up_word(table: Table, index: Unsigned) -> Unsigned:
+    """An entry of a table of 32-bit integers."""
+    operand = index.tracer.assign(Lookup(table, index.operand), Kind.UNSIGNED)
+    return Unsigned(index.tracer, operand)
+
+
+def select(condition: Truth, then: Real | float, otherwise: Real | float) -> Real:
+    """One of two values that are cheap to have both."""
+    tracer = condition.tracer
+    first = then if isinstance(then, Real) else Real(tracer, real_constant(then, tracer.format))
+    operation = Select(condition.operand, first.operand, first.lift(otherwise))
+    return Real(tracer, tracer.assign(operation, Kind.REAL))
+
+
+def select_word(condition: Truth, then: Unsigned, otherwise: Unsigned | int) -> Unsigned:
+    """One of two integers of one kind."""
+    operation = Select(condition.operand, then.operand, then.lift(otherwise))
+    return Unsigned(condition.tracer, condition.tracer.assign(operation, then.kind))
+
+
+def branch(
+    condition: Truth, then: Callable[[], Real], otherwise: Callable[[], Real], name: str = ""
+) -> Real:
+    """The value of one of two computations, of which only that one is performed."""
+    return cast(
+        Real,
+        branch_tuple(condition, lambda: (then(),), lambda: (otherwise(),), (name,))[0],
+    )
+
+
+def branch_tuple(
+    condition: Truth,
+    then: Callable[[], tuple[Value, ...]],
+    otherwise: Callable[[], tuple[Value, ...]],
+    names: tuple[str, ...],
+) -> tuple[Value, ...]:
+    """As `branch`, for several values at once, one name each."""
+    tracer = condition.tracer
+    first = tracer.block(then)
+    second = tracer.block(otherwise)
+    targets = tuple(
+        tracer.new_local(value.kind, name) for value, name in zip(first.values, names, strict=True)
+    )
+    tracer.append(Branch(targets, condition.operand, first, second))
+    return tuple(symbolic(tracer, target) for target in targets)

@@ -1,0 +1,1 @@
+"""What layers share: arguments, memory, arrays, initial fits."""

@@ -1,0 +1,126 @@
+"""How layers read their arguments: one value, a time window, or several values side by side."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from compiler.ir.ops import Reshape
+from compiler.ir.program import NodeId
+from compiler.ir.rules.unit_rules import same_unit
+from compiler.ir.types import UNNAMED, WINDOW, Axis, Type, describe_axes
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments
+from compiler.lowering.expressions import lower, lower_all, window_of
+from spec_schema.errors import names, shapes, time
+from spec_schema.expressions.tree import Future, Length, Past, Window
+from spec_schema.fields.entry import Entry
+
+
+class Windowed(Protocol):
+    """Settings of a layer that runs over a window."""
+
+    @property
+    def window(self) -> Length | None: ...
+
+
+def read_values(context: LayerContext, count: int) -> Arguments:
+    """Exactly so many values."""
+    wanted = f"{count} argument{'s' if count > 1 else ''}"
+    _check_count(context, wanted, len(context.call.arguments) == count)
+    return tuple(lower_all(context.model, context.call.arguments, context.environment))
+
+
+def read_value(context: LayerContext, settings: Entry) -> Arguments:
+    """One value."""
+    del settings
+    return read_values(context, 1)
+
+
+def read_scalars(context: LayerContext, count: int) -> Arguments:
+    """Exactly so many values without axes besides a window."""
+    nodes = read_values(context, count)
+    for node, argument in zip(nodes, context.call.arguments, strict=True):
+        others = context.elements(node)
+        if others:
+            context.refuse(
+                shapes.wrong_axes(
+                    f"the argument of `{context.name}`",
+                    "a scalar",
+                    describe_axes(others),
+                    argument.span,
+                )
+            )
+    return nodes
+
+
+def read_elements(context: LayerContext, settings: Entry) -> Arguments:
+    """One value whose last axis is summed over, or several whose elements are put side by side.
+
+    The value has such an axis: a scalar is one element.
+    """
+    del settings
+    _check_count(context, "1 or more arguments", bool(context.call.arguments))
+    nodes = lower_all(context.model, context.call.arguments, context.environment)
+    builder = context.builder
+    if len(nodes) == 1 and context.elements(nodes[0]):
+        return tuple(nodes)
+    # Windows of one length stay the last axis; a value without one is the same at all samples.
+    windows = {builder.type(node).window for node in nodes} - {None}
+    if len(windows) > 1:
+        found = " and ".join(f"{window} samples" for window in sorted(filter(None, windows)))
+        place = context.call.span
+        context.refuse(
+            shapes.wrong_axes(f"the windows of `{context.name}`", "equally long", found, place)
+        )
+    time_axis = tuple(Axis(WINDOW, window) for window in windows if window is not None)
+    return (_joined(context, nodes, time_axis),)
+
+
+def read_window(context: LayerContext, settings: Windowed) -> Arguments:
+    """The window that a filter runs over: its own of the argument, or the argument's (R1)."""
+    _check_count(context, "1 argument", len(context.call.arguments) == 1)
+    model, argument = context.model, context.call.arguments[0]
+    is_window = isinstance(argument, Past | Future) or (
+        isinstance(argument, Window) and argument.last is not None
+    )
+    if settings.window is not None and not is_window:
+        taps = model.sampling.samples(settings.window)
+        if model.sampling.sample_time is None:
+            context.refuse(time.needs_sample_time("a `window:`", argument.span))
+        return (window_of(model, argument, context.environment, 1 - taps, 0),)
+    node = lower(model, argument, context.environment)
+    found = context.builder.type(node).window
+    if found is None:
+        context.refuse(shapes.window_needed(context.name, argument.span))
+    if settings.window is not None and model.sampling.samples(settings.window) != found:
+        wanted = f"{model.sampling.samples(settings.window)} samples"
+        what = f"the window of `{context.name}`"
+        context.refuse(shapes.wrong_axes(what, wanted, f"{found} samples", argument.span))
+    return (node,)
+
+
+def _joined(context: LayerContext, nodes: list[NodeId], time_axis: tuple[Axis, ...]) -> NodeId:
+    """All elements of several values along one unnamed axis; of different units, none is known."""
+    builder = context.builder
+    units = [builder.type(node).unit for node in nodes]
+    unit = units[0]
+    if any(unit is None or other is None or not same_unit(unit, other) for other in units):
+        unit = None
+    parts: list[NodeId] = []
+    for node in nodes:
+        elements = context.elements(node)
+        count = math.prod(axis.size for axis in elements)
+        spread = builder.broadcast(node, (*elements, *time_axis))
+        axes = (Axis(UNNAMED, count), *time_axis)
+        parts.append(builder.emit(Reshape(), (spread,), Type(axes, unit)))
+    return builder.concat(parts, UNNAMED) if len(parts) > 1 else parts[0]
+
+
+def _check_count(context: LayerContext, wanted: str, fits: bool) -> None:
+    call = context.call
+    for keyword in call.keywords:
+        context.refuse(names.unknown_keyword(context.name, keyword.name, keyword.span, ()))
+    if not fits:
+        found = len(call.arguments)
+        context.refuse(names.wrong_argument_count(context.name, wanted, found, call.span))

@@ -1,0 +1,36 @@
+"""Centres and knots: ascending numbers along an axis, fixed or learned without ever crossing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compiler.ir.program import NodeId
+from compiler.ir.scalar_functions import Array
+from compiler.ir.types import Axis
+from compiler.layers.rules.layer_context import LayerContext
+from spec_schema.errors import names
+from spec_schema.expressions.tree import Expression
+from spec_schema.units.unit import Unit
+
+
+def ascending(context: LayerContext, expression: Expression, layer: str, what: str) -> Array:
+    """The numbers of an option, known at compile time; refused unless they ascend."""
+    values = context.model.constants.evaluate(expression).values.ravel()
+    if np.any(np.diff(values) <= 0) or not np.all(np.isfinite(values)):
+        context.refuse(names.unfit_setting(layer, f"the {what} must ascend", expression.span))
+    return values
+
+
+def learned_centers(context: LayerContext, axis: Axis, values: Array, unit: Unit | None) -> NodeId:
+    """c₀ = first, cᵢ₊₁ = cᵢ + gapᵢ with gaps above 0, so that learned centres stay in order."""
+    builder = context.builder
+    first = context.learned("first", (), values[0], "the lowest centre", unit=unit)
+    if len(values) == 1:
+        return builder.broadcast(first, (axis,))
+    between = context.own_axis("gap", len(values) - 1)
+    gaps = context.learned(
+        "gaps", (between,), np.diff(values), "from one centre to the next", unit=unit, low=0.0
+    )
+    below = np.tri(len(values), len(values) - 1, -1)
+    sums = builder.contract_over(builder.constant(below, (axis, between)), gaps, between.name)
+    return builder.add(builder.broadcast(first, (axis,)), sums)

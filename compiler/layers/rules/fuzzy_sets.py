@@ -1,0 +1,163 @@
+"""Degrees of membership of a value in fuzzy sets with ascending centres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.program import NodeId
+from compiler.ir.scalar_functions import Array
+from compiler.ir.types import Axis
+
+
+@dataclass(frozen=True)
+class FuzzySets:
+    """A value spread along the axis of the sets, and their centres, numbers or learned.
+
+    Axes are fixed before anything is computed: a window as long as there are sets must not be taken
+    for the axis of the sets.
+    """
+
+    builder: GraphBuilder
+    value: NodeId
+    axis: Axis
+    centers: NodeId
+    """Along `axis`, in the value's unit."""
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        return (self.axis, *self.builder.type(self.value).axes)
+
+    def spread(self, node: NodeId | None = None) -> NodeId:
+        """Something with one element a set, or the value itself, along all axes."""
+        return self.builder.broadcast(self.value if node is None else node, self.axes)
+
+    def numbers(self, values: Array | float) -> NodeId:
+        """One dimensionless number a set, or one for all."""
+        axes = (self.axis,) if np.ndim(values) else ()
+        return self.spread(self.builder.constant(values, axes))
+
+    def distances(self) -> NodeId:
+        """x − cᵢ."""
+        return self.builder.subtract(self.spread(), self.spread(self.centers))
+
+    def slopes(self) -> NodeId:
+        """1 / (cᵢ₊₁ − cᵢ), one fewer than there are sets."""
+        builder, last = self.builder, self.axis.size
+        above = builder.slice(self.centers, self.axis.name, 1, last)
+        below = builder.slice(self.centers, self.axis.name, 0, last - 1)
+        return builder.divide(builder.constant(1.0), builder.subtract(above, below))
+
+
+def triangular(sets: FuzzySets) -> NodeId:
+    """Hat functions between neighbouring centres, 1 beyond the outermost ones; they sum to 1.
+
+    μᵢ(x) = max((x − cᵢ₋₁) / (cᵢ − cᵢ₋₁), 0) for x < cᵢ, and from cᵢ on
+    max((cᵢ₊₁ − x) / (cᵢ₊₁ − cᵢ), 0); the outermost slopes are 0 and their offset 1. Written so, the
+    slope on a knot is the right-hand one.
+    """
+    builder, name, last = sets.builder, sets.axis.name, sets.axis.size
+    if last == 1:
+        return sets.numbers(1.0)
+    slopes = sets.slopes()
+    flat = builder.constant([0.0], (Axis(name, 1),), builder.type(slopes).unit)
+    first, final = (
+        builder.slice(sets.centers, name, 0, 1),
+        builder.slice(sets.centers, name, last - 1, last),
+    )
+    before = builder.concat([first, builder.slice(sets.centers, name, 0, last - 1)], name)
+    after = builder.concat([builder.slice(sets.centers, name, 1, last), final], name)
+    ends = np.arange(last)
+    rising = _ramp(sets, before, builder.concat([flat, slopes], name), ends == 0)
+    falling = _ramp(
+        sets, after, builder.concat([builder.negate(slopes), flat], name), ends == last - 1
+    )
+    zero = sets.numbers(0.0)
+    below = builder.compare(Relation.LESS, sets.spread(), sets.spread(sets.centers))
+    return builder.select(below, builder.maximum(rising, zero), builder.maximum(zero, falling))
+
+
+def _ramp(sets: FuzzySets, origin: NodeId, slope: NodeId, is_flat: Array) -> NodeId:
+    """(x − origin) · slope, and 1 for the set whose slope is 0."""
+    builder = sets.builder
+    distance = builder.subtract(sets.spread(), sets.spread(origin))
+    scaled = builder.multiply(distance, sets.spread(slope))
+    return builder.add(scaled, sets.numbers(np.where(is_flat, 1.0, 0.0)))
+
+
+def beyond(sets: FuzzySets) -> NodeId:
+    """What makes the hat functions continue as straight lines beyond the outermost centres.
+
+    Added to `triangular`, the two sets at an end weigh as the line through their centres does:
+    below c₀ the first gains (c₀ − x) / (c₁ − c₀) and the second loses it. They sum to 1 still.
+    """
+    builder, name, last = sets.builder, sets.axis.name, sets.axis.size
+    slopes, value = sets.slopes(), sets.value
+    axes = builder.type(value).axes
+
+    def end(node: NodeId, at: int) -> NodeId:
+        return builder.broadcast(builder.element(node, name, at), axes)
+
+    zero = builder.broadcast(builder.constant(0.0), axes)
+    # The order of the operands gives a knot the right-hand slope: a tie takes the first one's.
+    left = builder.minimum(zero, builder.subtract(value, end(sets.centers, 0)))
+    right = builder.maximum(builder.subtract(value, end(sets.centers, last - 1)), zero)
+    lost, gained = np.zeros(last), np.zeros(last)
+    lost[:2] = -1.0, 1.0
+    gained[-2:] = -1.0, 1.0
+    below = builder.multiply(left, end(slopes, 0))
+    above = builder.multiply(right, end(slopes, last - 2))
+    return builder.add(
+        builder.multiply(sets.spread(below), sets.numbers(lost)),
+        builder.multiply(sets.spread(above), sets.numbers(gained)),
+    )
+
+
+def rectangular(sets: FuzzySets) -> NodeId:
+    """1 between the bounds half-way to the neighbouring centres, the lower one inclusive."""
+    builder, name, last = sets.builder, sets.axis.name, sets.axis.size
+    if last == 1:
+        return sets.numbers(1.0)
+    above_centers = builder.slice(sets.centers, name, 1, last)
+    below_centers = builder.slice(sets.centers, name, 0, last - 1)
+    halves = builder.constant(0.5)
+    middles = builder.multiply(builder.add(above_centers, below_centers), halves)
+    return between(FuzzySets(builder, sets.value, Axis(name, last - 1), middles))
+
+
+def between(bounds: FuzzySets) -> NodeId:
+    """1 for the interval between two ascending bounds that the value is in, one more than bounds.
+
+    The lower bound is reached, the upper one is not: exact differences of 0 and 1.
+    """
+    builder, name = bounds.builder, bounds.axis.name
+    edge = (Axis(name, 1), *builder.type(bounds.value).axes)
+    above = builder.compare(Relation.GREATER_EQUAL, bounds.spread(), bounds.spread(bounds.centers))
+    reached = builder.select(above, bounds.numbers(1.0), bounds.numbers(0.0))
+    one = builder.broadcast(builder.constant(1.0), edge)
+    zero = builder.broadcast(builder.constant(0.0), edge)
+    lower = builder.concat([one, reached], name)
+    upper = builder.concat([reached, zero], name)
+    return builder.subtract(lower, upper)
+
+
+def gaussian(sets: FuzzySets, widths: NodeId) -> NodeId:
+    """μᵢ(x) = exp(−((x − cᵢ) / widthᵢ)² / 2), not normalised."""
+    builder = sets.builder
+    inverse = builder.divide(builder.constant(1.0), widths)
+    ratio = builder.multiply(sets.distances(), sets.spread(inverse))
+    half = sets.numbers(-0.5)
+    return builder.apply("exp", builder.multiply(half, builder.multiply(ratio, ratio)))
+
+
+def neighbour_widths(centers: Array) -> Array:
+    """Half the mean distance to the neighbouring centres: sets overlap at about 0.6."""
+    if len(centers) == 1:
+        return np.ones(1)
+    gaps = np.diff(centers)
+    left = np.concatenate([gaps[:1], gaps])
+    right = np.concatenate([gaps, gaps[-1:]])
+    return (left + right) / 4

@@ -1,0 +1,178 @@
+"""What a layer has while it expands: the call, the graph, and the arrays that it learns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import NodeId, Statistic
+from compiler.ir.rules.op_rules import LARGEST_SIZE
+from compiler.ir.scalar_functions import Array
+from compiler.ir.types import WINDOW, Axis, describe_axes
+from compiler.lowering.arrays.initial_values import initial_values
+from compiler.lowering.arrays.named_draws import generator_of
+from compiler.lowering.environment import Argument, Environment
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import names, shapes
+from spec_schema.expressions.tree import Call, LanguageName, Name
+from spec_schema.fields.entry import Entry
+from spec_schema.fields.located import Located
+from spec_schema.sections.values import Initializer
+from spec_schema.units.unit import Unit
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+    from compiler.layers.rules.layer_rule import AnyRule
+
+
+@dataclass(frozen=True)
+class LayerContext:
+    """One call of a layer."""
+
+    name: str
+    """Name of the layer in the spec; its arrays are called `name.weight` and so on."""
+    model: Model
+    call: Call
+    environment: Environment
+    span: Span
+    """Place of the layer's declaration."""
+    rule_of: Callable[[Entry], AnyRule] = field(repr=False)
+    """The rule of another layer's settings, for layers made of layers."""
+    cells: tuple[Axis, ...] = ()
+    """Axes of a local model's activations: every cell has weights of its own."""
+    called_with: str = ""
+    """Shapes of the arguments, as messages show them."""
+
+    @property
+    def builder(self) -> GraphBuilder:
+        """The graph that the call's nodes belong to."""
+        return self.model.builder(self.environment)
+
+    def in_cells(self, cells: tuple[Axis, ...]) -> LayerContext:
+        """The context of a cell of a local model."""
+        return replace(self, cells=(*self.cells, *cells))
+
+    def refuse(self, diagnostic: Diagnostic) -> NoReturn:
+        """Gives the call up after this mistake."""
+        self.model.findings.report(diagnostic)
+        raise LoweringFailed
+
+    def axis(self, dimension: Located[str]) -> Axis:
+        """The axis of a name of `dims:`."""
+        return self.model.dimension(dimension.value, dimension.span)
+
+    def out(self, dimension: Located[str] | None) -> tuple[Axis, ...]:
+        """The axis that `out:` names, none for a scalar."""
+        return (self.axis(dimension),) if dimension else ()
+
+    def own_axis(self, suffix: str, size: int) -> Axis:
+        """An axis inside the layer; a name of `dims:` has no dot."""
+        return Axis(f"{self.name}.{suffix}", size)
+
+    def elements(self, node: NodeId) -> tuple[Axis, ...]:
+        """The axes of a value besides its window."""
+        return tuple(axis for axis in self.builder.type(node).axes if axis.name != WINDOW)
+
+    def learned(
+        self,
+        suffix: str,
+        axes: tuple[Axis, ...],
+        initial: Array | float,
+        doc: str,
+        *,
+        unit: Unit | None = None,
+        low: float | None = None,
+        high: float | None = None,
+    ) -> NodeId:
+        """A learnable array of the layer, one for each cell.
+
+        `initial` has the shape of the cells and `axes`, or is repeated to it.
+        """
+        full = self._admitted(axes)
+        values = np.broadcast_to(np.asarray(initial, dtype=float), [axis.size for axis in full])
+        type = self.model.arrays.declare(
+            f"{self.name}.{suffix}", full, values, unit, doc, self.span, (low, high)
+        )
+        if type.axes != full:
+            self._called_differently()
+        return self.model.arrays.read(self.builder, f"{self.name}.{suffix}")
+
+    def measured(
+        self, suffix: str, statistic: Statistic, axes: tuple[Axis, ...], unit: Unit | None
+    ) -> NodeId:
+        """An array that is a statistic of the training data; 0 or 1 until that is known."""
+        name = f"{self.name}.{suffix}"
+        values = np.full([axis.size for axis in axes], 0.0 if statistic.kind == "mean" else 1.0)
+        doc = f"{statistic.kind} of `{statistic.signal}` in the training data"
+        arrays = self.model.arrays
+        arrays.declare(name, axes, values, unit, doc, self.span, (None, None), statistic)
+        return arrays.read(self.builder, name)
+
+    def initial(
+        self, suffix: str, initializer: Initializer | None, axes: tuple[Axis, ...], bound: float
+    ) -> Array:
+        """The values that `init:` gives, else uniform ones in ±bound, drawn by the array's name."""
+        full = self._admitted(axes)
+        name = f"{self.name}.{suffix}"
+        if initializer is not None:
+            return initial_values(self.model, name, initializer, full)
+        generator = generator_of(name, self.model.draw)
+        return generator.uniform(-bound, bound, tuple(axis.size for axis in full))
+
+    def dropout(self, value: NodeId, rate: float) -> NodeId:
+        """The value, of which training leaves out this share of the elements."""
+        return self.builder.dropout(value, rate, self.name) if rate else value
+
+    def apply(self, function: Located[str], nodes: Sequence[NodeId]) -> NodeId:
+        """The value of a builtin or of a function of the spec at operands of the same axes.
+
+        It has their axes too: a function that removes or adds one is refused.
+        """
+        span = function.span
+        # A name of a spec never starts with "_": these are the arguments of this call only.
+        arguments = {f"_{index}": node for index, node in enumerate(nodes)}
+        inner = replace(
+            self.environment,
+            arguments={
+                name: Argument(Name(name, span), self.environment, {self.environment.time: node})
+                for name, node in arguments.items()
+            },
+        )
+        given = tuple(Name(name, span) for name in arguments)
+        # in a sub-model everything that is declared has a dot
+        is_language = self.model.is_of_submodel(self.name) and "." not in function.value
+        kind = LanguageName if is_language else Name
+        result = self.model.call(Call(kind(function.value, span), given, (), span), inner)
+        axes = self.builder.type(nodes[0]).axes
+        found = self.builder.type(result).axes
+        if set(found) != set(axes):
+            what = f"the value of `{function.value}`"
+            self.refuse(shapes.wrong_axes(what, describe_axes(axes), describe_axes(found), span))
+        return self.builder.broadcast(result, axes)
+
+    def with_arguments(self, nodes: Sequence[NodeId]) -> LayerContext:
+        """The context of a call whose arguments are known; the first call's shapes stay known."""
+        shapes_of = " and ".join(describe_axes(self.builder.type(node).axes) for node in nodes)
+        self.model.first_calls.setdefault(self.name, shapes_of)
+        return replace(self, called_with=shapes_of)
+
+    def _admitted(self, axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
+        """The axes of an array after the cells'; refused where it would fill the memory."""
+        full = (*self.cells, *axes)
+        count = math.prod(axis.size for axis in full)
+        if count > LARGEST_SIZE:
+            problem = f"an array of it would have {count} elements"
+            self.refuse(names.unfit_setting(f"`{self.name}`", problem, self.span))
+        return full
+
+    def _called_differently(self) -> NoReturn:
+        before = self.model.first_calls[self.name]
+        place = self.call.arguments[0].span
+        self.refuse(shapes.layer_called_differently(self.name, before, self.called_with, place))

@@ -1,0 +1,34 @@
+"""What a kind of layer is to the compiler: its settings, how it reads arguments, its expansion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeAlias, TypeVar
+
+from compiler.ir.program import NodeId
+from compiler.layers.rules.layer_context import LayerContext
+from spec_schema.fields.entry import Entry
+
+S = TypeVar("S", bound=Entry)
+
+Arguments: TypeAlias = tuple[NodeId, ...]
+Expansion: TypeAlias = Callable[[LayerContext, S, Arguments], NodeId]
+
+
+@dataclass(frozen=True)
+class LayerRule(Generic[S]):
+    """One kind of layer. A cell of a local model expands in a context with the cells' axes."""
+
+    settings: type[S]
+    """The schema's entry of this kind."""
+    read: Callable[[LayerContext, S], Arguments]
+    """Counts and lowers the arguments of a call; one of the functions of `arguments.py`."""
+    expand: Expansion[S]
+    """The value of the layer, out of core operations."""
+    members: Mapping[str, Expansion[S]] = field(default_factory=dict[str, "Expansion[S]"])
+    """What is called as `NAME.member(expr)`."""
+
+
+AnyRule: TypeAlias = LayerRule[Any]
+"""A rule of the registry: its functions take the settings of its own class only."""

@@ -1,0 +1,43 @@
+"""Arrays of a layer that are named parameters, which other layers and expressions can share."""
+
+from __future__ import annotations
+
+from compiler.ir.program import NodeId
+from compiler.ir.types import Axis, describe_axes
+from compiler.layers.rules.layer_context import LayerContext
+from spec_schema.errors import names, shapes
+from spec_schema.fields.located import Located
+from spec_schema.sections.values import Parameter
+
+
+def named_array(context: LayerContext, reference: Located[str], axes: tuple[Axis, ...]) -> NodeId:
+    """The parameter as an array of these axes after the cells'.
+
+    It has them in this order. The dims of the spec must be the same; the samples of a window,
+    elements of a list and axes inside the layer have no name there, and only their sizes count.
+    """
+    model, name, place = context.model, reference.value, reference.span
+    declared = model.declared(name, place)
+    if not isinstance(declared.entry, Parameter):
+        problem = f"`{name}` is {declared.kind.value}, not a parameter"
+        repair = "name one of `parameters:`"
+        context.refuse(names.unfit_setting(f"`{context.name}`", problem, place, repair))
+    model.arrays.parameter(name, declared.entry)
+    node = model.arrays.read(context.builder, name)
+    full = (*context.cells, *axes)
+    found = context.builder.type(node).axes
+    fits = len(found) == len(full) and all(
+        own.size == wanted.size and (own.name == wanted.name or not _is_dim(context, wanted))
+        for own, wanted in zip(found, full, strict=True)
+    )
+    if not fits:
+        declared_at = declared.entry.place.key
+        asked = (axis if _is_dim(context, axis) else Axis("any", axis.size) for axis in full)
+        needs, has = describe_axes(tuple(asked)), describe_axes(found)
+        report = shapes.unfit_parameter(context.name, name, needs, has, place, declared_at)
+        context.refuse(report)
+    return context.builder.reshape(node, full)
+
+
+def _is_dim(context: LayerContext, axis: Axis) -> bool:
+    return axis.name in context.model.scope

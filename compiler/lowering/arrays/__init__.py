@@ -1,0 +1,1 @@
+"""Learnable arrays and their initial values."""

@@ -1,0 +1,165 @@
+"""Parameters and arrays of layers: axes, units, initial values and bounds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import NodeId, Parameter, Statistic
+from compiler.ir.rules.unit_rules import same_unit
+from compiler.ir.scalar_functions import Array
+from compiler.ir.types import Axis, Type
+from compiler.lowering.arrays.initial_values import initial_values
+from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.ranges import limit_in
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import names, units
+from spec_schema.sections.signals import Equation, Output, Signal, State
+from spec_schema.sections.values import Parameter as ParameterEntry
+from spec_schema.units.unit import Unit
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+
+
+class Arrays:
+    """The parameters of a model and the arrays of its layers, each declared once."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._parameters: dict[str, Parameter] = {}
+        self._failed: set[str] = set()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Everything learnable, in the order of first use."""
+        return tuple(p for p in self._parameters.values() if not self._is_constant(p))
+
+    @property
+    def all_names(self) -> tuple[str, ...]:
+        """Parameters and those that sub-models hold constant."""
+        return tuple(self._parameters)
+
+    def read(self, builder: GraphBuilder, name: str) -> NodeId:
+        """The value of a declared parameter: a constant where its sub-model is frozen (R11)."""
+        found = self._parameters[name]
+        if not self._is_constant(found):
+            return builder.parameter(name, Type(found.axes, found.unit))
+        node = builder.constant(found.initial, found.axes, found.unit)
+        builder.name(node, name)
+        return node
+
+    # ---- entries
+
+    def parameter(self, name: str, entry: ParameterEntry) -> Type:
+        """The type of a `parameters:` entry, declared at its first use."""
+        if name in self._failed:
+            raise LoweringFailed
+        if name not in self._parameters:
+            self._failed.add(name)
+            self._parameters[name] = self._with_given(self._declared(name, entry))
+            self._failed.remove(name)
+        found = self._parameters[name]
+        return Type(found.axes, found.unit)
+
+    def _declared(self, name: str, entry: ParameterEntry) -> Parameter:
+        axes = self.axes_of(entry)
+        unit = entry.unit.value if entry.unit else None
+        initial = initial_values(self._model, name, entry.init, axes)
+        low = None if entry.min is None else limit_in(self._model, entry.min, unit)
+        high = None if entry.max is None else limit_in(self._model, entry.max, unit)
+        span = entry.init.place.value
+        if low is not None and high is not None and low >= high:
+            assert entry.min is not None
+            self._model.findings.report(
+                names.unfit_constant(
+                    f"`{name}`", "has no room: `min` is not below `max`", entry.min.span
+                )
+            )
+            raise LoweringFailed
+        outside = bool(
+            (low is not None and np.any(initial <= low))
+            or (high is not None and np.any(initial >= high))
+        )
+        if outside:
+            least = "-inf" if low is None else f"{low:g}"
+            most = "inf" if high is None else f"{high:g}"
+            problem = f"must lie inside its bounds {least} … {most}, not on or beyond them"
+            self._model.findings.report(names.unfit_constant(f"`{name}`", problem, span))
+            raise LoweringFailed
+        return Parameter(
+            name,
+            axes,
+            unit,
+            tuple(float(v) for v in initial.ravel()),
+            low,
+            high,
+            entry.scale or 1.0,
+            entry.learn,
+            doc=entry.doc or "",
+            span=entry.place.key,
+        )
+
+    def declare(
+        self,
+        name: str,
+        axes: tuple[Axis, ...],
+        initial: Array,
+        unit: Unit | None,
+        doc: str,
+        span: Span,
+        bounds: tuple[float | None, float | None],
+        statistic: Statistic | None = None,
+    ) -> Type:
+        """An array of a layer; a second call of the layer finds the first one's.
+
+        It is learned unless it is a statistic of the data.
+        """
+        found = self._parameters.get(name)
+        if found is None:
+            values = tuple(float(v) for v in initial.ravel())
+            low, high = bounds
+            learn = statistic is None
+            found = Parameter(
+                name, axes, unit, values, low, high, 1.0, learn, statistic, doc=doc, span=span
+            )
+            found = self._parameters[name] = self._with_given(found)
+        return Type(found.axes, found.unit)
+
+    def _with_given(self, parameter: Parameter) -> Parameter:
+        """The parameter with the value that the weights of its sub-model have."""
+        shape = tuple(axis.size for axis in parameter.axes)
+        given = self._model.given.value(parameter.name, shape)
+        if given is None:
+            return parameter
+        values = tuple(float(value) for value in given.ravel())
+        return replace(parameter, initial=values, statistic=None)  # which is known then
+
+    def _is_constant(self, parameter: Parameter) -> bool:
+        """Frozen with its sub-model; a statistic that no weights give is first to be found."""
+        return parameter.statistic is None and self._model.given.is_frozen(parameter.name)
+
+    # ---- axes and units of entries
+
+    def axes_of(self, entry: Signal | State | ParameterEntry) -> tuple[Axis, ...]:
+        """The axes that an entry's `dims:` name."""
+        return tuple(self._model.dimension(dim.value, dim.span) for dim in entry.dims)
+
+    def agree_on_unit(
+        self, builder: GraphBuilder, node: NodeId, name: str, entry: Equation | Output
+    ) -> None:
+        """Gives a value of unknown unit the declared one; reports one that is known and differs."""
+        if entry.unit is None:
+            return
+        found = builder.type(node).unit
+        if found is None:
+            builder.set_unit(node, entry.unit.value)
+        elif not same_unit(found, entry.unit.value):
+            self._model.findings.report(
+                units.declared_unit_differs(
+                    name, found.text, entry.unit.value.text, entry.expr.span
+                )
+            )

@@ -1,0 +1,141 @@
+"""The initial values of a learnable array: numbers, formulas of the index, draws, shapes, files."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compiler.ir.scalar_functions import Array
+from compiler.ir.types import Axis, describe_axes
+from compiler.lowering.arrays.named_draws import generator_of
+from compiler.lowering.arrays.number_file import UnusableFileError, read_numbers
+from compiler.lowering.environment import Argument, Environment, Part
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import names, shapes
+from spec_schema.expressions.tree import Expression, Name
+from spec_schema.fields.located import Located
+from spec_schema.sections.values import (
+    ExpInitializer,
+    Initializer,
+    LinInitializer,
+    NegexpInitializer,
+    NormalInitializer,
+    Shaped,
+    UniformInitializer,
+)
+
+if TYPE_CHECKING:
+    from compiler.elaboration.names import Model
+
+
+INDICES = ("i", "j", "k", "l", "m")
+"""What a formula calls the indices of the array's axes, from the first axis on, counted from 0."""
+
+LENGTH = "n"
+"""What a formula calls the length of the last axis."""
+
+
+def initial_values(
+    model: Model, name: str, initializer: Initializer, axes: tuple[Axis, ...]
+) -> Array:
+    """The numbers of `init:` in the shape of the axes; draws depend on the array's name only."""
+    shape = tuple(axis.size for axis in axes)
+    match initializer.choice:
+        case NormalInitializer() as normal:
+            return generator_of(name, model.draw).normal(normal.mean, normal.std, shape)
+        case UniformInitializer() as uniform:
+            return generator_of(name, model.draw).uniform(uniform.min, uniform.max, shape)
+        case ExpInitializer() | NegexpInitializer() | LinInitializer() as shaped:
+            position = _position(model, name, shaped, axes)
+            along = [1] * len(axes)
+            along[position : position + 1] = shape[position : position + 1]
+            count = shape[position] if axes else 1
+            return np.broadcast_to(_profile(shaped, count).reshape(along), shape)
+        case Located() as file:
+            return _from_file(model, file, axes)
+        case expression:
+            return _of_index(model, name, expression, axes)
+
+
+def _position(model: Model, name: str, shaped: Shaped, axes: tuple[Axis, ...]) -> int:
+    """Which axis the values change along: the named one, by default the last."""
+    if shaped.along is None:
+        return max(len(axes) - 1, 0)
+    for position, axis in enumerate(axes):
+        if axis.name == shaped.along.value:
+            return position
+    model.findings.report(
+        shapes.no_such_axis(name, shaped.along.value, describe_axes(axes), shaped.along.span)
+    )
+    raise LoweringFailed
+
+
+def _profile(shaped: Shaped, count: int) -> Array:
+    """The values from the first index to the last, x = 0 … 1; one element is the one named."""
+    x = np.arange(count) / max(count - 1, 1)
+    match shaped:
+        case ExpInitializer(first=first, rate=rate):
+            return first * np.exp(-rate * x)
+        case NegexpInitializer(last=last, rate=rate):
+            return last * np.exp(-rate * (1 - x if count > 1 else 0 * x))
+        case LinInitializer(first=first, last=last):
+            return first + (last - first) * x
+
+
+def _of_index(model: Model, name: str, expression: Expression, axes: tuple[Axis, ...]) -> Array:
+    """A list fills the array in its order; a formula of the index aligns by name."""
+    found = model.constants.evaluate_in(
+        expression, _with_indices(model, name, axes, expression.span)
+    )
+    if axes and found.axes and set(found.axes) <= set(axes):
+        order = [found.axes.index(axis) for axis in axes if axis in found.axes]
+        shape = [axis.size if axis in found.axes else 1 for axis in axes]
+        values = found.values.transpose(order).reshape(shape)
+        full = np.broadcast_to(values, [axis.size for axis in axes])
+        return model.constants.fitted(name, full, axes, expression.span)
+    return model.constants.fitted(name, found.values, axes, expression.span)
+
+
+def _with_indices(model: Model, array: str, axes: tuple[Axis, ...], span: Span) -> Environment:
+    """Constants, and the indices where the spec declares nothing of that name.
+
+    What a sub-model declares has a dot in its name: there a bare one is always an index.
+    """
+    plain = Environment(Part.CONSTANT)
+    if not axes:
+        return plain
+    builder = model.builder(plain)
+    values = {
+        index: builder.constant(np.arange(axis.size), (axis,))
+        for index, axis in zip(INDICES, axes, strict=False)
+    }
+    values[LENGTH] = builder.constant(axes[-1].size)
+    arguments = {
+        name: Argument(Name(name, span), plain, {plain.time: node})
+        for name, node in values.items()
+        if name not in model.scope or model.is_of_submodel(array)
+    }
+    return Environment(Part.CONSTANT, arguments=arguments)
+
+
+def _from_file(model: Model, file: Located[str], axes: tuple[Axis, ...]) -> Array:
+    """The numbers of a file: one row for each index of the axes before the last."""
+    try:
+        numbers = read_numbers(file.value, file.span.file)
+    except UnusableFileError as error:
+        model.findings.report(names.unusable_numbers(file.value, str(error), file.span))
+        raise LoweringFailed from None
+    shape = tuple(axis.size for axis in axes)
+    rows = (int(np.prod(shape[:-1], dtype=int)), shape[-1]) if axes else (1, 1)
+    if numbers.shape != rows and not (rows[0] == 1 and numbers.shape == rows[::-1]):
+        found, wanted = _described(numbers.shape), _described(rows)
+        reason = f"it has {found}, and {describe_axes(axes)} needs {wanted}"
+        model.findings.report(names.unusable_numbers(file.value, reason, file.span))
+        raise LoweringFailed
+    return numbers.reshape(shape)
+
+
+def _described(rows: tuple[int, ...]) -> str:
+    return f"{rows[0]} rows of {rows[1]} numbers" if rows[0] > 1 else f"{rows[1]} numbers"

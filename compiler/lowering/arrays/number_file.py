@@ -1,0 +1,68 @@
+"""Reads a text file of numbers, written by anybody: one row a line, within fixed limits."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from compiler.ir.scalar_functions import Array
+
+LARGEST_FILE = 20_000_000
+"""Bytes; as many numbers as an array of a program can have are a few times fewer."""
+
+_SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
+
+
+class UnusableFileError(Exception):
+    """Why a file gives no numbers, as the end of a sentence."""
+
+
+def read_numbers(path: str, beside: str) -> Array:
+    """The numbers of a file as (rows, columns); a relative path starts at the folder of `beside`.
+
+    Numbers of a row are separated by commas, semicolons or blanks; empty lines and what follows a
+    `#` are left out. Raises UnusableFileError.
+    """
+    rows: list[list[float]] = []
+    for number, line in enumerate(_text(path, beside).splitlines(), 1):
+        content = line.split("#", 1)[0].strip()
+        if not content:
+            continue
+        row = [_number(cell, number) for cell in _SEPARATOR.split(content)]
+        if rows and len(row) != len(rows[0]):
+            reason = f"line {number} has {len(row)} numbers, the first row {len(rows[0])}"
+            raise UnusableFileError(reason)
+        rows.append(row)
+    if not rows:
+        raise UnusableFileError("it has no numbers")
+    return np.array(rows)
+
+
+def _text(path: str, beside: str) -> str:
+    if "\0" in path:
+        raise UnusableFileError("that is no path")
+    file = Path(beside).parent / path
+    try:
+        if not file.is_file():  # a pipe or a device would never end
+            raise UnusableFileError("it is a folder" if file.is_dir() else "there is no such file")
+        size = file.stat().st_size
+        if size > LARGEST_FILE:
+            raise UnusableFileError(f"it has {size:,} bytes, at most {LARGEST_FILE:,} are read")
+        return file.read_bytes()[:LARGEST_FILE].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise UnusableFileError("it is not UTF-8 text") from None
+    except OSError as error:
+        raise UnusableFileError((error.strerror or str(error)).lower()) from None
+
+
+def _number(cell: str, line: int) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        raise UnusableFileError(f"{cell[:40]!r} in line {line} is no number") from None
+    if not math.isfinite(value):
+        raise UnusableFileError(f"{cell} in line {line} is not finite")
+    return value

@@ -1,0 +1,1 @@
+"""Finds what passes and backends may rely on; changes nothing."""

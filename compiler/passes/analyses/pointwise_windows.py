@@ -1,0 +1,205 @@
+"""Finds values that are the same function of every sample of a buffer, and writes that function."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import assert_never
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.types import WINDOW, Axis
+
+
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """The samples of a buffer's window that a value is made of, the oldest of them 0."""
+
+    buffer: str
+    first: int
+    count: int
+    with_newest: bool
+    """Whether it is made of the window with the newest sample, not of what the buffer keeps."""
+    calls: bool = False
+    """Whether a function of the language is called for each sample."""
+
+
+@dataclass(frozen=True, slots=True)
+class Samplewise:
+    """What is known of the nodes of one graph."""
+
+    sampled: dict[NodeId, Sampled]
+    fixed: frozenset[NodeId]
+    """Nodes that depend on numbers, and on parameters where these count as fixed."""
+
+
+def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Samplewise:
+    """The nodes that are functions of single samples of one of the buffers."""
+    sampled: dict[NodeId, Sampled] = {}
+    fixed: set[NodeId] = set()
+    for index, node in graph:
+        match node.op:
+            case Constant():
+                fixed.add(index)
+            case ReadParameter():
+                if parameters:
+                    fixed.add(index)
+            case Window(name) | ReadState(name):
+                if name in buffers:
+                    count = node.type.axes[-1].size
+                    sampled[index] = Sampled(name, 0, count, isinstance(node.op, Window))
+            case ReadSignal() | ReadLog():
+                pass
+            case _ if all(arg in fixed for arg in node.args):
+                fixed.add(index)
+            case _:
+                found = _sampled(graph, node, sampled, fixed)
+                if found is not None:
+                    sampled[index] = found
+    return Samplewise(sampled, frozenset(fixed))
+
+
+def at_samples(
+    builder: GraphBuilder,
+    graph: Graph,
+    node: NodeId,
+    copies: dict[NodeId, NodeId],
+    samples: NodeId,
+    count: int | None,
+    work: Samplewise,
+) -> NodeId:
+    """The node's function of other samples: of one, or of a window of `count`.
+
+    `copies` tells where the fixed nodes are in the builder's graph; missing ones are copied.
+    """
+    made: dict[NodeId, NodeId] = {}
+    for index in _ancestors(graph, [node], work):
+        found = graph[index]
+        axes = tuple(axis for axis in found.type.axes if axis.name != WINDOW)
+        if count is not None and found.type.window is not None:
+            axes = (*axes, Axis(WINDOW, count))
+        if index in work.fixed:
+            repeated = found.type.window is not None
+            fixed = _copied(builder, graph, found.args[0] if repeated else index, copies)
+            made[index] = builder.broadcast(fixed, axes) if repeated else fixed
+        elif isinstance(found.op, Window | ReadState):
+            made[index] = samples
+        elif isinstance(found.op, Slice) and found.op.axis == WINDOW:
+            made[index] = made[found.args[0]]
+        elif isinstance(found.op, Broadcast):
+            made[index] = builder.broadcast(made[found.args[0]], axes)
+        else:
+            with builder.at(found.span):
+                args = tuple(made[arg] for arg in found.args)
+                made[index] = builder.emit(found.op, args, found.type.with_axes(axes))
+    return made[node]
+
+
+def _ancestors(graph: Graph, wanted: list[NodeId], work: Samplewise) -> list[NodeId]:
+    """The nodes that one is made of, up to the fixed ones and the samples, operands first."""
+    found = set[NodeId]()
+    while wanted:
+        index = wanted.pop()
+        if index not in found:
+            found.add(index)
+            if index not in work.fixed and not isinstance(graph[index].op, Window):
+                wanted += graph[index].args
+    return sorted(found)
+
+
+def _copied(
+    builder: GraphBuilder, graph: Graph, wanted: NodeId, copies: dict[NodeId, NodeId]
+) -> NodeId:
+    """The node in the builder's graph, with all that it is made of."""
+    missing, waiting = set[NodeId](), [wanted]
+    while waiting:
+        index = waiting.pop()
+        if index not in copies and index not in missing:
+            missing.add(index)
+            waiting += graph[index].args
+    for index in sorted(missing):
+        found = graph[index]
+        copies[index] = copy_node(builder, found, tuple(copies[arg] for arg in found.args))
+    return copies[wanted]
+
+
+def _sampled(
+    graph: Graph, node: Node, sampled: dict[NodeId, Sampled], fixed: set[NodeId]
+) -> Sampled | None:
+    match node.op:
+        case Slice(axis, start, stop) if axis == WINDOW:
+            source = sampled.get(node.args[0])
+            if source is None:
+                return None
+            return replace(source, first=source.first + start, count=stop - start)
+        case (
+            Add()
+            | Subtract()
+            | Multiply()
+            | Divide()
+            | Negate()
+            | Minimum()
+            | Maximum()
+            | Clamp()
+            | Compare()
+            | Select()
+            | Apply()
+            | Dropout()
+            | Broadcast()
+        ):
+            return _of_operands(graph, node, sampled, fixed)
+        case Sum(axis) | Contract(axis):
+            return None if axis == WINDOW else _of_operands(graph, node, sampled, fixed)
+        case Slice() | Reshape() | Concat():
+            return None
+        case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState() | Window():
+            return None
+        case _:
+            assert_never(node.op)
+
+
+def _of_operands(
+    graph: Graph, node: Node, sampled: dict[NodeId, Sampled], fixed: set[NodeId]
+) -> Sampled | None:
+    """The samples that all operands are made of, besides what is the same for every sample."""
+    found = [sampled[arg] for arg in node.args if arg in sampled]
+    others = [arg for arg in node.args if arg not in sampled]
+    spans = {replace(operand, calls=False) for operand in found}
+    if len(spans) != 1 or not all(arg in fixed and _repeated(graph, arg) for arg in others):
+        return None
+    calls = isinstance(node.op, Apply) or any(operand.calls for operand in found)
+    return replace(found[0], calls=calls)
+
+
+def _repeated(graph: Graph, index: NodeId) -> bool:
+    """Whether a value is the same for every sample of a window."""
+    node = graph[index]
+    if node.type.window is None:
+        return True
+    return isinstance(node.op, Broadcast) and graph[node.args[0]].type.window is None

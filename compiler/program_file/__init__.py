@@ -1,0 +1,1 @@
+"""Reads and writes programs as versioned JSON, without trust."""

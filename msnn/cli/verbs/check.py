@@ -1,0 +1,70 @@
+"""`msnn check`: reads specs as a compiler reads programs, and says what is wrong with them."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from msnn.cli.exit_codes import ExitCode
+
+
+class Format(StrEnum):
+    """How diagnostics are printed."""
+
+    FULL = "full"
+    CONCISE = "concise"
+    JSON = "json"
+    GITHUB = "github"
+    SARIF = "sarif"
+
+
+def check(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="SPEC…", help="Specs, or program files of `compile`.")
+    ],
+    strict_units: Annotated[
+        bool, typer.Option("--strict-units", help="Units that do not fit are errors.")
+    ] = False,
+    format: Annotated[Format, typer.Option(help="How diagnostics are printed.")] = Format.FULL,
+) -> None:
+    """Say what is wrong with specs.
+
+    Names, shapes, units and time of the model; then whether data, train, validate and export fit
+    it. Reads no data.
+    """
+    from msnn.cli.console import json_result, report, result
+    from msnn.project.workflow_checks import checked_model
+    from msnn.reports.summary import summary_line
+    from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+    from spec_schema.diagnostics.render import records, render
+
+    failed = False
+    found: list[dict[str, Any]] = []
+    said: list[Diagnostic] = []
+    for file in files:
+        try:
+            model = checked_model(file, strict_units=strict_units)
+            diagnostics, sources = model.warnings, model.sources
+        except SpecError as error:
+            model, diagnostics, sources = None, error.diagnostics, error.sources
+        failed |= model is None
+        line = summary_line(model.program) if model is not None else None
+        if format is Format.JSON:
+            record = {"file": str(file), "ok": model is not None, "summary": line}
+            found.append(record | {"diagnostics": records(diagnostics)})
+            continue
+        if format is Format.SARIF:
+            said.extend(diagnostics)
+            continue
+        report(diagnostics, sources, format.value)
+        if line is not None:
+            result(line)
+    if format is Format.JSON:
+        json_result("check", {"files": found})
+    if format is Format.SARIF:
+        result(render(said, "sarif"))
+    if failed:
+        raise typer.Exit(ExitCode.DIAGNOSTICS)

@@ -1,0 +1,32 @@
+"""`msnn compile`: writes the compiled program, which every other verb takes instead of a spec."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import SpecFile
+
+
+def compile_(
+    spec: SpecFile,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FOLDER", help="The folder to write into.")
+    ] = Path("build"),
+    strict_units: Annotated[
+        bool, typer.Option("--strict-units", help="Units that do not fit are errors.")
+    ] = False,
+) -> None:
+    """Write the compiled program.
+
+    To build/NAME.program.json, which every other verb takes instead of the spec.
+    """
+    from msnn.cli.console import report, result
+    from msnn.model.load import load_model
+    from msnn.model.program_file import write_program_file
+
+    model = load_model(spec, strict_units=strict_units)
+    report(model.warnings, model.sources)
+    result(str(write_program_file(model, out)))

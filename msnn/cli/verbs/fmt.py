@@ -1,0 +1,69 @@
+"""`msnn fmt`: canonical layout of specs; comments stay, meaning stays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from msnn.cli.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from spec_schema.diagnostics.source import SourceText
+
+
+def fmt(
+    files: Annotated[list[Path], typer.Argument(metavar="SPEC…", help="Specs (.yaml, .json).")],
+    check: Annotated[
+        bool, typer.Option("--check", help="Write nothing; exit code 1 if a file would change.")
+    ] = False,
+    diff: Annotated[
+        bool, typer.Option("--diff", help="Write nothing; print what would change.")
+    ] = False,
+) -> None:
+    """Lay specs out canonically.
+
+    Sections in the order of the grammar, blank lines between them, quotes around what YAML would
+    misread. Comments and all else stay as written. A spec with errors is left alone.
+    """
+    from backends.files.atomic_write import write_text
+    from msnn.cli.console import note, report, result
+    from spec_schema.diagnostics.diagnostic import SpecError
+    from spec_schema.editors.format_spec import format_spec
+
+    failed = False
+    for file in files:
+        try:
+            source = _source(file)
+            formatted = format_spec(source.path, source.text)
+        except SpecError as error:
+            report(error.diagnostics, error.sources)
+            failed = True
+            continue
+        if formatted == source.text:
+            continue
+        if diff:
+            result(_difference(source, formatted))
+        if check or diff:
+            failed = True
+            note(f"would change {file}")
+        else:
+            note(f"wrote {write_text(file, formatted)}")
+    if failed:
+        raise typer.Exit(ExitCode.DIAGNOSTICS)
+
+
+def _source(file: Path) -> SourceText:
+    """The text as it stands in the file, with its line ends."""
+    from spec_schema.reading.one_file import read_file
+
+    return read_file(file)
+
+
+def _difference(source: SourceText, formatted: str) -> str:
+    import difflib
+
+    old, new = source.text.splitlines(), formatted.splitlines()
+    lines = difflib.unified_diff(old, new, source.path, f"{source.path} (formatted)", lineterm="")
+    return "\n".join(lines)

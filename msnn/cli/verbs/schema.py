@@ -1,0 +1,31 @@
+"""`msnn schema`: the JSON Schema of specs, for editors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def schema(
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", metavar="FILE", help="The file to write; default: stdout."),
+    ] = None,
+) -> None:
+    """Write the JSON Schema of specs.
+
+    With it an editor completes keys, shows what they are for, and marks mistakes while one types.
+    A spec names it in its first line: # yaml-language-server: $schema=./msnn.schema.json
+    """
+    from msnn.cli.console import note, result
+    from spec_schema.editors.json_schema import json_schema_text
+
+    text = json_schema_text()
+    if output is None:
+        result(text.rstrip("\n"))
+    else:
+        from backends.files.atomic_write import write_text
+
+        note(f"wrote {write_text(output, text)}")

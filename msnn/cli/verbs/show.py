@@ -1,0 +1,115 @@
+"""`msnn show`: what a model exchanges with its surroundings and is made of; what a run reached."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import OutputFormat, PlotFile, ResultFormat, refuse_undrawable
+
+
+class GraphFormat(StrEnum):
+    """What draws the graph."""
+
+    MERMAID = "mermaid"
+
+
+def show(
+    spec: Annotated[
+        Path,
+        typer.Argument(metavar="SPEC|RUN", help="A spec or program file, or the folder of a run."),
+    ],
+    program: Annotated[
+        bool, typer.Option("--program", help="Print the compiled program instead.")
+    ] = False,
+    windows: Annotated[
+        bool, typer.Option("--windows", help="Print the samples that are read of each signal.")
+    ] = False,
+    resolved: Annotated[
+        bool, typer.Option("--resolved", help="Print the spec with every default written out.")
+    ] = False,
+    interface: Annotated[
+        bool, typer.Option("--interface", help="Print the ports of every export.")
+    ] = False,
+    graph: Annotated[
+        GraphFormat | None, typer.Option("--graph", help="Print signals and formulas as a graph.")
+    ] = None,
+    latex: Annotated[bool, typer.Option("--latex", help="Print the equations as LaTeX.")] = False,
+    plot: PlotFile = None,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Print interface and parameters, another view of a model, or what a run has reached.
+
+    Of a model: inputs with unit and window, outputs, states, parameters, dimensions, losses. Of the
+    folder of a run: stages with their losses, learned parameters with standard errors, warnings,
+    how to go on; --plot draws the losses.
+    """
+    from msnn.cli.console import json_result, report, result
+    from msnn.model.load import load_model
+
+    views = (program, windows, resolved, interface, graph is not None, latex)
+    if sum(views) > 1:
+        message = "choose one of --program, --windows, --resolved, --interface, --graph, --latex"
+        raise typer.BadParameter(message)
+    if spec.is_dir():
+        if any(views):
+            message = "the views of a model take a spec; of a run there is --format and --plot"
+            raise typer.BadParameter(message)
+        _show_run(spec, plot, format)
+        return
+    if plot is not None:
+        raise typer.BadParameter("takes the folder of a run", param_hint="'--plot'")
+    model = load_model(spec)
+    report(model.warnings, model.sources)
+    if format is ResultFormat.JSON:
+        from msnn.reports.show import interface_record
+
+        json_result("show", interface_record(model.program))
+    elif program:
+        from compiler.ir.text import program_text
+
+        result(program_text(model.program).rstrip())
+    elif windows:
+        from msnn.reports.show import windows_text
+
+        result(windows_text(model.program))
+    elif resolved:
+        from spec_schema.editors.spec_data import spec_data
+        from spec_schema.yaml_tree.writer import yaml_text
+
+        result(yaml_text(spec_data(model.spec)).rstrip("\n"))
+    elif interface:
+        from msnn.exports.describe import exports_text
+
+        result(exports_text(model))
+    elif graph is not None:
+        from msnn.reports.graph import mermaid_text
+
+        result(mermaid_text(model.spec))
+    elif latex:
+        from msnn.reports.latex import latex_text
+
+        result(latex_text(model.spec))
+    else:
+        from msnn.reports.show import interface_text
+
+        result(interface_text(model.program))
+
+
+def _show_run(folder: Path, plot: Path | None, format: ResultFormat) -> None:
+    from msnn.cli.console import json_result, note, result
+    from msnn.reports.run_summary import read_run, run_record, run_text
+
+    refuse_undrawable(plot)
+    run = read_run(folder)
+    if format is ResultFormat.JSON:
+        json_result("show", run_record(run))
+    else:
+        result(run_text(run))
+    if plot is not None:
+        from msnn.reports.plotting import plot_losses
+
+        note(f"drawn: {plot_losses(plot, [stage.epochs for stage in run.stages])}")

@@ -1,0 +1,71 @@
+"""`msnn simulate`: runs a model freely over records and writes what it does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import (
+    RUNS,
+    DataRoot,
+    Initial,
+    PlotFile,
+    RunsFolder,
+    SpecFile,
+    WeightsFile,
+    refuse_two_origins,
+    refuse_undrawable,
+)
+
+
+def simulate(
+    spec: SpecFile,
+    data: Annotated[
+        list[Path] | None,
+        typer.Option("--data", metavar="FILE", help="CSV files; default: the data of the spec."),
+    ] = None,
+    weights: WeightsFile = None,
+    initial: Initial = False,
+    runs: RunsFolder = RUNS,
+    data_root: DataRoot = None,
+    horizon: Annotated[
+        str, typer.Option(metavar="record|N", help="Steps of each run; default: whole records.")
+    ] = "record",
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="The CSV file to write.")
+    ] = Path("simulation.csv"),
+    plot: PlotFile = None,
+) -> None:
+    """Run the model freely over records.
+
+    Every input that an output predicts is fed back, the others are read from the record. Writes a
+    row a step: outputs, and beside them what was measured.
+    """
+    from msnn import api
+    from msnn.cli.console import note, report, result
+    from msnn.model.load import load_model
+    from msnn.model.model_weights import choose_weights
+    from msnn.simulation.simulate import simulation_program, write_simulation
+    from msnn.tables import count
+
+    refuse_two_origins(weights, initial)
+    if horizon != "record" and not (horizon.isdecimal() and int(horizon) > 0):
+        raise typer.BadParameter("`record` or a number of steps", param_hint="--horizon")
+    refuse_undrawable(plot)
+    model = load_model(spec)
+    report(model.warnings, model.sources)
+    chosen = choose_weights(model.program, weights, runs, initial=initial)
+    report(chosen.warnings, model.sources)
+    note(f"weights: {chosen.origin}")
+    steps = None if horizon == "record" else int(horizon)
+    found = api.simulate(model, data, chosen.weights, horizon=steps, data_root=data_root)
+    program = simulation_program(model.program)
+    write_simulation(out, program, found)
+    rows = sum(len(next(iter(run.outputs.values()))) for run in found)
+    result(f"{out}: {count(len(found), 'run')}, {count(rows, 'step')}")
+    if plot is not None:
+        from msnn.reports.plotting import plot_simulation
+
+        result(str(plot_simulation(plot, program, found)))

@@ -1,0 +1,166 @@
+"""`msnn train`: runs the stages of a spec on its data and keeps the weights."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from msnn.cli.arguments import (
+    RUNS,
+    DataRoot,
+    EngineName,
+    OutputFormat,
+    ResultFormat,
+    Settings,
+    SpecFile,
+)
+from msnn.cli.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from msnn.training.folds import FoldsResult
+
+
+def train(
+    spec: SpecFile,
+    data_root: DataRoot = None,
+    settings: Settings = None,
+    engine: Annotated[
+        EngineName | None, typer.Option(help="What computes; replaces `engine:` of every stage.")
+    ] = None,
+    device: Annotated[
+        str,
+        typer.Option(
+            metavar="cpu|cuda|cuda:N|auto", help="Where torch computes; auto: CUDA if there."
+        ),
+    ] = "cpu",
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the training that was interrupted.")
+    ] = False,
+    folds: Annotated[
+        bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
+    ] = False,
+    tensorboard: Annotated[
+        bool, typer.Option("--tensorboard", help="Write curves for TensorBoard beside the weights.")
+    ] = False,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FOLDER", help="Trainings are kept in OUT/NAME/TIME.")
+    ] = RUNS,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Train the parameters on data.
+
+    Stage after stage, each from the best weights of the one before. Weights, metrics and the spec
+    are kept in a folder of their own; a training that was interrupted can go on. With --folds a
+    training a fold, each in a folder of its own; `latest` leads to the best.
+    """
+    if folds and resume:
+        message = "trains all folds anew: a training of folds cannot be resumed"
+        raise typer.BadParameter(message, param_hint="'--folds'")
+    from msnn.cli.console import is_live, json_result, note, report, result
+    from msnn.model.load import load_model, with_engine
+
+    model = load_model(spec, settings or ())
+    report(model.warnings, model.sources)
+    if engine is not None:
+        model = with_engine(model, engine.value)
+
+    # torch takes seconds to load: only a spec without mistakes waits for it
+    from msnn import api
+    from msnn.reports.training_summary import (
+        Recorded,
+        errors_note,
+        parameters_table,
+        stages_table,
+        training_record,
+    )
+    from msnn.training.parameter_warnings import parameter_warnings
+    from msnn.training.records.progress import Lines
+    from msnn.training.train import TrainingDivergedError, TrainingInterruptedError
+
+    progress = Recorded(Lines(sys.stderr, terminal=is_live(sys.stderr)))
+    try:
+        if folds:
+            every = api.train_folds(
+                model,
+                data_root=data_root,
+                runs=out,
+                tensorboard=tensorboard,
+                device=device,
+                progress=progress,
+            )
+            _show_folds(every, format)
+            return
+        found = api.train(
+            model,
+            data_root=data_root,
+            runs=out,
+            resume=resume,
+            tensorboard=tensorboard,
+            device=device,
+            progress=progress,
+        )
+    except TrainingDivergedError as error:
+        report([error.diagnostic], model.sources)
+        kept = error.result.folder
+        leads = "leads" if error.is_latest else "does not lead"
+        note(f"the best weights before are kept in {kept}; `latest` {leads} there")
+        raise typer.Exit(ExitCode.DIVERGED) from None
+    except TrainingInterruptedError as error:
+        if folds:
+            kept = error.result.folder and error.result.folder.parent
+            note(f"interrupted; what there is of its folds is kept in {kept}")
+            raise typer.Exit(ExitCode.INTERRUPTED) from None
+        note(f"interrupted; its state is kept in {error.result.folder}")
+        command = _resume_command(spec, data_root, settings, engine, device, tensorboard, out)
+        note(f"this goes on: {command}")
+        raise typer.Exit(ExitCode.INTERRUPTED) from None
+    errors = found.standard_errors
+    report(parameter_warnings(model.program, found.weights, errors), model.sources)
+    record = training_record(model.program, found.weights, progress, errors)
+    if format is ResultFormat.JSON:
+        json_result("train", {**record, "folder": str(found.folder)})
+        return
+    result(stages_table(progress.stages))
+    result("")
+    result(parameters_table(record))
+    said = errors_note(record)
+    if said is not None:
+        result(said)
+    result("")
+    result(f"kept in {found.folder}")
+
+
+def _show_folds(found: FoldsResult, format: ResultFormat) -> None:
+    from msnn.cli.console import json_result, result
+    from msnn.training.folds import folds_record, folds_table
+
+    if format is ResultFormat.JSON:
+        json_result("train", {**folds_record(found), "folder": str(found.folder)})
+        return
+    result(folds_table(found))
+    result("")
+    result(f"kept in {found.folder}; `latest` leads to fold {found.best.number}")
+
+
+def _resume_command(
+    spec: Path,
+    data_root: Path | None,
+    settings: list[str] | None,
+    engine: EngineName | None,
+    device: str,
+    tensorboard: bool,
+    out: Path,
+) -> str:
+    """The command line that goes on with this training, as a shell takes it."""
+    words = ["msnn", "train", str(spec), "--resume"]
+    words += [] if data_root is None else ["--data-root", str(data_root)]
+    words += [word for setting in settings or () for word in ("--set", setting)]
+    words += [] if engine is None else ["--engine", engine.value]
+    words += [] if device == "cpu" else ["--device", device]
+    words += ["--tensorboard"] if tensorboard else []
+    words += [] if out == RUNS else ["--out", str(out)]
+    return shlex.join(words)

@@ -1,0 +1,83 @@
+"""`msnn validate`: measures a trained model, and fails when a limit of the spec is broken."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import (
+    RUNS,
+    DataRoot,
+    Initial,
+    OutputFormat,
+    PlotFile,
+    ResultFormat,
+    RunsFolder,
+    Settings,
+    SpecFile,
+    WeightsFile,
+    refuse_two_origins,
+    refuse_undrawable,
+)
+from msnn.cli.exit_codes import ExitCode
+
+
+def validate(
+    spec: SpecFile,
+    weights: WeightsFile = None,
+    initial: Initial = False,
+    runs: RunsFolder = RUNS,
+    data_root: DataRoot = None,
+    settings: Settings = None,
+    junit: Annotated[
+        Path | None,
+        typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, a test a limit."),
+    ] = None,
+    plot: PlotFile = None,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Measure the trained model.
+
+    What the spec's `validate` section asks for, by default on the set `test`: its metrics with
+    their limits, every metric of the same outputs, and how errors grow along rollouts. Exit code 3
+    when a limit is broken.
+    """
+    from msnn import api
+    from msnn.cli.console import json_result, note, report, result
+    from msnn.model.load import load_model
+    from msnn.model.model_weights import choose_weights
+    from msnn.validation.report import (
+        curves_table,
+        junit_text,
+        measurements_table,
+        metrics_record,
+        metrics_table,
+    )
+
+    refuse_two_origins(weights, initial)
+    refuse_undrawable(plot)
+    model = load_model(spec, settings or ())
+    report(model.warnings, model.sources)
+    chosen = choose_weights(model.program, weights, runs, initial=initial)
+    report(chosen.warnings, model.sources)
+    note(f"weights: {chosen.origin}")
+    found = api.validate(model, chosen.weights, data_root=data_root)
+    report(found.warnings, model.sources)
+    if junit is not None:
+        from backends.files.atomic_write import write_text
+
+        write_text(junit, junit_text(model.name, found))
+    if format is ResultFormat.JSON:
+        json_result("validate", metrics_record(found))
+    else:
+        tables = (metrics_table(found), measurements_table(found), curves_table(found))
+        result("\n\n".join(table for table in tables if table))
+    if plot is not None:
+        from msnn.reports.plotting import plot_validation
+
+        note(f"drawn: {plot_validation(plot, found.measurements)}")
+    if not found.passed:
+        note("a limit is broken")
+        raise typer.Exit(ExitCode.LIMIT_BROKEN)

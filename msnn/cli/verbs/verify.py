@@ -1,0 +1,72 @@
+"""`msnn verify`: proves exported C on this machine, in QEMU, and by analysis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import OutputFormat, ResultFormat
+from msnn.cli.exit_codes import ExitCode
+
+
+def verify(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="What `msnn export --to c` wrote: build/export/c.")
+    ],
+    targets: Annotated[
+        str,
+        typer.Option(metavar="TARGET,…", help="host, m4, m7, m0, rv32 or all; boards run in QEMU."),
+    ] = "host",
+    proof: Annotated[
+        bool, typer.Option("--proof", help="Prove that no step has a run-time error (Frama-C).")
+    ] = False,
+    misra: Annotated[
+        bool, typer.Option("--misra", help="Run the MISRA addon of cppcheck.")
+    ] = False,
+    fuzz: Annotated[
+        int, typer.Option(metavar="SECONDS", min=0, help="Let libFuzzer try any state and input.")
+    ] = 0,
+    report: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Where the report goes; default: DIR/REPORT.md."),
+    ] = None,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Verify exported C.
+
+    Strict builds, golden vectors of the interpreter to the bit and what of the code they reach,
+    sanitizers; on boards in QEMU also
+    instructions, memory and stack of a step. Exit code 1 when anything was found, 5 when a tool is
+    missing: what needs no missing tool is checked all the same.
+    """
+    from backends.files.atomic_write import write_text
+    from msnn.cli.console import json_result, note, result
+    from msnn.verification.report import (
+        verification_markdown,
+        verification_text,
+        verification_values,
+    )
+    from msnn.verification.verify import TARGETS, Wanted
+    from msnn.verification.verify import verify as verify_export
+
+    names = [name.strip() for name in targets.split(",") if name.strip()]
+    for name in names:
+        if name not in (*TARGETS, "all"):
+            message = f"`{name}` is none of {', '.join(TARGETS)} and all"
+            raise typer.BadParameter(message, param_hint="'--targets'")
+    chosen = frozenset(TARGETS if "all" in names else names)
+    found = verify_export(folder, Wanted(chosen, proof, misra, fuzz))
+    written = write_text(report or folder / "REPORT.md", verification_markdown(found))
+    if format is ResultFormat.JSON:
+        json_result("verify", verification_values(found))
+    else:
+        result(verification_text(found))
+    note(f"report: {written}")
+    if found.missing:
+        note(f"missing: {found.install_line}")
+    if found.found:
+        raise typer.Exit(ExitCode.DIAGNOSTICS)
+    if found.missing:
+        raise typer.Exit(ExitCode.MISSING_EXTRA)

@@ -1,0 +1,1 @@
+"""Reads the columns of data files, one format a file."""

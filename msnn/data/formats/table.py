@@ -1,0 +1,48 @@
+"""Columns read from one file, whatever its format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from msnn.data.dataset import FloatArray
+from spec_schema.diagnostics.source import Span
+
+ColumnKey = str | int
+"""A column's name, or its index counted from 0."""
+
+
+def _no_place(row: int) -> Span | None:
+    """Rows of a binary file stand nowhere that a message could show."""
+    del row
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is asked of a file; `users` says for each column what wants it, for messages."""
+
+    users: Mapping[ColumnKey, str]
+    optional: frozenset[ColumnKey] = frozenset()
+    """Columns in which values may be missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Columns of equal length; row 0 is the first."""
+
+    columns: Mapping[ColumnKey, FloatArray]
+    time: FloatArray | None = None
+    """Seconds of each row, where the format keeps them itself."""
+    place: Callable[[int], Span | None] = _no_place
+    """Where a row stands in the file."""
+
+    @property
+    def rows(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+
+@dataclass(frozen=True, slots=True)
+class Streams:
+    """Columns that were each recorded at moments of their own: (seconds, values)."""
+
+    columns: Mapping[ColumnKey, tuple[FloatArray, FloatArray]]

@@ -1,0 +1,79 @@
+"""Which formats data files may have, by suffix, and what must be installed to read each."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msnn.errors.failures import MissingExtraError
+
+if TYPE_CHECKING:
+    from msnn.data.formats.csv_header import Dialect
+    from msnn.data.formats.table import Streams, Table, Wanted
+
+    Reader = Callable[[Path, str, Wanted, Dialect], Table | Streams]
+    """(path, its name in messages, what is wanted, layout of text) → columns; raises SpecError."""
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One kind of file. The reader is `read` of `module`, loaded when a file needs it."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    module: str
+    packages: tuple[str, ...] = ()
+    extra: str = ""
+    is_text: bool = False
+    keeps_time: bool = False
+    """Whether the file itself says when each value was recorded."""
+
+    @property
+    def reader(self) -> Reader:
+        return import_module(self.module).read
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The packages of the extra that are not installed."""
+        return tuple(p for p in self.packages if importlib.util.find_spec(p) is None)
+
+
+TEXT = Format("CSV", (".csv", ".txt", ".tsv", ".dat"), "msnn.data.formats.csv_file", is_text=True)
+
+FORMATS = (
+    TEXT,
+    Format("NPZ", (".npz",), "msnn.data.formats.npz_file"),
+    Format("Parquet", (".parquet",), "msnn.data.formats.parquet_file", ("pyarrow",), "parquet"),
+    Format("MAT", (".mat",), "msnn.data.formats.mat_file", ("scipy", "h5py"), "mat"),
+    Format("HDF5", (".h5", ".hdf5"), "msnn.data.formats.hdf5_file", ("h5py",), "hdf5"),
+    Format(
+        "MDF", (".mf4", ".mdf"), "msnn.data.formats.mdf_file", ("asammdf",), "mdf", keeps_time=True
+    ),
+    Format(
+        "ROS bag",
+        (".bag", ".db3", ".mcap"),
+        "msnn.data.formats.rosbag_file",
+        ("rosbags",),
+        "ros",
+        keeps_time=True,
+    ),
+)
+SUFFIXES = tuple(suffix for format in FORMATS for suffix in format.suffixes)
+
+
+def format_of(path: Path | str) -> Format:
+    """The format of a file; a suffix that says nothing stands for text."""
+    suffix = Path(path).suffix.lower()
+    return next((format for format in FORMATS if suffix in format.suffixes), TEXT)
+
+
+def require_reader(path: Path | str) -> None:
+    """Raises MissingExtraError if what reads this file is not installed."""
+    format = format_of(path)
+    if format.missing:
+        what = f"{' and '.join(format.missing)}, which reads {format.name} files such as {path},"
+        raise MissingExtraError(what, f"pip install 'msnn[{format.extra}]'")

@@ -1,0 +1,1 @@
+"""Turns the files of a spec's data section into one dataset."""

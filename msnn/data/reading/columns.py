@@ -1,0 +1,88 @@
+"""Which columns feed each signal of a program, and how their numbers become the signal's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.ir.program import Role, Signal
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.table import ColumnKey
+from msnn.errors import data_files as errors
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.sections.data.columns import Column
+from spec_schema.units.unit import Unit
+
+_LOG_SUFFIX = ".meas"
+
+
+@dataclass(frozen=True, slots=True)
+class Feed:
+    """A signal's columns, one an element in C order; value = factor · cell + offset."""
+
+    signal: Signal
+    keys: tuple[ColumnKey, ...]
+    factor: float
+    offset: float
+
+    def series(self, columns: Mapping[ColumnKey, FloatArray]) -> FloatArray:
+        """(rows, *shape) in the signal's unit."""
+        cells = np.stack([columns[key] for key in self.keys], axis=1)
+        values = cells * self.factor + self.offset
+        return values.reshape(len(cells), *(axis.size for axis in self.signal.axes))
+
+
+def feeds(
+    signals: Iterable[Signal], columns: Mapping[str, Column], findings: Findings
+) -> list[Feed]:
+    """The feed of every signal; a signal without an entry has the column of its own name."""
+    found: list[Feed] = []
+    for signal in signals:
+        name = signal.name.removesuffix(_LOG_SUFFIX)
+        column = columns.get(signal.name, columns.get(name))
+        size = math.prod(axis.size for axis in signal.axes)
+        keys: tuple[ColumnKey, ...] = (name,)
+        factor, offset, span = 1.0, 0.0, signal.span
+        if column is not None:
+            keys = tuple(part.column for part in column.column)
+            span = column.place.value
+            factor, offset = _conversion(signal, column, findings)
+        if len(keys) != size:
+            findings.report(errors.wrong_column_count(signal.name, len(keys), size, span))
+        else:
+            found.append(Feed(signal, keys, factor, offset))
+    return found
+
+
+def wanted_columns(found: Iterable[Feed]) -> dict[ColumnKey, str]:
+    """Every column that is read, with the signal that it is read for."""
+    wanted: dict[ColumnKey, str] = {}
+    for feed in found:
+        for key in feed.keys:
+            wanted.setdefault(key, f"`{feed.signal.name}`")
+    return wanted
+
+
+def target_columns(found: Iterable[Feed]) -> frozenset[ColumnKey]:
+    """Columns that feed targets only: their values may be missing."""
+    needed = {key for feed in found if feed.signal.role is Role.INPUT for key in feed.keys}
+    return frozenset(key for feed in found for key in feed.keys if key not in needed)
+
+
+def _conversion(signal: Signal, column: Column, findings: Findings) -> tuple[float, float]:
+    """Factor and offset from cells to the signal's unit (the only place where units convert)."""
+    declared: Unit | None = signal.unit
+    if column.unit is None or declared is None:
+        return column.scale, column.offset
+    unit = column.unit.value
+    if not unit.same_dimension(declared):
+        findings.report(
+            errors.inconvertible_column(signal.name, unit.text, declared.text, column.unit.span)
+        )
+        return column.scale, column.offset
+    shift = unit.convert(0.0, declared)
+    factor = unit.factor_to(declared) if not unit.same_as(declared) else 1.0
+    return factor * column.scale, factor * column.offset + shift

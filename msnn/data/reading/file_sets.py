@@ -1,0 +1,71 @@
+"""The files that entries of `validate:` name: sets of their own, laid out like the spec's data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from spec_schema.editors.spec_data import entry_data
+from spec_schema.sections.data.data import Data, Source
+from spec_schema.sections.spec import Spec
+from spec_schema.sections.validation import Check
+
+if TYPE_CHECKING:
+    from compiler.ir.program import Program
+    from msnn.data.dataset import Dataset
+
+
+def file_sets(checks: Sequence[Check]) -> dict[str, Source]:
+    """The files of all entries by the name of their set; entries that ask for the same share one.
+
+    A set is named by its patterns, a second one of the same patterns but other keys has a number.
+    """
+    found: dict[str, Source] = {}
+    for check in checks:
+        if check.files is not None and set_of(check.files, found) is None:
+            patterns = name = ", ".join(pattern.value for pattern in check.files.files)
+            number = 1
+            while name in found:
+                number += 1
+                name = f"{patterns} ({number})"
+            found[name] = check.files
+    return found
+
+
+def set_of(files: Source, sets: dict[str, Source]) -> str | None:
+    """The name of the set that says the same of the same files."""
+    wanted = _text(files)
+    return next((name for name, source in sets.items() if _text(source) == wanted), None)
+
+
+def load_file_sets(program: Program, spec: Spec, folder: Path) -> dict[str, Dataset]:
+    """The records of every set by its name, each a data set of its own, not split.
+
+    Relative paths start in `folder`. Raises SpecError with the faults of the files of a set.
+    """
+    from msnn.data.reading.load import load_data
+    from msnn.data.reading.row_filter import row_filters
+
+    return {
+        name: load_data(program, section, folder, row_filters(_with_data(spec, section)))
+        for name, section in file_sections(spec).items()
+    }
+
+
+def file_sections(spec: Spec) -> dict[str, Data]:
+    """For every set a data section of its files alone, with the defaults of the spec's."""
+    defaults = spec.data or Data.model_construct(place=spec.place, source={})
+    return {
+        name: defaults.model_copy(update={"source": {name: source}, "split": None})
+        for name, source in file_sets(spec.checks).items()
+    }
+
+
+def _with_data(spec: Spec, section: Data) -> Spec:
+    return spec.model_copy(update={"data": section})
+
+
+def _text(source: Source) -> str:
+    return json.dumps(entry_data(source), sort_keys=True)

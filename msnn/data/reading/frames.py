@@ -1,0 +1,129 @@
+"""Data of a session in place of files: frames of pandas or polars, mappings of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compiler.ir.program import Program
+from msnn.data.dataset import Dataset
+from msnn.data.formats.array_columns import NamedArrays
+from msnn.data.reading.files import DataFile
+from msnn.data.reading.load import joined_files
+from msnn.data.reading.row_filter import RowFilter
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.fields.located import Place
+from spec_schema.sections.data.data import Data, Source
+
+
+@runtime_checkable
+class FrameLike(Protocol):
+    """What frames of pandas and polars have in common."""
+
+    @property
+    def columns(self) -> Any: ...
+
+    def __getitem__(self, name: Any, /) -> Any: ...
+
+
+Frame: TypeAlias = "FrameLike | Mapping[str, ArrayLike]"
+Frames: TypeAlias = "Frame | Sequence[Frame] | Mapping[str, Frame | Sequence[Frame]]"
+"""One record, several, or one or several for each set: `{"train": [a, b], "val": c}`."""
+
+
+def frame_data(
+    program: Program,
+    data: Data | None,
+    frames: Frames,
+    place: Place,
+    filters: Mapping[str, RowFilter],
+) -> Dataset:
+    """Records of a session, read as the `data` section reads files: columns, units, split, gaps.
+
+    Each frame is a record; a mapping is one of sets if its values are frames or lists of them, and
+    of columns otherwise. What `data` says of files is left out, and what its first source says of
+    columns holds for all. Raises SpecError with everything that is wrong, TypeError for other
+    things than frames.
+    """
+    sets = _sets(frames)
+    layout = _layout(data, place)
+    section = data or Data.model_construct(place=place, source={"data": layout})
+    section = section.model_copy(update={"source": dict.fromkeys(sets, layout)})
+    if data is None or (isinstance(frames, Mapping) and _is_of_sets(frames)):
+        section = section.model_copy(update={"split": None})
+    condition = next(iter(filters.values()), None)
+    files = [
+        DataFile(
+            Path(f"{name}[{number}]"),
+            f"{name}[{number}]",
+            name,
+            layout,
+            _arrays(f"{name}[{number}]", frame),
+        )
+        for name, records in sets.items()
+        for number, frame in enumerate(records)
+    ]
+    chosen = {} if condition is None else dict.fromkeys(sets, condition)
+    return joined_files(program, section, files, chosen, Findings())
+
+
+def _sets(frames: Frames) -> dict[str, list[Frame]]:
+    if isinstance(frames, Mapping) and _is_of_sets(frames):
+        return {str(name): _records(value) for name, value in frames.items()}
+    return {"train": _records(frames)}
+
+
+def refuse_sets(frames: Frames | None) -> None:
+    """Raises TypeError for frames of several sets where a split makes the sets."""
+    if isinstance(frames, Mapping) and _is_of_sets(frames):
+        message = "folds divide the records of one set: give a frame or a list of frames"
+        raise TypeError(message)
+
+
+def _is_of_sets(frames: Mapping[Any, Any]) -> bool:
+    return bool(frames) and all(_is_records(value) for value in frames.values())
+
+
+def _is_records(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        items = cast("Sequence[object]", value)
+        return bool(items) and all(map(_is_frame, items))
+    return _is_frame(value)
+
+
+def _is_frame(value: object) -> bool:
+    return isinstance(value, Mapping | FrameLike) and not isinstance(value, np.ndarray)
+
+
+def _records(value: object) -> list[Frame]:
+    records = cast("Sequence[object]", value) if isinstance(value, list | tuple) else (value,)
+    for record in records:
+        if not _is_frame(record):
+            kind = type(record).__name__
+            message = f"data is a frame, a mapping of arrays or a list of these, not {kind}"
+            raise TypeError(message)
+    return cast("list[Frame]", list(records))
+
+
+def _arrays(shown: str, frame: Frame) -> NamedArrays:
+    if isinstance(frame, Mapping):
+        names = tuple(frame)
+        return NamedArrays(shown, names, lambda name: np.asarray(frame[name]))
+    names = tuple(str(name) for name in frame.columns)
+
+    def get(name: str) -> NDArray[Any]:
+        column = frame[name]
+        return np.asarray(column.to_numpy())
+
+    return NamedArrays(shown, names, get)
+
+
+def _layout(data: Data | None, place: Place) -> Source:
+    if data is None:
+        return Source.model_construct(place=place, files=())
+    first = next(iter(data.source.values()))
+    return first.model_copy(update={"files": (), "first": None, "last": None})

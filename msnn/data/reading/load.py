@@ -1,0 +1,212 @@
+"""Reads all data of a spec into one `Dataset`, and reports every bad file at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from compiler.ir.program import Program, Signal
+from msnn.data.dataset import Dataset, Record
+from msnn.data.formats.table_of_formats import require_reader
+from msnn.data.reading.files import DataFile, find_files
+from msnn.data.reading.part import Part, read_part
+from msnn.data.reading.row_filter import RowFilter
+from msnn.data.reading.rows import GAP_TOLERANCE
+from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
+from msnn.errors import data_files as errors
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.sections.data.data import Data
+from spec_schema.sections.data.splits import SETS
+
+_LARGEST_SHOWN = 1_000_000
+
+
+def load_data(
+    program: Program,
+    data: Data,
+    folder: Path,
+    filters: Mapping[str, RowFilter] | None = None,
+) -> Dataset:
+    """The measured series of all signals of the program, divided into records and sets.
+
+    Relative paths start in `folder`: that of the spec, or `--data-root`. `filters` are those of
+    the sources by name. Raises SpecError with the faults of all files, and MissingExtraError where
+    the reader of a format is not installed.
+    """
+    findings = Findings()
+    files = find_files(data, folder, findings)
+    for file in files:
+        require_reader(file.path)
+    return joined_files(program, data, files, filters or {}, findings)
+
+
+def joined_files(
+    program: Program,
+    data: Data,
+    files: Sequence[DataFile],
+    filters: Mapping[str, RowFilter],
+    findings: Findings,
+) -> Dataset:
+    """The series of these files, or arrays in their place. Raises SpecError with all faults."""
+    parts = [
+        part
+        for file in files
+        if (part := read_part(program, data, file, filters.get(file.source), findings))
+    ]
+    if findings.failed:
+        faults = _once(findings.in_order)
+        raise SpecError(faults, _texts(files, faults))
+    if data.nan == "drop" and program.sample_time is not None:
+        parts = [part for part in parts if not _dropped(part, findings)]
+    parts = _with_files_joined(parts, data, program.sample_time)
+    sets = _set_names(data)
+    rows = _sets(data, parts, sets, program.sample_time, findings)
+    _report_ranges(program.signals, parts, findings)
+    findings.raise_errors()
+    return _joined(program, parts, sets, rows, findings.in_order)
+
+
+def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[SourceText]:
+    """The texts of faulty files, so that messages can show the line; large ones are only named."""
+    faulty = {fault.span.file for fault in faults if fault.span is not None}
+    return [
+        SourceText(file.shown, file.path.read_text("utf-8-sig", errors="replace"))
+        for file in files
+        if file.shown in faulty and file.is_text and file.path.stat().st_size <= _LARGEST_SHOWN
+    ]
+
+
+def _once(faults: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """Faults with those that differ in the file only as one: it names the first file."""
+    alike: dict[Diagnostic, list[Diagnostic]] = {}
+    for fault in faults:
+        file = "" if fault.span is None else fault.span.file
+        # a fault without a place says nothing of which file it is in
+        kind = replace(fault, message=fault.message.replace(file, ""), span=None) if file else fault
+        alike.setdefault(kind, []).append(fault)
+    return [
+        same[0].also_in(len({f.span and f.span.file for f in same}) - 1) for same in alike.values()
+    ]
+
+
+def _dropped(part: Part, findings: Findings) -> bool:
+    if part.usable.all():
+        return False
+    row = part.picked.first + int(np.argmin(part.usable)) * part.picked.every
+    findings.report(errors.record_dropped(part.file.shown, row))
+    return True
+
+
+def _with_files_joined(parts: Sequence[Part], data: Data, sample_time: float | None) -> list[Part]:
+    """Parts whose files follow each other in time as one record, where `join:` asks for it."""
+    found: list[Part] = []
+    for part in parts:
+        join = part.file.layout.join if part.file.layout.join is not None else data.join
+        before = found[-1] if found else None
+        if join and before is not None and _follows(before, part, sample_time):
+            found[-1] = before.with_next(part)
+        else:
+            found.append(part)
+    return found
+
+
+def _follows(before: Part, after: Part, sample_time: float | None) -> bool:
+    if before.file.layout is not after.file.layout or sample_time is None:
+        return False
+    if before.time is None or after.time is None or not len(before.time) * len(after.time):
+        return False
+    step = float(after.time[0] - before.time[-1])
+    return abs(step - sample_time) <= GAP_TOLERANCE * sample_time
+
+
+def _set_names(data: Data) -> tuple[str, ...]:
+    names = list(data.source)
+    if data.split is not None:
+        names += [name for name in SETS if name not in names]
+    return tuple(names)
+
+
+def _sets(
+    data: Data,
+    parts: Sequence[Part],
+    sets: Sequence[str],
+    sample_time: float | None,
+    findings: Findings,
+) -> list[SetCodes]:
+    """The set of every row of every part."""
+    codes = {name: index for index, name in enumerate(sets)}
+    rows = [np.full(len(p.usable), codes[p.file.source], dtype=np.int8) for p in parts]
+    if data.split is None:
+        return rows
+    divided = split_source(tuple(data.source), data.split, findings)
+    chosen = [index for index, part in enumerate(parts) if part.file.source == divided]
+    records = [_times(parts[index], sample_time) for index in chosen]
+    for index, codes_of_rows in zip(
+        chosen, split_rows(data.split, records, codes, findings), strict=True
+    ):
+        rows[index] = codes_of_rows
+    return rows
+
+
+def _times(part: Part, sample_time: float | None) -> RecordTimes:
+    time = part.time
+    if time is None and sample_time is not None:
+        time = np.arange(len(part.usable), dtype=np.float64)
+        time *= sample_time
+    return RecordTimes(len(part.usable), time)
+
+
+def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: Findings) -> None:
+    """Data outside a signal's `range:` is a warning, never clamped (rule R10)."""
+    for signal in signals:
+        if signal.range is None:
+            continue
+        low, high = signal.range
+        excess = 0.0
+        worst, count = 0.0, 0
+        for part in parts:
+            values = part.series[signal.name]
+            beyond = np.fmax(low - values, values - high)
+            count += int(np.sum(beyond > 0))
+            most = float(np.nanmax(beyond, initial=0.0)) if beyond.size else 0.0
+            if most > excess:
+                excess = most
+                worst = float(values.ravel()[np.nanargmax(beyond)])
+        if count:
+            unit = f" {signal.unit.text}" if signal.unit else ""
+            findings.report(errors.outside_range(signal.name, count, worst, low, high, unit))
+
+
+def _joined(
+    program: Program,
+    parts: Sequence[Part],
+    sets: tuple[str, ...],
+    rows: Sequence[SetCodes],
+    warnings: tuple[Diagnostic, ...],
+) -> Dataset:
+    records: list[Record] = []
+    start = 0
+    for part in parts:
+        stop = start + len(part.usable)
+        records.append(Record(part.file.shown, start, stop, part.picked.first, part.picked.every))
+        start = stop
+    none = np.zeros(0, dtype=np.bool_)
+    return Dataset(
+        series={
+            signal.name: np.concatenate(
+                [part.series[signal.name] for part in parts]
+                or [np.zeros((0, *(axis.size for axis in signal.axes)))]
+            )
+            for signal in program.signals
+        },
+        records=tuple(records),
+        sets=sets,
+        set_of_row=np.concatenate([np.zeros(0, dtype=np.int8), *rows]),
+        continues=np.concatenate([none, *(part.continues for part in parts)]),
+        usable=np.concatenate([none, *(part.usable for part in parts)]),
+        warnings=warnings,
+    )

@@ -1,0 +1,129 @@
+"""Reads one file into the series of a program's signals, with its gaps and missing inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compiler.ir.program import Program, Role, Signal
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.formats.csv_header import Dialect
+from msnn.data.formats.table import Streams, Table, Wanted
+from msnn.data.reading.columns import Feed, feeds, target_columns, wanted_columns
+from msnn.data.reading.files import DataFile
+from msnn.data.reading.record_rows import RecordRows, record_rows
+from msnn.data.reading.row_filter import RowFilter
+from msnn.data.reading.rows import RowRange
+from msnn.errors import data_formats
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.sections.data.data import Csv, Data
+
+_TO = " … "
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The picked rows of one file."""
+
+    file: DataFile
+    picked: RowRange
+    series: dict[str, FloatArray]
+    time: FloatArray | None
+    """Seconds of each row, where the file says."""
+    continues: BoolArray
+    usable: BoolArray
+
+    def with_next(self, other: Part) -> Part:
+        """One record of this one and of another that begins one sample later."""
+        assert self.time is not None
+        assert other.time is not None
+        first = self.file.shown.split(_TO)[0]
+        continues = np.concatenate((self.continues, other.continues))
+        continues[len(self.continues)] = True
+        return Part(
+            replace(self.file, shown=f"{first}{_TO}{other.file.shown}"),
+            self.picked,
+            {n: np.concatenate((v, other.series[n])) for n, v in self.series.items()},
+            np.concatenate((self.time, other.time)),
+            continues,
+            np.concatenate((self.usable, other.usable)),
+        )
+
+
+def read_part(
+    program: Program,
+    data: Data,
+    file: DataFile,
+    row_filter: RowFilter | None,
+    findings: Findings,
+) -> Part | None:
+    """The rows of a file that the spec picks; None after a report of what is wrong."""
+    mine = Findings()
+    signals = _signals(program, row_filter)
+    found = feeds(signals, {**data.columns, **file.layout.columns}, mine)
+    read = _read(file, data, found, mine)
+    rows = None
+    if read is not None and not mine.failed:
+        rows = record_rows(read, file, data, program.sample_time, mine)
+    findings.report(*mine.in_order)
+    if rows is None:
+        return None
+    series = {feed.signal.name: feed.series(rows.columns) for feed in found}
+    usable = rows.covered.copy()
+    for feed in found:
+        if feed.signal.role is Role.INPUT and feed.signal in program.signals:
+            values = series[feed.signal.name].reshape(len(usable), -1)
+            usable &= np.isfinite(values).all(axis=1)
+    if row_filter is not None:
+        usable &= _kept(row_filter, series, rows, file, findings)
+    series = {signal.name: series[signal.name] for signal in program.signals}
+    return Part(file, rows.picked, series, rows.time, rows.continues, usable)
+
+
+def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ...]:
+    """The signals of the program and those that only the filter reads."""
+    known = {signal.name for signal in program.signals}
+    more = () if row_filter is None else row_filter.signals
+    return (*program.signals, *(signal for signal in more if signal.name not in known))
+
+
+def _kept(
+    row_filter: RowFilter,
+    series: dict[str, FloatArray],
+    rows: RecordRows,
+    file: DataFile,
+    findings: Findings,
+) -> BoolArray:
+    kept = row_filter.kept(series, len(rows.continues))
+    if len(kept) and not kept.any():
+        findings.report(data_formats.empty_filter(file.shown, row_filter.span))
+    return kept
+
+
+def _read(
+    file: DataFile, data: Data, found: Sequence[Feed], findings: Findings
+) -> Table | Streams | None:
+    users = wanted_columns(found)
+    optional = frozenset(users) if data.nan != "error" else target_columns(found)
+    time = file.layout.time or data.time
+    if time is not None and not file.keeps_time:
+        users[time.column.column] = "`time`"
+        optional -= {time.column.column}
+    try:
+        wanted = Wanted(users, optional)
+        if file.arrays is not None:
+            return file.arrays.table(wanted)
+        dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
+        return file.format.reader(file.path, file.shown, wanted, dialect)
+    except SpecError as error:
+        findings.report(*error.diagnostics)
+        return None
+
+
+def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:
+    plain = "\t" if tabs else ","
+    if csv is None:
+        return Dialect(plain)
+    return Dialect(csv.delimiter or plain, csv.decimal, csv.comment, csv.header, csv.skip)

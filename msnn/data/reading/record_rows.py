@@ -1,0 +1,211 @@
+"""The rows of one record: picked by `from`, `to` and `every`, resampled or checked for gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.formats.table import ColumnKey, Streams, Table
+from msnn.data.reading.files import DataFile
+from msnn.data.reading.resample import Method, resample
+from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows
+from msnn.errors import data_files as errors
+from msnn.errors import data_formats
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.tree import Duration, Samples
+from spec_schema.sections.data.data import Data, Layout
+
+
+@dataclass(frozen=True, slots=True)
+class RecordRows:
+    """Columns of the picked rows, and how the rows follow each other."""
+
+    columns: Mapping[ColumnKey, FloatArray]
+    picked: RowRange
+    time: FloatArray | None
+    continues: BoolArray
+    """Whether a row is one sample after the row before."""
+    covered: BoolArray
+    """Whether a row stands on data: false for moments that resampling put into a hole."""
+
+
+def record_rows(
+    read: Table | Streams,
+    file: DataFile,
+    data: Data,
+    sample_time: float | None,
+    findings: Findings,
+) -> RecordRows | None:
+    """The rows of a record that the spec picks; None after a report of what is wrong."""
+    how = file.layout.resample or data.resample or "error"
+    span = file.layout.place.key
+    table = _one_table(read) if isinstance(read, Streams) else read
+    if how in ("linear", "nearest"):
+        method: Method = "linear" if how == "linear" else "nearest"
+        if sample_time is None:
+            findings.report(data_formats.static_resample(span))
+            return None
+        if table is None:
+            assert isinstance(read, Streams)
+            return _streams(read, file, data, sample_time, method, findings)
+        return _resampled(table, file, data, sample_time, method, findings)
+    if table is None:
+        assert isinstance(read, Streams)
+        first, *others = read.columns
+        times = read.columns[first][0]
+        other = next(k for k in others if not np.array_equal(read.columns[k][0], times))
+        findings.report(data_formats.different_times(file.shown, str(first), str(other), span))
+        return None
+    return _as_recorded(table, file, data, sample_time, how == "error", findings)
+
+
+def _one_table(streams: Streams) -> Table | None:
+    """The streams as rows where all have the same times."""
+    times = [time for time, _ in streams.columns.values()]
+    if not all(np.array_equal(time, times[0]) for time in times):
+        return None
+    return Table({key: values for key, (_, values) in streams.columns.items()}, times[0])
+
+
+def _picked(
+    table: Table, file: DataFile, data: Data, findings: Findings
+) -> tuple[RowRange, FloatArray | None] | None:
+    """The range of rows, and the seconds of all rows of the table."""
+    time = table.time
+    column = file.layout.time or data.time
+    if column is not None and not file.keeps_time:
+        time = table.columns[column.column.column] * column.seconds
+    picked = picked_rows(file.layout, data, file.shown, table.rows, time, findings)
+    return None if picked is None else (picked, time)
+
+
+def _as_recorded(
+    table: Table,
+    file: DataFile,
+    data: Data,
+    sample_time: float | None,
+    gaps_are_errors: bool,
+    findings: Findings,
+) -> RecordRows | None:
+    found = _picked(table, file, data, findings)
+    if found is None:
+        return None
+    picked, time = found
+    columns = {key: column[picked.rows] for key, column in table.columns.items()}
+    length = len(next(iter(columns.values())))
+    continues = _unbroken(length)
+    time = None if time is None else time[picked.rows]
+    if time is not None and sample_time is not None:
+        continues, faults = continuity(time, picked, sample_time)
+        if gaps_are_errors:
+            for fault in faults:
+                findings.report(_time_fault(fault, file, sample_time, table))
+    return RecordRows(columns, picked, time, continues, np.ones(length, dtype=np.bool_))
+
+
+def _resampled(
+    table: Table,
+    file: DataFile,
+    data: Data,
+    sample_time: float,
+    method: Method,
+    findings: Findings,
+) -> RecordRows | None:
+    found = _picked(table, file, data, findings)
+    if found is None:
+        return None
+    picked, time = found
+    if time is None:
+        findings.report(data_formats.no_time_to_resample(file.shown, file.layout.place.key))
+        return None
+    moments = time[picked.rows]
+    backward = ~(np.diff(moments) > 0)
+    if backward.any():
+        row = picked.first + (int(np.argmax(backward)) + 1) * picked.every
+        fault = TimeFault("order", row, 0.0, int(backward.sum()) - 1)
+        findings.report(_time_fault(fault, file, sample_time, table))
+        return None
+    columns = {key: (moments, column[picked.rows]) for key, column in table.columns.items()}
+    return _on_grid(columns, sample_time, method, None)
+
+
+def _streams(
+    streams: Streams,
+    file: DataFile,
+    data: Data,
+    sample_time: float,
+    method: Method,
+    findings: Findings,
+) -> RecordRows | None:
+    span = _time_span(file, data, findings)
+    if span is None:
+        return None
+    for key, (time, _) in streams.columns.items():
+        if not (np.diff(time) > 0).all():
+            row = int(np.argmin(np.diff(time) > 0)) + 1
+            findings.report(errors.time_not_increasing(f"`{key}` in {file.shown}", row, 0, None))
+            return None
+    rows = _on_grid(streams.columns, sample_time, method, span)
+    if not len(rows.continues):
+        place = file.layout.place.key
+        findings.report(
+            errors.rows_not_there("the common time of all columns", file.shown, 0, place)
+        )
+        return None
+    return rows
+
+
+def _on_grid(
+    columns: Mapping[ColumnKey, tuple[FloatArray, FloatArray]],
+    sample_time: float,
+    method: Method,
+    span: tuple[float, float] | None,
+) -> RecordRows:
+    found = resample(columns, sample_time, method, span)
+    count = len(found.time)
+    return RecordRows(
+        found.columns, RowRange(0, count, 1), found.time, _unbroken(count), found.covered
+    )
+
+
+def _time_span(file: DataFile, data: Data, findings: Findings) -> tuple[float, float] | None:
+    """`from` and `to` in seconds; rows cannot be counted where every column has its own."""
+    bounds = [-np.inf, np.inf]
+    layout: Layout = file.layout
+    lengths = (layout.first or data.first, layout.last or data.last)
+    for index, (key, length) in enumerate(zip(("from", "to"), lengths, strict=True)):
+        match length:
+            case None:
+                pass
+            case Duration():
+                bounds[index] = length.seconds
+            case Samples():
+                findings.report(data_formats.rows_of_streams(key, file.shown, length.span))
+                return None
+    if (layout.every or data.every or 1) > 1:
+        findings.report(data_formats.rows_of_streams("every", file.shown, layout.place.key))
+        return None
+    return bounds[0], bounds[1]
+
+
+def _unbroken(length: int) -> BoolArray:
+    continues = np.ones(length, dtype=np.bool_)
+    continues[:1] = False
+    return continues
+
+
+def _time_fault(fault: TimeFault, file: DataFile, sample_time: float, table: Table) -> Diagnostic:
+    place: Span | None = table.place(fault.row)
+    match fault.kind:
+        case "gap":
+            return errors.time_gap(
+                file.shown, fault.row, fault.step, sample_time, fault.more, place
+            )
+        case "sample time":
+            return errors.wrong_sample_time(file.shown, fault.step, sample_time, place)
+        case "order":
+            return errors.time_not_increasing(file.shown, fault.row, fault.more, place)

@@ -1,0 +1,80 @@
+"""Brings rows and streams to the sample time of the model, without inventing data over holes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.formats.table import ColumnKey
+
+Method = Literal["linear", "nearest"]
+
+LONGEST_STEP = 2.0
+"""A step longer than this many sample times, and than this many usual steps, is a hole."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resampled:
+    """Columns on one even grid; `covered` is false for moments that lie in a hole of a column."""
+
+    time: FloatArray
+    columns: dict[ColumnKey, FloatArray]
+    covered: BoolArray
+
+
+def resample(
+    columns: Mapping[ColumnKey, tuple[FloatArray, FloatArray]],
+    sample_time: float,
+    method: Method,
+    span: tuple[float, float] | None = None,
+) -> Resampled:
+    """Columns (seconds, values) at the moments that all of them cover, `sample_time` apart.
+
+    `linear` draws straight lines between neighbours, `nearest` takes the closest one, the earlier
+    of two. A missing value makes the moments beside it missing. `span` limits the moments.
+    """
+    low = max(float(time[0]) for time, _ in columns.values())
+    high = min(float(time[-1]) for time, _ in columns.values())
+    if span is not None:
+        low, high = max(low, span[0]), min(high, span[1])
+    # the last row is kept where rounding puts it a hair before its moment
+    count = int(np.floor((high - low) / sample_time + 1e-6)) + 1 if high >= low else 0
+    grid = np.arange(count, dtype=np.float64)
+    grid *= sample_time
+    grid += low
+    covered = np.ones(count, dtype=np.bool_)
+    found: dict[ColumnKey, FloatArray] = {}
+    for key, (time, values) in columns.items():
+        found[key] = _at(grid, time, values, method)
+        covered &= ~_in_holes(grid, time, sample_time)
+    return Resampled(grid, found, covered)
+
+
+def _at(grid: FloatArray, time: FloatArray, values: FloatArray, method: Method) -> FloatArray:
+    match method:
+        case "linear":
+            return np.interp(grid, time, values)
+        case "nearest":
+            after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1) if len(time) > 1 else 0
+            before = np.maximum(after - 1, 0)
+            earlier = grid - time[before] <= time[after] - grid
+            return values[np.where(earlier, before, after)]
+
+
+def _in_holes(grid: FloatArray, time: FloatArray, sample_time: float) -> BoolArray:
+    steps = np.diff(time)
+    if not len(steps):
+        return np.zeros(len(grid), dtype=np.bool_)
+    longest = LONGEST_STEP * max(sample_time, float(np.median(steps)))
+    inside = np.zeros(len(grid), dtype=np.bool_)
+    slack = 1e-9 * max(abs(float(time[0])), abs(float(time[-1])), sample_time)
+    holes = np.flatnonzero(steps > longest)
+    first = np.searchsorted(grid, time[holes] + slack, side="right")
+    stop = np.searchsorted(grid, time[holes + 1] - slack, side="left")
+    for a, b in zip(first.tolist(), stop.tolist(), strict=True):
+        inside[a:b] = True
+    return inside

@@ -1,0 +1,106 @@
+"""Keeps the rows of a record for which the `filter:` of the spec holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.elaboration.compile import compile_linked
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program, Signal
+from compiler.linking.link import Linked
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.reads import reads
+from msnn.errors import data_formats as errors
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.tree import Call, Compare, Expression, Name, Number
+from spec_schema.sections.data.data import Data
+from spec_schema.sections.signals import Loss
+from spec_schema.sections.spec import Spec
+from spec_schema.sections.submodels import Freeze
+
+_NAME = "filter"
+_AT_ONCE = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class RowFilter:
+    """A condition on the signals of one row: a model with one loss, of 1 where it holds, else 0.
+
+    A loss, since only losses may read targets.
+    """
+
+    program: Program
+    span: Span
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        return self.program.signals
+
+    def kept(self, series: Mapping[str, FloatArray], rows: int) -> BoolArray:
+        """Which rows the condition holds for; a missing value makes no condition true."""
+        judge = Interpreter(self.program)
+        kept = np.zeros(rows, dtype=np.bool_)
+        for first in range(0, rows, _AT_ONCE):
+            t = np.arange(first, min(first + _AT_ONCE, rows))
+            prediction, _ = judge.step(series, t, judge.start(series, t)).losses[_NAME]
+            kept[t] = prediction > 0
+        return kept
+
+
+def row_filters(spec: Spec) -> dict[str, RowFilter]:
+    """The filter of every source of data that has one, or that has the default one.
+
+    The spec has the entries of sub-models under their full names. Raises SpecError with everything
+    that is wrong with the filters.
+    """
+    data = spec.data
+    if data is None:
+        return {}
+    findings = Findings()
+    found: dict[str, RowFilter] = {}
+    for name, source in data.source.items():
+        condition = source.filter or data.filter
+        if condition is not None and (filter := _compiled(spec, condition, data, findings)):
+            found[name] = filter
+    findings.raise_errors()
+    return found
+
+
+def _compiled(
+    spec: Spec, condition: Expression, data: Data, findings: Findings
+) -> RowFilter | None:
+    if not isinstance(condition, Compare):
+        findings.report(errors.not_a_condition(condition.span))
+        return None
+    span = condition.span
+    numbers = (Number(1.0, span), Number(0.0, span))
+    held = Call(Name("where", span), (condition, *numbers), (), span)
+    loss = Loss.model_construct(expr=Call(Name("l1", span), (held,), (), span), place=data.place)
+    alone = Spec.model_construct(
+        msnn=1,
+        name=spec.name,
+        sample_time=spec.sample_time,
+        dims=spec.dims,
+        use={name: use.model_copy(update={"freeze": Freeze()}) for name, use in spec.use.items()},
+        inputs=spec.inputs,
+        targets=spec.targets,
+        constants=spec.constants,
+        functions=spec.functions,
+        outputs={},
+        losses={_NAME: loss},
+        place=spec.place,
+    )
+    try:
+        program = compile_linked(Linked(alone, {})).program
+    except SpecError as error:
+        findings.report(*error.diagnostics)
+        return None
+    around = reads(program.step, [program.losses[0].prediction]).values()
+    if program.states or any((extent.first, extent.last) != (0, 0) for extent in around):
+        findings.report(errors.wide_filter(span))
+        return None
+    return RowFilter(program, span)

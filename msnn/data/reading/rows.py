@@ -1,0 +1,112 @@
+"""Picks the rows of a file that make a record, and finds the gaps in its time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.errors import data_files as errors
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.expressions.tree import Duration, Length, Samples
+from spec_schema.sections.data.data import Layout
+
+GAP_TOLERANCE = 0.01
+"""Part of the sample time by which a time step may be off (rule R10)."""
+
+
+@dataclass(frozen=True, slots=True)
+class RowRange:
+    """Rows `first`, `first + every`, … below `stop` of a file."""
+
+    first: int
+    stop: int
+    every: int
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.first, self.stop, self.every)
+
+
+@dataclass(frozen=True, slots=True)
+class TimeFault:
+    """A place where the time of a record is not what it should be."""
+
+    kind: Literal["gap", "sample time", "order"]
+    row: int
+    """Row of the file."""
+    step: float
+    more: int
+
+
+def picked_rows(
+    layout: Layout,
+    defaults: Layout,
+    file: str,
+    rows: int,
+    time: FloatArray | None,
+    findings: Findings,
+) -> RowRange | None:
+    """The rows that `from`, `to` and `every` leave of a file; None after a report."""
+    first_length = layout.first or defaults.first
+    last_length = layout.last or defaults.last
+    every = layout.every or defaults.every or 1
+    bounds = [0, rows]
+    for index, (key, length) in enumerate((("from", first_length), ("to", last_length))):
+        if length is None:
+            continue
+        row = _row_of(length, time, inclusive_end=index == 1)
+        if row is None:
+            findings.report(errors.no_time_column(f"`{key}`", length.span))
+            return None
+        bounds[index] = row
+    first, stop = max(bounds[0], 0), min(bounds[1], rows)
+    if first >= stop:
+        span = next(length.span for length in (first_length, last_length) if length is not None)
+        findings.report(errors.rows_not_there("the choice of rows", file, rows, span))
+        return None
+    return RowRange(first, stop, every)
+
+
+def _row_of(length: Length, time: FloatArray | None, *, inclusive_end: bool) -> int | None:
+    """The first row of a range, or the row after its last one."""
+    match length:
+        case Samples(count):
+            return count + 1 if inclusive_end else count
+        case Duration():
+            if time is None:
+                return None
+            # printed times such as 59.99999 and 60 mean the same row
+            slack = 1e-6 * max(abs(length.seconds), 1.0)
+            if inclusive_end:
+                return int(np.sum(time <= length.seconds + slack))
+            return int(np.sum(time < length.seconds - slack))
+
+
+def continuity(
+    time: FloatArray, picked: RowRange, sample_time: float
+) -> tuple[BoolArray, list[TimeFault]]:
+    """Whether each picked row is one sample after the one before, and what is wrong otherwise.
+
+    The first row continues nothing. `time` holds the picked rows only.
+    """
+    steps = np.diff(time)
+    good = np.abs(steps - sample_time) <= GAP_TOLERANCE * sample_time
+    continues = np.concatenate((np.zeros(min(len(time), 1), dtype=np.bool_), good))
+    faults: list[TimeFault] = []
+
+    def fault(kind: Literal["gap", "sample time", "order"], wrong: BoolArray) -> None:
+        index = int(np.argmax(wrong))
+        row = picked.first + (index + 1) * picked.every
+        faults.append(TimeFault(kind, row, float(steps[index]), int(wrong.sum()) - 1))
+
+    backward = ~(steps > 0)
+    if backward.any():
+        fault("order", backward)
+    elif not good.all():
+        common = float(np.median(steps))
+        same = np.abs(common - sample_time) <= GAP_TOLERANCE * sample_time
+        fault("gap" if same else "sample time", ~good)
+    return continues, faults

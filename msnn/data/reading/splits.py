@@ -1,0 +1,156 @@
+"""Divides records into the sets train, val and test: by file, block, fraction, time or fold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msnn.data.dataset import UNASSIGNED, FloatArray
+from msnn.errors import data_files as errors
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.sections.data.splits import SETS, Blocks, Fraction, Split, TimeRange
+
+SetCodes = NDArray[np.int8]
+
+
+def split_source(sources: Sequence[str], split: Split, findings: Findings) -> str | None:
+    """The source that a split divides: `train`, or the only one there is."""
+    if "train" in sources:
+        return "train"
+    if len(sources) == 1:
+        return sources[0]
+    reason = "`split` divides the source `train` or a lone one, and there is neither"
+    findings.report(errors.impossible_split(reason, split.place.key))
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordTimes:
+    """What a split may ask of a record: how many rows it has, and when they were."""
+
+    rows: int
+    time: FloatArray | None
+    """Seconds of each row; None where neither a time column nor a sample time says."""
+
+
+def split_rows(
+    split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int], findings: Findings
+) -> list[SetCodes]:
+    """The set of every row of every record."""
+    match split.by:
+        case "file":
+            chosen = _files(_fractions(split), len(records))
+            for name, share in _fractions(split).items():
+                if share > 0 and chosen and name not in chosen:
+                    reason = (
+                        f"{len(records)} files are too few to give `{name}` {share:.0%} of them"
+                    )
+                    findings.report(errors.impossible_split(reason, split.place.key))
+            return [
+                np.full(record.rows, codes.get(name, UNASSIGNED), dtype=np.int8)
+                for name, record in zip(chosen, records, strict=True)
+            ]
+        case "fraction":
+            return [_fraction_rows(_fractions(split), record.rows, codes) for record in records]
+        case "block":
+            return [_block_rows(split, record.rows, codes) for record in records]
+        case "time":
+            return [_time_rows(split, record, codes, findings) for record in records]
+        case "kfold":
+            return _fold_rows(split, records, codes)
+
+
+def _time_rows(
+    split: Split, record: RecordTimes, codes: Mapping[str, int], findings: Findings
+) -> SetCodes:
+    """Rows by their time; those that no set names belong to `train` unless its range is given."""
+    rest = UNASSIGNED if split.train is not None else codes["train"]
+    rows = np.full(record.rows, rest, dtype=np.int8)
+    if record.time is None:
+        findings.report(errors.no_time_column("`by: time`", split.place.key))
+        return rows
+    # printed times such as 59.99999 and 60 mean the same row
+    slack = 1e-6 * np.maximum(np.abs(record.time), 1.0)
+    for name, share in {"train": split.train, "val": split.val, "test": split.test}.items():
+        if isinstance(share, TimeRange):
+            inside = (record.time >= share.start - slack) & (record.time < share.stop - slack)
+            rows[inside] = codes[name]
+    return rows
+
+
+def _fold_rows(
+    split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int]
+) -> list[SetCodes]:
+    assert split.k is not None, "the schema asks for `k:`"
+    count, fold = split.k, split.fold - 1
+    found: list[SetCodes] = []
+    for index, record in enumerate(records):
+        rows = np.full(record.rows, codes["train"], dtype=np.int8)
+        if len(records) >= count:
+            held_out = slice(None) if index * count // len(records) == fold else slice(0)
+        else:
+            start = _rounded(fold * record.rows / count)
+            held_out = slice(start, _rounded((fold + 1) * record.rows / count))
+        rows[held_out] = codes["val"]
+        found.append(rows)
+    return found
+
+
+def _fractions(split: Split) -> dict[str, float]:
+    """The share of each set; what is left over belongs to `train` unless its share is given."""
+    given = {"train": split.train, "val": split.val, "test": split.test}
+    shares = {name: s.value if isinstance(s, Fraction) else 0.0 for name, s in given.items()}
+    if split.train is None:
+        shares["train"] = max(1.0 - shares["val"] - shares["test"], 0.0)
+    return shares
+
+
+def _files(shares: Mapping[str, float], count: int) -> list[str]:
+    """A set for each file, spread evenly over the files in their order: no chance involved."""
+    shares = {**shares, "": max(1.0 - sum(shares.values()), 0.0)}
+    owed = dict.fromkeys(shares, 0.0)
+    chosen: list[str] = []
+    for _ in range(count):
+        for name, share in shares.items():
+            owed[name] += share
+        most = max(owed, key=lambda name: owed[name])
+        owed[most] -= 1.0
+        chosen.append(most)
+    return chosen
+
+
+def _fraction_rows(shares: Mapping[str, float], length: int, codes: Mapping[str, int]) -> SetCodes:
+    rows = np.full(length, UNASSIGNED, dtype=np.int8)
+    passed = 0.0
+    for name in SETS:
+        start, passed = passed, passed + shares[name]
+        rows[_rounded(start * length) : _rounded(passed * length)] = codes[name]
+    return rows
+
+
+def _block_rows(split: Split, length: int, codes: Mapping[str, int]) -> SetCodes:
+    rows = np.full(length, UNASSIGNED, dtype=np.int8)
+    assert split.blocks is not None, "the schema asks for `blocks:`"
+    for name, numbers in _blocks(split, split.blocks).items():
+        for number in numbers:
+            start = _rounded((number - 1) * length / split.blocks)
+            rows[start : _rounded(number * length / split.blocks)] = codes[name]
+    return rows
+
+
+def _blocks(split: Split, count: int) -> dict[str, tuple[int, ...]]:
+    """The blocks of each set; those that no set names belong to `train` unless its are given."""
+    given = {"train": split.train, "val": split.val, "test": split.test}
+    named = {name: s.numbers if isinstance(s, Blocks) else () for name, s in given.items()}
+    if split.train is None:
+        taken = {*named["val"], *named["test"]}
+        named["train"] = tuple(n for n in range(1, count + 1) if n not in taken)
+    return named
+
+
+def _rounded(value: float) -> int:
+    return math.floor(value + 0.5)

@@ -1,0 +1,1 @@
+"""Constructors of the diagnostics of data, weights, training and commands."""

@@ -1,0 +1,277 @@
+"""E08xx: data files, their columns, rows, times and splits."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import nearest
+
+_LISTED = 12
+
+
+def no_file(pattern: str, folder: str | None, span: Span | None) -> Diagnostic:
+    """E0801: a file name or pattern that nothing matches."""
+    inside = f" in {folder}" if folder else ""
+    return Diagnostic(
+        "E0801",
+        "error",
+        f"no data file matches `{pattern}`{inside}",
+        span,
+        "no such file",
+        help="paths are relative to the spec file; `--data-root` moves them" if folder else None,
+    )
+
+
+def unreadable_file(file: str, reason: str) -> Diagnostic:
+    """E0802: a file that the system does not give, or that is not text."""
+    return Diagnostic("E0802", "error", f"cannot read {file}: {reason}", None)
+
+
+def empty_file(file: str, *, header: bool) -> Diagnostic:
+    """E0803: a file without data rows."""
+    what = "has a header but no data rows" if header else "is empty"
+    return Diagnostic("E0803", "error", f"{file} {what}", _start(file), "nothing to read")
+
+
+def missing_columns(
+    missing: Mapping[str, str],
+    file: str,
+    columns: Sequence[str],
+    place: Span | None,
+    *,
+    numbers: bool,
+) -> Diagnostic:
+    """E0804: columns that the header of a file does not have; `missing` says what each is for."""
+    if len(missing) == 1:
+        ((name, wanted_by),) = missing.items()
+        message, label = f"{file} has no column `{name}` for {wanted_by}", f"no `{name}` here"
+    else:
+        message = f"{file} has no columns {_listed([f'`{name}`' for name in missing])}"
+        label = "none of them here"
+    nearby = {name: meant for name in missing if (meant := nearest(name, columns))}
+    repair = " and ".join(f"`{meant}`" for meant in nearby.values())
+    repair = f"did you mean {repair}?" if nearby else None
+    if numbers:
+        label = "numbers, not names of columns"
+        repair = "add a header, or write `csv: {header: false}` and name columns by index, from 0"
+    elif repair is None and (member := next((n for n in missing if "." in n), None)) is not None:
+        own = member.rpartition(".")[2]
+        repair = f"name its column: `columns: {{{member}: {own if own in columns else 'NAME'}}}`"
+        repair += " under `data:`, or feed it by `connect:`"
+    notes = (f"columns: {_listed(columns)}",)
+    return Diagnostic("E0804", "error", message, place, label, notes=notes, help=repair)
+
+
+def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic:
+    """E0805: a header that another delimiter splits into columns."""
+    return Diagnostic(
+        "E0805",
+        "error",
+        f"{file} is not separated by {_shown(used)}: its header is one column",
+        place,
+        f"this line has {_shown(meant)}",
+        help=f"write `csv: {{delimiter: {_written(meant)}}}` under `data:`",
+    )
+
+
+def time_gap(
+    file: str, row: int, step: float, expected: float, more: int, place: Span | None
+) -> Diagnostic:
+    """E0811: two rows that are not one sample time apart."""
+    return Diagnostic(
+        "E0811",
+        "error",
+        f"the time step to row {row} of {file} is {step:.6g} s, not {expected:.6g} s",
+        place,
+        "time gap before this row",
+        notes=_and_more(more, "gap"),
+        help="`resample: none` makes an episode of each part, `resample: linear` fills short gaps",
+    )
+
+
+def wrong_sample_time(file: str, found: float, expected: float, place: Span | None) -> Diagnostic:
+    """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
+    ratio = expected / found if found > 0 else 0.0
+    every = round(ratio)
+    fits = every > 1 and abs(ratio - every) < 0.01 * every
+    return Diagnostic(
+        "E0812",
+        "error",
+        f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s",
+        place,
+        "the second row",
+        help=f"`every: {every}` takes one row in {every}" if fits else None,
+    )
+
+
+def time_not_increasing(file: str, row: int, more: int, place: Span | None) -> Diagnostic:
+    """E0813: a time that is not later than the one before."""
+    return Diagnostic(
+        "E0813",
+        "error",
+        f"the time in row {row} of {file} is not later than in the row before",
+        place,
+        "time does not increase",
+        notes=_and_more(more, "row"),
+    )
+
+
+def duplicate_column(
+    name: str,
+    file: str,
+    place: Span | None,
+    repair: str = "choose one by its index, counted from 0",
+) -> Diagnostic:
+    """E0814: a column that is wanted and stands twice in the header."""
+    return Diagnostic(
+        "E0814",
+        "error",
+        f"{file} has two columns `{name}`",
+        place,
+        "which one is meant is not clear",
+        help=repair,
+    )
+
+
+def no_such_index(index: int, file: str, count: int, wanted_by: str, place: Span) -> Diagnostic:
+    """E0815: a column index beyond the columns of a file."""
+    return Diagnostic(
+        "E0815",
+        "error",
+        f"{file} has no column {index} for {wanted_by}: its {count} columns count from 0",
+        place,
+        f"{count} columns",
+    )
+
+
+def inconvertible_column(signal: str, found: str, declared: str, span: Span | None) -> Diagnostic:
+    """E0816: a column's unit that does not convert to the signal's."""
+    return Diagnostic(
+        "E0816",
+        "error",
+        f"the column of `{signal}` is in {found}, which does not convert to {declared}",
+        span,
+        f"`{signal}` is declared in {declared}",
+    )
+
+
+def wrong_column_count(signal: str, found: int, expected: int, span: Span | None) -> Diagnostic:
+    """E0817: a vector signal with more or fewer columns than elements."""
+    return Diagnostic(
+        "E0817",
+        "error",
+        f"`{signal}` has {expected} elements but {found} columns",
+        span,
+        f"{found} columns",
+    )
+
+
+def rows_not_there(what: str, file: str, rows: int, span: Span | None) -> Diagnostic:
+    """E0818: `from` or `to` that a file does not reach."""
+    return Diagnostic(
+        "E0818",
+        "error",
+        f"{what} leaves no rows of {file}, which has rows 0 … {rows - 1}",
+        span,
+        "no rows left",
+    )
+
+
+def impossible_split(reason: str, span: Span | None) -> Diagnostic:
+    """E0819: a `split:` that cannot be made."""
+    return Diagnostic("E0819", "error", reason, span, "in this split")
+
+
+def no_rows_in_set(name: str, sets: Iterable[str], span: Span | None) -> Diagnostic:
+    """E0820: a set that a stage or a metric wants and that has no rows."""
+    return Diagnostic(
+        "E0820",
+        "error",
+        f"no data in the set `{name}`",
+        span,
+        "this set is empty",
+        notes=(f"sets with data: {_listed(tuple(sets)) or 'none'}",),
+    )
+
+
+def episodes_too_short(
+    name: str, longest: int, needed: int, wanted_by: str, span: Span | None
+) -> Diagnostic:
+    """E0821: no episode of a set holds one rollout."""
+    return Diagnostic(
+        "E0821",
+        "error",
+        f"{wanted_by} needs {needed} rows, the longest episode of `{name}` has {longest}",
+        span,
+        "every episode is too short",
+        help="shorten the horizon, or look for gaps in the data",
+    )
+
+
+def no_time_column(what: str, span: Span | None) -> Diagnostic:
+    """E0823: a duration where no time column gives rows a time."""
+    return Diagnostic(
+        "E0823",
+        "error",
+        f"{what} is a time, but the data has no time column",
+        span,
+        "counted in rows without `time:`",
+        help="name the column with `time:`, or give a row number",
+    )
+
+
+def outside_range(
+    signal: str, count: int, worst: float, low: float, high: float, unit: str
+) -> Diagnostic:
+    """W0801: data beyond the range that the spec declares."""
+    return Diagnostic(
+        "W0801",
+        "warning",
+        f"{count} samples of `{signal}` are outside its range {low:g} … {high:g}{unit}, "
+        f"the farthest is {worst:.6g}",
+        None,
+    )
+
+
+def episodes_skipped(
+    count: int, total: int, needed: int, wanted_by: str, files: Sequence[str]
+) -> Diagnostic:
+    """W0802: episodes that are too short to be used."""
+    return Diagnostic(
+        "W0802",
+        "warning",
+        f"{wanted_by} skips {count} of {total} episodes with fewer than {needed} rows: "
+        f"in {_listed(files)}",
+        None,
+    )
+
+
+def record_dropped(file: str, row: int) -> Diagnostic:
+    """W0803: a record left out because an input is missing in it."""
+    return Diagnostic(
+        "W0803", "warning", f"{file} is left out: an input is missing in row {row}", None
+    )
+
+
+def _start(file: str) -> Span:
+    return Span(file, 1, 1, 1, 1)
+
+
+def _shown(delimiter: str) -> str:
+    return {"\t": "tabs", " ": "spaces"}.get(delimiter, f"`{delimiter}`")
+
+
+def _written(delimiter: str) -> str:
+    return {"\t": '"\\t"'}.get(delimiter, f'"{delimiter}"')
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:_LISTED])
+    return f"{shown}, … ({len(names)} in all)" if len(names) > _LISTED else shown
+
+
+def _and_more(count: int, what: str) -> tuple[str, ...]:
+    """A note that counts further faults of one kind."""
+    if not count:
+        return ()
+    return (f"{count} more {what}{'s' if count > 1 else ''} of this kind in the file",)

@@ -1,0 +1,18 @@
+"""Failures that are neither the spec's nor the data's: each ends a command with its own code."""
+
+from __future__ import annotations
+
+from msnn.errors.commands import missing_extra
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+
+class ReaderGoneError(Exception):
+    """Whoever reads our output has closed it: `msnn show … | head`."""
+
+
+class MissingExtraError(Exception):
+    """Something optional that a command needs is not installed."""
+
+    def __init__(self, what: str, install: str) -> None:
+        self.diagnostic: Diagnostic = missing_extra(what, install)
+        super().__init__(self.diagnostic.message)

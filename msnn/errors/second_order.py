@@ -1,0 +1,72 @@
+"""E0930-E0939: second-order training, and what it says of the learned parameters."""
+
+from collections.abc import Mapping, Sequence
+
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+
+_SHOWN = 6
+"""Numbers of a change that are named, the largest first."""
+
+
+def no_sum_of_squares(
+    loss: str, measure: str, weight: float, span: Span | None, stage: str
+) -> Diagnostic:
+    """E0930: a loss that is no sum of squares, in a stage of levenberg_marquardt."""
+    what = "a negative share" if weight < 0 else "an expression" if measure == "mean" else measure
+    return Diagnostic(
+        "E0930",
+        "error",
+        f"stage `{stage}` cannot minimise the loss `{loss}`: {what} is no sum of squares",
+        span,
+        "levenberg_marquardt takes mse, l2 and huber",
+        help=f"write it with mse, l2 or huber, give the stage `losses: {{{loss}: 0}}`, or take "
+        "another optimizer",
+    )
+
+
+def not_of_second_order(key: str, reason: str, span: Span) -> Diagnostic:
+    """E0931: a key of a stage that levenberg_marquardt has no use for."""
+    return Diagnostic(
+        "E0931",
+        "error",
+        f"levenberg_marquardt takes no `{key}:`: {reason}",
+        span,
+        f"with `{key}:` in the same stage",
+        help=f"leave `{key}:` out",
+    )
+
+
+def not_identifiable(
+    changes: Sequence[Mapping[str, float]],
+    concerned: Mapping[str, tuple[int, int]],
+    span: Span | None,
+) -> Diagnostic:
+    """W0930: learned numbers that can change together without a change of any residual."""
+    # of each parameter: how many of its numbers are in the changes, and how many it has
+    named = " and ".join(
+        f"`{name}`" if size == 1 else f"{count} of the {size} numbers of `{name}`"
+        for name, (count, size) in concerned.items()
+    )
+    alone = all(len(change) == 1 for change in changes)
+    many = sum(count for count, _ in concerned.values()) > 1
+    verb = ("do not show" if many else "does not show") if alone else "show only in combination"
+    first = sorted(changes[0].items(), key=lambda item: -abs(item[1]))
+    moves = ", ".join(f"{name} {factor:+.3g}" for name, factor in first[:_SHOWN])
+    if len(first) > _SHOWN:
+        moves += f" and {len(first) - _SHOWN} smaller ones"
+    said = (
+        f"this change leaves every residual as it is: {moves}"
+        if len(changes) == 1
+        else f"{len(changes)} changes leave every residual as it is, one of them: {moves}"
+    )
+    return Diagnostic(
+        "W0930",
+        "warning",
+        f"{named} {verb} in the training data",
+        span,
+        "not identifiable",
+        notes=(said,),
+        help="hold some at known values with `learn: false`, shorten windows, or record data that "
+        "excite them",
+    )

@@ -1,0 +1,69 @@
+"""E0910-E0912, E0923, E0924, W0902, W0903: weights read from files."""
+
+from collections.abc import Sequence
+
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+
+
+def unreadable_weights(file: str, reason: str) -> Diagnostic:
+    """E0910: a weights file that cannot be read."""
+    return Diagnostic("E0910", "error", f"cannot read the weights {file}: {reason}", None)
+
+
+def missing_weights(file: str, names: Sequence[str]) -> Diagnostic:
+    """E0911: a weights file without some parameters of the model."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    return Diagnostic(
+        "E0911",
+        "error",
+        f"{file} has no values for {listed}",
+        None,
+        help="was it trained with another version of the spec?",
+    )
+
+
+def misshapen_weights(
+    file: str, name: str, found: Sequence[int], expected: Sequence[int], span: Span | None
+) -> Diagnostic:
+    """E0912: an array of another shape than the parameter."""
+    return Diagnostic(
+        "E0912",
+        "error",
+        f"`{name}` in {file} has shape {_shape(found)}, not {_shape(expected)}",
+        span,
+        "declared here" if span else "",
+    )
+
+
+def weights_not_finite(file: str, names: Sequence[str]) -> Diagnostic:
+    """E0923: weights that are NaN or infinite."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    return Diagnostic("E0923", "error", f"{file} has values that are not finite in {listed}", None)
+
+
+def weights_not_floating(file: str, name: str, kind: str) -> Diagnostic:
+    """E0924: an array of integers or truth values where a parameter's values belong."""
+    return Diagnostic(
+        "E0924",
+        "error",
+        f"`{name}` in {file} holds {kind} values, not floating point numbers",
+        None,
+        help="write the array as float64",
+    )
+
+
+def moved_off_bound(names: Sequence[str]) -> Diagnostic:
+    """W0902: loaded values on a bound, where they could not be trained."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    return Diagnostic("W0902", "warning", f"moved off their bounds to be trainable: {listed}", None)
+
+
+def extra_weights(file: str, names: Sequence[str]) -> Diagnostic:
+    """W0903: arrays in a weights file that the model does not have."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    return Diagnostic("W0903", "warning", f"{file} also has {listed}, which are not used", None)
+
+
+def _shape(shape: Sequence[int]) -> str:
+    return "×".join(map(str, shape)) or "scalar"

@@ -1,0 +1,1 @@
+"""Writes exports and describes them."""

@@ -1,0 +1,66 @@
+"""A model from the file that a command is given: a spec, or what `msnn compile` wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+from compiler.elaboration.compile import compile_spec
+from msnn.model.model import PROGRAM_SUFFIX, Model
+from msnn.model.spec_hash import hash_of, parts_of
+from msnn.model.submodel_weights import read_submodel_weights
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.reading.reader import ReadResult, read_spec
+from spec_schema.reading.settings import settings_source
+
+
+def load_model(
+    path: str | Path, settings: Sequence[str] = (), *, strict_units: bool = False
+) -> Model:
+    """The model in a spec (`.yaml`, `.json`) or in a program file (`….program.json`).
+
+    `settings` such as `train.0.epochs=5` replace values of the workflow sections. Raises SpecError
+    with everything that is wrong; `strict_units` makes warnings about units errors.
+    """
+    path = Path(path)
+    if path.name.endswith(PROGRAM_SUFFIX):
+        from msnn.model.program_file import read_program_file  # models of specs start without it
+
+        model = read_program_file(path, settings)
+    else:
+        model = _compiled(read_spec(path, settings=settings), path, settings, strict_units)
+    return replace(model, settings=tuple(settings))
+
+
+def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Model:
+    """The model with every stage trained by this engine."""
+    stages = tuple(stage.model_copy(update={"engine": engine}) for stage in model.spec.train)
+    spec = model.spec.model_copy(update={"train": stages})
+    same = (f"train.{number}.engine={engine}" for number in range(len(stages)))
+    return replace(model, spec=spec, settings=(*model.settings, *same))
+
+
+def _compiled(read: ReadResult, path: Path, settings: Sequence[str], strict_units: bool) -> Model:
+    sources = (*read.sources, settings_source(settings))
+    text, findings = read.source.text, Findings()
+    findings.report(*read.warnings)
+    weights = read_submodel_weights(read, findings)
+    parts = parts_of(read, weights.digests)
+    try:
+        findings.raise_errors()
+        compiled = compile_spec(
+            read.spec,
+            used=read.used,
+            weights=weights.arrays,
+            strict_units=strict_units,
+            spec_hash=hash_of(text, parts),
+        )
+    except SpecError as error:
+        findings.report(*error.diagnostics)
+        raise SpecError(findings.in_order, sources) from None
+    warnings = (*findings.in_order, *compiled.warnings)
+    return Model(
+        compiled.program, compiled.spec, path, text, sources, warnings, read, parts, weights.arrays
+    )

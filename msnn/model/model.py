@@ -1,0 +1,55 @@
+"""A model: a program with the spec that says what to do with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from compiler.ir.program import Program
+from compiler.linking.link import WeightsByPart
+from msnn.data.dataset import FloatArray
+from msnn.model.spec_hash import Part
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.reading.reader import ReadResult
+from spec_schema.sections.spec import Spec
+
+PROGRAM_SUFFIX = ".program.json"
+"""How the names of program files end, which `msnn compile` writes."""
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Model:
+    """A program in window form with the spec that says how to train, validate and export it.
+
+    `sources` are the texts that diagnostics may point into; `warnings` is what reading and
+    compiling had to say.
+    """
+
+    program: Program
+    spec: Spec
+    path: Path
+    """The file of the spec; paths in it are relative to its folder."""
+    text: str
+    sources: tuple[SourceText, ...]
+    warnings: tuple[Diagnostic, ...]
+    read: ReadResult
+    """The spec and its sub-models as their files have them; `spec` is both in one."""
+    parts: tuple[Part, ...] = ()
+    """Its sub-models, those of sub-models too."""
+    part_weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, FloatArray]])
+    """The arrays that their `weights:` have; empty for a program file."""
+    settings: tuple[str, ...] = ()
+    """Values of its workflow that were replaced: `train.0.epochs=5`."""
+
+    @property
+    def name(self) -> str:
+        return self.program.name
+
+    def __repr__(self) -> str:
+        return f"<Model {self.name} from {self.path}>"
+
+    @property
+    def folder(self) -> Path:
+        return self.path.parent

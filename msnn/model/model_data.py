@@ -1,0 +1,69 @@
+"""The data and weights that somebody gives with a model, read as its spec says."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from compiler.ir.program import Program
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.errors.commands import no_data_section
+from msnn.model.model import Model
+from spec_schema.diagnostics.diagnostic import SpecError
+
+if TYPE_CHECKING:
+    from msnn.data.reading.frames import Frames
+
+Weights = Mapping[str, FloatArray]
+"""Physical arrays by parameter name, in the units of the spec."""
+
+
+def read_data(
+    model: Model, data_root: str | Path | None, purpose: str, program: Program | None = None
+) -> Dataset:
+    """The measured data of the spec, for the signals of `program` (default: all of the model)."""
+    from msnn.data.reading.load import load_data
+    from msnn.data.reading.row_filter import row_filters
+
+    if model.spec.data is None:
+        raise SpecError([no_data_section(purpose)])
+    folder = data_folder(model, data_root)
+    with sources_of(model):
+        signals = program or model.program
+        return load_data(signals, model.spec.data, folder, row_filters(model.spec))
+
+
+def data_folder(model: Model, data_root: str | Path | None) -> Path:
+    return model.folder if data_root is None else Path(data_root)
+
+
+def measured(
+    model: Model, frames: Frames | None, data_root: str | Path | None, purpose: str
+) -> Dataset:
+    """The data of a session, or that of the spec."""
+    from msnn.data.reading.frames import frame_data
+    from msnn.data.reading.row_filter import row_filters
+
+    if frames is None:
+        return read_data(model, data_root, purpose)
+    spec = model.spec
+    with sources_of(model):
+        return frame_data(model.program, spec.data, frames, spec.place, row_filters(spec))
+
+
+def known_in(model: Model, weights: Weights | None) -> Weights:
+    from msnn.model.weights_file import known_weights
+
+    with sources_of(model):
+        return known_weights(model.program, weights)
+
+
+@contextmanager
+def sources_of(model: Model) -> Generator[None]:
+    """What is found wrong shows lines of the spec."""
+    try:
+        yield
+    except SpecError as error:
+        raise SpecError(error.diagnostics, (*error.sources, *model.sources)) from None

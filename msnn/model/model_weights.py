@@ -1,0 +1,56 @@
+"""Which weights a command takes: a given file, those of the last training, or the initial ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from compiler.elaboration.compile import compile_spec
+from compiler.ir.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.errors.commands import not_trained
+from msnn.model.model import Model
+from msnn.model.weights_file import initial_weights, known_weights, read_weights
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+LATEST_WEIGHTS = Path("latest", "weights.safetensors")
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenWeights:
+    """Physical arrays by parameter, where they come from, and what is to be said about them."""
+
+    weights: Mapping[str, FloatArray]
+    origin: str
+    warnings: tuple[Diagnostic, ...] = ()
+
+
+def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
+    """Initial values of another draw; what a sub-model has from `weights:` stays."""
+    read = model.read
+    program = compile_spec(read.spec, used=read.used, weights=model.part_weights, draw=draw).program
+    given = tuple(f"{part.name}." for part in model.parts if part.weights)
+    kept = initial_weights(model.program)
+    return {
+        name: kept[name] if name.startswith(given) else values
+        for name, values in initial_weights(program).items()
+    }
+
+
+def choose_weights(
+    program: Program, file: Path | None, runs: Path, *, initial: bool = False
+) -> ChosenWeights:
+    """The weights in `file`, else with `initial` the spec's own, else those of the last training.
+
+    Raises SpecError when a file does not fit the model, or nothing was trained yet.
+    """
+    needs_training = any(p.learn or p.statistic is not None for p in program.parameters)
+    if file is None and (initial or not needs_training):
+        return ChosenWeights(known_weights(program, None), "the initial values of the spec")
+    if file is None:
+        file = runs / program.name / LATEST_WEIGHTS
+        if not file.is_file():
+            raise SpecError([not_trained(str(file), program.name)])
+    loaded = read_weights(file, program)
+    return ChosenWeights(loaded.weights, str(file), loaded.warnings)

@@ -1,0 +1,100 @@
+"""The file that `msnn compile` writes: a program, and the spec that it was made of."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from backends.files.atomic_write import write_text
+from compiler.linking.link import link
+from compiler.program_file.file import (
+    data_from_json,
+    data_to_json,
+    program_from_data,
+    program_to_data,
+)
+from msnn.errors.commands import foreign_spec
+from msnn.model.model import PROGRAM_SUFFIX, Model
+from msnn.model.spec_hash import hash_of, parts_of
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.errors.files import unreadable_file
+from spec_schema.reading.reader import read_spec
+from spec_schema.reading.settings import settings_source
+
+
+def write_program_file(model: Model, folder: Path) -> Path:
+    """Writes `<name>.program.json`: the program, and the spec's text for the workflow sections.
+
+    The texts of sub-models stand there too; of their weights the program has what it needs.
+    """
+    file = folder / f"{model.name}{PROGRAM_SUFFIX}"
+    spec: dict[str, Any] = {"path": _seen_from(folder, model.path), "text": model.text}
+    if model.parts:
+        texts = {part.path: part.text for part in model.parts}
+        spec["texts"] = {_seen_from(folder, path): text for path, text in texts.items()}
+        spec["weights"] = {part.name: part.weights for part in model.parts if part.weights}
+    return write_text(file, data_to_json(program_to_data(model.program) | {"spec": spec}))
+
+
+def read_program_file(file: Path, settings: Sequence[str]) -> Model:
+    """The program as it stands in the file; the spec's text is read for its other sections.
+
+    Raises SpecError where the file is none of these, or its spec is not the program's.
+    """
+    shown = str(file)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise SpecError([unreadable_file(shown, (error.strerror or str(error)).lower())]) from error
+    except UnicodeDecodeError as error:
+        raise SpecError([unreadable_file(shown, "it is not UTF-8 text")]) from error
+    data = data_from_json(text, shown)
+    embedded = _embedded_spec(data, file.parent)
+    program = program_from_data(data, shown)
+    if embedded is None:
+        raise SpecError([foreign_spec(shown)])
+    read = read_spec(embedded.path, embedded.text, settings, texts=embedded.texts)
+    parts, text = parts_of(read, embedded.weights), read.source.text
+    if program.spec_hash != hash_of(text, parts) or program.name != read.spec.name.value:
+        raise SpecError([foreign_spec(shown)])
+    sources = (*read.sources, settings_source(settings))
+    spec = link(
+        read.spec, read.used, {}, Findings()
+    ).spec  # which compiled when the file was written
+    return Model(program, spec, embedded.path, text, sources, read.warnings, read, parts)
+
+
+def _seen_from(folder: Path, path: str | Path) -> str:
+    return Path(os.path.relpath(path, folder)).as_posix()
+
+
+@dataclass(frozen=True, slots=True)
+class _EmbeddedSpec:
+    """The spec in a program file, the texts of sub-models by path, digests of their weights."""
+
+    path: Path
+    text: str
+    texts: Mapping[str, str]
+    weights: Mapping[str, str]
+
+
+def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
+    """Takes the spec out of the data of a program file; None if it is not there."""
+    found = cast("dict[str, Any]", data).pop("spec", None) if isinstance(data, dict) else None
+    match found:
+        case {"path": str(path), "text": str(text)} if "\0" not in path:
+            spec = Path(os.path.normpath(folder / path))
+        case _:
+            return None
+    texts, weights = _texts(found.get("texts")), _texts(found.get("weights"))
+    texts = {os.path.normpath(folder / path): text for path, text in texts.items()}
+    return _EmbeddedSpec(spec, text, texts, weights)
+
+
+def _texts(data: Any) -> dict[str, str]:
+    """The texts in a JSON object, which may hold anything."""
+    items = cast("dict[str, Any]", data).items() if isinstance(data, dict) else ()
+    return {name: text for name, text in items if isinstance(text, str) and "\0" not in name}

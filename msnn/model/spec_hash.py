@@ -1,0 +1,52 @@
+"""What a model was made of, as one hash: the text of its spec, those of its sub-models, weights."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from spec_schema.reading.reader import ReadResult
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A sub-model: its full name, the path and text of its spec, sha256 of its weights or ""."""
+
+    name: str
+    path: str
+    text: str
+    weights: str
+
+    def record(self) -> dict[str, str]:
+        """What a run was made of, as data."""
+        return {
+            "path": self.path,
+            "spec_sha256": _sha256(self.text),
+            "weights_sha256": self.weights,
+        }
+
+
+def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[Part, ...]:
+    """Every sub-model of a spec; `digests` are those of weights by full name."""
+    return tuple(_parts(read, digests, ""))
+
+
+def hash_of(text: str, parts: Sequence[Part]) -> str:
+    """sha256 of a spec's text; with sub-models, of what it and they are made of."""
+    own = _sha256(text)
+    if not parts:
+        return own
+    return _sha256(json.dumps([own, *([p.name, _sha256(p.text), p.weights] for p in parts)]))
+
+
+def _parts(read: ReadResult, digests: Mapping[str, str], prefix: str) -> Iterator[Part]:
+    for name, file in read.used.items():
+        full = prefix + name
+        yield Part(full, file.source.path, file.source.text, digests.get(full, ""))
+        yield from _parts(file, digests, f"{full}.")
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,111 @@
+"""The weights of sub-models: read without trust, mistakes shown where the spec names the file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.model.safetensors_file import arrays_in
+from msnn.model.spec_hash import hash_of, parts_of
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import submodels as errors
+from spec_schema.reading.reader import ReadResult
+from spec_schema.sections.submodels import Use
+
+LARGEST_FILE = 1 << 30
+"""Bytes of a weights file."""
+
+
+@dataclass(frozen=True)
+class SubmodelWeights:
+    """Arrays of every sub-model that has `weights:`, and the sha256 of the files they are from."""
+
+    arrays: dict[str, Mapping[str, FloatArray]] = field(
+        default_factory=dict[str, Mapping[str, FloatArray]]
+    )
+    digests: dict[str, str] = field(default_factory=dict[str, str])
+
+
+def read_submodel_weights(read: ReadResult, findings: Findings) -> SubmodelWeights:
+    """What the files hold that the uses in a spec, and in those that it uses, name."""
+    found = SubmodelWeights()
+    for name, use, file, parent in _uses(read, ""):
+        if use.weights is not None:
+            path = Path(parent.source.path).parent / use.weights.value
+            _read(name, use, file, path, found, findings)
+    return found
+
+
+def _uses(read: ReadResult, prefix: str) -> Iterator[tuple[str, Use, ReadResult, ReadResult]]:
+    """Sub-models by full name, with what they use and what uses them; inner ones first."""
+    for name, use in read.spec.use.items():
+        file = read.used[name]
+        yield from _uses(file, f"{prefix}{name}.")
+        yield prefix + name, use, file, read
+
+
+def _read(
+    name: str, use: Use, file: ReadResult, path: Path, found: SubmodelWeights, findings: Findings
+) -> None:
+    assert use.weights is not None
+    place = use.weights.span
+    try:
+        content = _content(path)
+    except (OSError, ValueError) as error:
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        repair = f"train it first: `msnn train {file.source.path}`, or leave `weights:` out"
+        problem = f"cannot read {path}: {reason}"
+        findings.report(errors.unusable_weights(name, problem, place, repair))
+        return
+    arrays = arrays_in(content)
+    if arrays is None:
+        problem = f"{path} is not a safetensors file"
+        findings.report(errors.unusable_weights(name, problem, place, None))
+        return
+    found.digests[name] = hashlib.sha256(content).hexdigest()
+    found.arrays[name] = {
+        array: values.astype(np.float64)
+        for array, values in arrays.items()
+        if np.issubdtype(values.dtype, np.floating)
+    }
+    for array, values in arrays.items():
+        problem = None
+        if array not in found.arrays[name]:
+            problem = f"`{array}` holds {values.dtype} values, not floating point numbers"
+        elif not np.all(np.isfinite(values)):
+            problem = f"`{array}` has values that are not finite"
+        if problem is not None:
+            findings.report(errors.unusable_weights(name, problem, place, None))
+    written_for = _metadata(content).get("spec_sha256")
+    inner = {
+        inner.removeprefix(f"{name}."): digest
+        for inner, digest in found.digests.items()
+        if inner.startswith(f"{name}.")
+    }
+    if written_for not in (None, hash_of(file.source.text, parts_of(file, inner))):
+        findings.report(errors.weights_of_other_text(name, use.spec.value, place))
+
+
+def _content(path: Path) -> bytes:
+    """The bytes of a file that a spec names: no device, nothing without end."""
+    if not path.exists():
+        message = "no such file"
+        raise ValueError(message)
+    if not path.is_file() or path.stat().st_size > LARGEST_FILE:
+        message = "it is not a file of weights"
+        raise ValueError(message)
+    return path.read_bytes()
+
+
+def _metadata(content: bytes) -> Mapping[str, Any]:
+    """What the header says besides arrays; `load` has checked its length and that it is JSON."""
+    length = int.from_bytes(content[:8], "little")
+    header: dict[str, Any] = json.loads(content[8 : 8 + length])
+    return header.get("__metadata__", {})

@@ -1,0 +1,1 @@
+"""Starts a project, and looks at the installation."""

@@ -1,0 +1,76 @@
+"""What is installed of all that msnn can use, and how to install what is missing."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+from backends.files.c_compiler import CompilerMissingError, find_compiler
+from backends.native.compile_kernel import cache_folder
+from spec_schema.version import __version__
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part: what it is for, what was found of it, and what installs it where it is missing."""
+
+    name: str
+    purpose: str
+    found: str | None
+    install: str | None = None
+
+
+# Distribution, extra, and what it is for; an extra of None comes with msnn.
+_PACKAGES = (
+    ("numpy", None, "arithmetic"),
+    ("torch", None, "training without a compiler, torch exports"),
+    ("casadi", None, "CasADi exports"),
+    ("onnx", None, "ONNX exports"),
+    ("onnxruntime", "onnxruntime", "runs ONNX exports for `export --check`"),
+    ("matplotlib", "plot", "draws simulations"),
+    ("pyarrow", "parquet", "reads Parquet"),
+    ("scipy", "mat", "reads MATLAB files"),
+    ("h5py", "hdf5", "reads HDF5 and MATLAB 7.3 files"),
+    ("asammdf", "mdf", "reads MDF"),
+    ("rosbags", "ros", "reads ROS bags"),
+    ("tensorboard", "tensorboard", "curves of trainings"),
+    ("ziglang", "zig", "a C compiler as a package"),
+)
+
+
+def installation() -> Iterator[Part]:
+    """Every part, looked up without importing it."""
+    yield Part("msnn", "", __version__)
+    yield Part("python", "", f"{platform.python_version()} on {platform.platform(terse=True)}")
+    yield _compiler()
+    for package, extra, purpose in _PACKAGES:
+        install = f"pip install {package}" if extra is None else f"pip install 'msnn[{extra}]'"
+        yield Part(package, purpose, _version(package), install)
+    yield _cache()
+
+
+def _compiler() -> Part:
+    purpose = "native training kernels, tests of exported C"
+    try:
+        command = find_compiler()
+    except CompilerMissingError:
+        return Part("C compiler", purpose, None, "apt install gcc, or pip install 'msnn[zig]'")
+    return Part("C compiler", purpose, " ".join(command))
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _cache() -> Part:
+    folder = cache_folder()
+    above = next(path for path in (folder, *folder.parents) if path.exists())
+    writable = above.is_dir() and os.access(above, os.W_OK)
+    found = str(folder) if writable else None
+    return Part("cache", "compiled kernels", found, "set MSNN_CACHE to a folder you may write")

@@ -1,0 +1,57 @@
+"""Makes the folder of a new project: a spec that works, a little data to train it, a README."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import jinja2
+
+import templates
+from backends.ports.identifiers import c_identifier
+from msnn.errors.commands import folder_exists, unusable_name
+from msnn.project.sample_data import sample_records
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.editors.json_schema import json_schema_text
+from spec_schema.names import is_name, why_reserved
+
+SCHEMA_FILE = "msnn.schema.json"
+
+
+def new_project(folder: Path) -> Path:
+    """Makes the folder, whose name becomes that of the model, whole or not at all.
+
+    Raises SpecError where something is there already or the name is not one, OSError.
+    """
+    name = folder.name
+    reason = "it is not a word of letters and digits" if not is_name(name) else why_reserved(name)
+    if reason is not None:
+        raise SpecError([unusable_name(name or str(folder), reason)])
+    if folder.exists():
+        raise SpecError([folder_exists(str(folder))])
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{name}.") as place:
+        made = Path(place) / name
+        for file, text in _texts(name).items():
+            path = made / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8", newline="\n")
+        made.rename(folder)
+    return folder
+
+
+def _texts(name: str) -> dict[str, str]:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(templates.__path__[0]) / "project"),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        autoescape=False,  # noqa: S701  (YAML and Markdown, not HTML)
+    )
+    facts = {"name": name, "prefix": c_identifier(name, set())}
+    return {
+        f"{name}.msnn.yaml": environment.get_template("spec.yaml.j2").render(facts),
+        "README.md": environment.get_template("README.md.j2").render(facts),
+        ".gitignore": "build/\nruns/\n",
+        SCHEMA_FILE: json_schema_text(),
+        **{f"data/{file}": text for file, text in sample_records().items()},
+    }

@@ -1,0 +1,122 @@
+"""Checks what the compiler leaves: that data, train, validate and export fit the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from msnn.data.formats.table_of_formats import format_of
+from msnn.data.reading.file_sets import file_sections
+from msnn.errors import data_formats
+from msnn.errors import workflow as errors
+from msnn.model.load import load_model
+from msnn.model.model import Model
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.sections.data.columns import Column
+from spec_schema.sections.data.data import Data
+from spec_schema.sections.data.splits import SETS
+from spec_schema.sections.spec import Spec
+
+_LOG_SUFFIX = ".meas"
+
+
+def checked_model(path: str | Path, *, strict_units: bool = False) -> Model:
+    """The model in a file, with all that `msnn check` finds; raises SpecError if any is an error.
+
+    Its `warnings` are those of reading, compiling and of the workflow.
+    """
+    model = load_model(path, strict_units=strict_units)
+    diagnostics = (*model.warnings, *check_workflow(model))
+    if any(diagnostic.severity == "error" for diagnostic in diagnostics):
+        raise SpecError(diagnostics, model.sources)
+    return replace(model, warnings=diagnostics)
+
+
+def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
+    """Everything that is wrong with the sections that train, validate and export the model.
+
+    No data is read and nothing is written: stages, metrics and exports are planned as they would
+    run, so that a name that one of them lacks is found here. What plans a section is loaded for
+    specs that have it.
+    """
+    findings = Findings()
+    spec = model.spec
+    if spec.train:
+        from msnn.training.plans.stage_plan import plan_stages
+
+        plan_stages(model.program, spec.train, findings)
+    if spec.checks:
+        from msnn.validation.plan import plan_checks
+
+        plan_checks(model.program, spec.checks, findings)
+    sections = [*([] if spec.data is None else [spec.data]), *file_sections(spec).values()]
+    _columns(model, sections, findings)
+    for section in sections:
+        _readers(section, findings)
+        _filters(spec, section, findings)
+    if spec.data is not None:
+        _sets(model, spec.data, findings)
+    else:
+        measured = [check for check in spec.checks if check.files is None]
+        for name, entries in (("train", spec.train), ("validate", measured)):
+            if entries:
+                findings.report(errors.needless_data(name, entries[0].place.key))
+    if spec.export is not None:
+        from msnn.exports.export import plan_exports, target_names
+
+        for plan in plan_exports(model, target_names((), spec.export), findings):
+            if plan.fixed_point is not None:
+                from msnn.exports.fixed_point import fixed_point_faults
+
+                findings.report(*fixed_point_faults(plan, plan.fixed_point))
+    return findings.in_order
+
+
+def set_names(data: Data) -> tuple[str, ...]:
+    """The sets that a data section makes."""
+    split = SETS if data.split is not None else ()
+    return tuple(dict.fromkeys((*data.source, *split)))
+
+
+def _columns(model: Model, sections: Sequence[Data], findings: Findings) -> None:
+    spec = model.spec
+    # an input that nothing reads is no signal of the program any more, and yet no mistake here
+    known = tuple(dict.fromkeys((*spec.inputs, *spec.targets, *spec.states)))
+    named: list[Mapping[str, Column]] = [] if spec.data is None else [spec.data.columns]
+    named += [source.columns for data in sections for source in data.source.values()]
+    for columns in named:
+        for name, column in columns.items():
+            if name.removesuffix(_LOG_SUFFIX) not in known:
+                findings.report(errors.unknown_signal(name, column.place.key, known))
+
+
+def _readers(data: Data, findings: Findings) -> None:
+    """Formats that cannot be read here are said before anything else has taken time."""
+    for source in data.source.values():
+        for pattern in source.files:
+            kind = format_of(pattern.value)
+            if kind.missing:
+                what = f"{kind.name} files need {' and '.join(kind.missing)}"
+                install = f"pip install 'msnn[{kind.extra}]'"
+                findings.report(data_formats.missing_reader(what, install, pattern.span))
+
+
+def _filters(spec: Spec, data: Data, findings: Findings) -> None:
+    if data.filter is None and all(source.filter is None for source in data.source.values()):
+        return
+    from msnn.data.reading.row_filter import row_filters
+
+    try:
+        row_filters(spec.model_copy(update={"data": data}))
+    except SpecError as error:
+        findings.report(*error.diagnostics)
+
+
+def _sets(model: Model, data: Data, findings: Findings) -> None:
+    known = set_names(data)
+    for check in model.spec.checks:
+        if check.data is not None and check.data.value not in known:
+            findings.report(errors.unknown_set(check.data.value, check.data.span, known))
+    if model.spec.train and "train" not in known:
+        findings.report(errors.unknown_set("train", model.spec.train[0].place.key, known))

@@ -1,0 +1,1 @@
+"""Shows models and runs: text, tables, graphs, formulas, plots."""

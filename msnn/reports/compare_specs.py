@@ -1,0 +1,137 @@
+"""What differs between two models: entry by entry, and whether only names or comments changed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, cast
+
+from compiler.ir.program import Program
+from compiler.linking.link import MODEL_SECTIONS
+from msnn.model.model import Model
+from spec_schema.editors.spec_data import spec_data
+
+Kind = Literal["same", "text", "renamed", "workflow", "model"]
+
+# Sections whose entries have names that expressions use.
+_NAMED = ("dims", *MODEL_SECTIONS, "losses")
+_WORKFLOW = {"data", "train", "validate", "export"}
+_DOC = "doc"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One value of the canonical spec: `None` stands for one that is not there."""
+
+    path: str
+    old: Any
+    new: Any
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Every change, and the most that can be said of all together.
+
+    `same`: not a character that matters. `text`: comments, layout, docs, or another way to write
+    the same program. `renamed`: one name for another, `renames` says which. `workflow`: only how it
+    is trained, validated or exported. `model`: another model.
+    """
+
+    kind: Kind
+    changes: tuple[Change, ...] = ()
+    renames: Mapping[str, str] | None = None
+
+    @property
+    def is_same(self) -> bool:
+        """Whether both mean the same."""
+        return self.kind in ("same", "text")
+
+
+def compare_specs(old: Model, new: Model) -> Comparison:
+    """What changed from one model to another; paths are those of the canonical spec."""
+    before, after = spec_data(old.spec), spec_data(new.spec)
+    changes = tuple(_changes("", before, after))
+    if not changes and _meaning(old.program) == _meaning(new.program):
+        return Comparison("same" if old.text == new.text else "text")
+    renames = _renames(before, after)
+    if renames and _renamed(before, renames) == after:
+        return Comparison("renamed", changes, renames)
+    if _meaning(old.program) == _meaning(new.program):
+        touched = {change.path.partition(".")[0] for change in changes if not _is_doc(change)}
+        return Comparison("workflow" if touched & _WORKFLOW else "text", changes)
+    return Comparison("model", changes)
+
+
+def _is_doc(change: Change) -> bool:
+    return change.path.rpartition(".")[2] == _DOC
+
+
+def _meaning(program: Program) -> Program:
+    """The program without what says nothing of its values: hash and docs."""
+    return replace(
+        program,
+        spec_hash="",
+        doc="",
+        signals=tuple(replace(signal, doc="") for signal in program.signals),
+        parameters=tuple(replace(parameter, doc="") for parameter in program.parameters),
+        states=tuple(replace(state, doc="") for state in program.states),
+        outputs=tuple(replace(output, doc="") for output in program.outputs),
+    )
+
+
+def _changes(path: str, old: Any, new: Any) -> Iterator[Change]:
+    before, after = _table(old), _table(new)
+    earlier, later = _list_of_tables(old), _list_of_tables(new)
+    if before is not None and after is not None:
+        for key in dict.fromkeys((*before, *after)):
+            inner = f"{path}.{key}" if path else key
+            yield from _changes(inner, before.get(key), after.get(key))
+    elif earlier and later:
+        for index in range(max(len(earlier), len(later))):
+            pair = [items[index] if index < len(items) else None for items in (earlier, later)]
+            yield from _changes(f"{path}.{index}", *pair)
+    elif old != new:
+        yield Change(path, old, new)
+
+
+def _table(value: Any) -> dict[str, Any] | None:
+    return cast("dict[str, Any]", value) if isinstance(value, dict) else None
+
+
+def _list_of_tables(value: Any) -> list[Any]:
+    items = cast("list[Any]", value) if isinstance(value, list) else []
+    return items if any(isinstance(item, dict) for item in items) else []
+
+
+def _renames(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
+    """The names that differ while they stand at the same place; {} where the counts differ."""
+    renames: dict[str, str] = {}
+    if old.get("name") != new.get("name"):
+        renames[old["name"]] = new["name"]
+    for section in _NAMED:
+        before, after = list(old.get(section, {})), list(new.get(section, {}))
+        if len(before) != len(after):
+            return {}
+        renames |= {a: b for a, b in zip(before, after, strict=True) if a != b}
+    return renames
+
+
+_WORD = re.compile(r"(?<![\w.])[A-Za-zͰ-Ͽ][A-Za-z0-9_Ͱ-Ͽ]*")
+
+
+def _renamed(value: Any, renames: Mapping[str, str], *, unit: bool = False) -> Any:
+    """The value with each name replaced, in keys and in expressions; units stay as they are."""
+    match value:
+        case dict():
+            table = cast("dict[str, Any]", value)
+            return {
+                renames.get(key, key): _renamed(item, renames, unit=key in ("unit", _DOC))
+                for key, item in table.items()
+            }
+        case list():
+            return [_renamed(item, renames) for item in cast("list[Any]", value)]
+        case str() if not unit:
+            return _WORD.sub(lambda found: renames.get(found[0], found[0]), value)
+        case _:
+            return value

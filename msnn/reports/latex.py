@@ -1,0 +1,55 @@
+"""Writes the equations of a spec as papers print them, in LaTeX."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from spec_schema.expressions.latex import expression_latex, name_latex
+from spec_schema.expressions.text import length_text
+from spec_schema.expressions.tree import Duration, Samples
+from spec_schema.fields.formulas import Prediction
+from spec_schema.sections.spec import Spec
+
+
+def latex_text(spec: Spec) -> str:
+    """An `align*` environment: equations, states, outputs and losses, each in its order."""
+    lines = [f"  {left} &= {right}" for left, right in formulas(spec)]
+    body = " \\\\\n".join(lines)
+    return f"\\begin{{align*}}\n{body}\n\\end{{align*}}"
+
+
+def formulas(spec: Spec) -> Iterator[tuple[str, str]]:
+    """Both sides of each formula."""
+    for name, function in spec.functions.items():
+        arguments = ", ".join(name_latex(argument.value) for argument in function.args)
+        yield rf"{name_latex(name)}\left({arguments}\right)", expression_latex(function.expr)
+    for name, equation in spec.equations.items():
+        yield name_latex(name), expression_latex(equation.expr)
+    for name, state in spec.states.items():
+        if state.der is not None:
+            yield rf"\dot{{{name_latex(name)}}}", expression_latex(state.der)
+        if state.next is not None:
+            yield _indexed(name, "t+1"), expression_latex(state.next)
+        if state.init is not None:
+            yield _indexed(name, "t_0"), expression_latex(state.init)
+    for name, output in spec.outputs.items():
+        left = name_latex(name)
+        if output.predicts is not None:
+            left += rf" = {_predicted(output.predicts)}"
+        yield left, expression_latex(output.expr)
+    for name, loss in spec.losses.items():
+        yield rf"L_{{{name_latex(name)}}}", expression_latex(loss.expr)
+
+
+def _predicted(prediction: Prediction) -> str:
+    """The signal with a hat, at the sample that is predicted."""
+    ahead: Samples | Duration = prediction.ahead
+    is_now = isinstance(ahead, Samples) and ahead.count == 0
+    index = "t" if is_now else rf"t+\mathrm{{{length_text(ahead).replace(' ', chr(92) + ',')}}}"
+    return rf"\hat{{{name_latex(prediction.signal.value)}}}_{{{index}}}"
+
+
+def _indexed(name: str, index: str) -> str:
+    if "_" in name:
+        return rf"\left({name_latex(name)}\right)_{{{index}}}"
+    return f"{name_latex(name)}_{{{index}}}"

@@ -1,0 +1,118 @@
+"""Draws simulations, validations and losses; only here matplotlib is needed, an optional extra."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from backends.files.atomic_write import replacing
+from compiler.ir.program import Program
+from msnn.errors.failures import MissingExtraError
+from msnn.simulation.simulate import Simulation
+from msnn.training.records.progress import EpochEnd
+from msnn.validation.measurement import Measurement
+from msnn.validation.report import rollout_text
+from spec_schema.units.unit import Unit
+
+_MOST_RUNS = 4
+FORMATS = ("png", "svg", "pdf")
+
+
+def require_plotting() -> None:
+    """Raises MissingExtraError where matplotlib is not installed."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise MissingExtraError("matplotlib, which draws plots,", "pip install 'msnn[plot]'")
+
+
+def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
+    """Draws every output over time with what was measured: an axis an output, a colour a run.
+
+    The first four runs are drawn. Vector outputs show their first element. The name's ending says
+    the format, one of FORMATS.
+    """
+    figure = _figure(len(program.outputs))
+    axes: Any = figure.subplots(len(program.outputs), 1, squeeze=False, sharex=True)[:, 0]
+    step = program.sample_time or 1.0
+    for axis, output in zip(axes, program.outputs, strict=True):
+        for run in runs[:_MOST_RUNS]:
+            values = run.outputs[output.name]
+            time = (run.first + np.arange(len(values))) * step
+            (line,) = axis.plot(time, values.reshape(len(values), -1)[:, 0], label=run.record.file)
+            if output.name in run.logged:
+                logged = run.logged[output.name].reshape(len(values), -1)[:, 0]
+                axis.plot(time, logged, ".", markersize=2, color=line.get_color(), alpha=0.6)
+        axis.set_ylabel(_quantity(output.name, program.step[output.node].type.unit))
+        axis.grid(alpha=0.3)
+    axes[-1].set_xlabel("time / s" if program.sample_time else "row")
+    axes[0].legend(fontsize="small", title="line: simulated, dots: measured")
+    return _saved(figure, path)
+
+
+def plot_validation(path: Path, measurements: Sequence[Measurement]) -> Path:
+    """Draws of every measurement the error along the scored samples, and how it grows with steps.
+
+    A row a measurement; without rollouts of several steps there is one column. The name's ending
+    says the format, one of FORMATS.
+    """
+    figure = _figure(len(measurements))
+    columns = 2 if any(found.curve is not None for found in measurements) else 1
+    axes: Any = figure.subplots(len(measurements), columns, squeeze=False)
+    for row, found in zip(axes, measurements, strict=True):
+        trace, curve = found.trace, found.curve
+        row[0].fill_between(trace.sample, trace.low, trace.high, linewidth=0.8, edgecolor="C0")
+        row[0].axhline(0.0, color="black", linewidth=0.8)
+        row[0].set_title(f"{rollout_text(found)}, {found.data}", fontsize="medium", loc="left")
+        row[0].set_xlabel("scored sample")
+        row[0].set_ylabel(_quantity(f"error of {found.of}", found.unit))
+        row[0].grid(alpha=0.3)
+        if curve is not None:
+            row[1].plot((curve.first + curve.last) / 2, curve.rmse, ".-", markersize=3)
+            row[1].set_ylim(bottom=0.0)
+            row[1].set_xlabel("step of the rollout")
+            row[1].set_ylabel(_quantity("rmse", found.unit))
+            row[1].grid(alpha=0.3)
+        elif columns == 2:
+            row[1].set_axis_off()
+    return _saved(figure, path)
+
+
+def plot_losses(path: Path, stages: Sequence[Sequence[EpochEnd]]) -> Path:
+    """Draws the weighted total and the monitor over the epochs of every stage that has begun."""
+    figure = _figure(len(stages))
+    axes: Any = figure.subplots(max(len(stages), 1), 1, squeeze=False)[:, 0]
+    for axis, epochs in zip(axes, stages, strict=False):
+        numbers = [event.epoch for event in epochs]
+        axis.plot(numbers, [event.total for event in epochs], label="loss, training")
+        axis.plot(numbers, [event.monitor for event in epochs], label="monitor")
+        axis.axvline(epochs[-1].best_epoch, color="black", linewidth=0.8, label="best")
+        if all(event.total > 0 and event.monitor > 0 for event in epochs):
+            axis.set_yscale("log")
+        axis.set_title(epochs[-1].stage, fontsize="medium", loc="left")
+        axis.set_xlabel("epoch")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize="small")
+    return _saved(figure, path)
+
+
+def _figure(rows: int) -> Any:
+    require_plotting()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure: Any = Figure(figsize=(9, 2.6 * max(rows, 1)), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _saved(figure: Any, path: Path) -> Path:
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format=path.suffix.removeprefix("."), dpi=120)
+    return path
+
+
+def _quantity(name: str, unit: Unit | None) -> str:
+    return name if unit is None else f"{name} / {unit.text}"

@@ -1,0 +1,204 @@
+"""Reads the folder of a training run without trust, and says what the run was and reached."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from msnn.errors.runs import no_run, unreadable_run
+from msnn.reports.training_summary import errors_note, parameters_table, stages_table
+from msnn.tables import count, table_text
+from msnn.training.records.progress import EpochEnd, StageEnd
+from msnn.training.records.run_folder import CHECKPOINT, METRICS, PARAMETERS, SPEC, WEIGHTS
+from msnn.training.records.run_folder import read_description as description_of
+from spec_schema.diagnostics.diagnostic import SpecError
+
+RUNS_SHOWN = 5
+
+
+@dataclass(frozen=True, slots=True)
+class TrainedStage:
+    """A stage that has begun: the attempt that leads, with all its epochs."""
+
+    reached: StageEnd
+    epochs: tuple[EpochEnd, ...]
+
+    @property
+    def losses(self) -> Mapping[str, float]:
+        """Those of the last epoch, on the training data."""
+        return self.epochs[-1].losses
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What the files of a run say."""
+
+    folder: Path
+    description: Mapping[str, Any]
+    stages: tuple[TrainedStage, ...]
+    parameters: Mapping[str, Any] | None
+    """As `parameters_record` made it; None for a run that did not come to its end."""
+
+    @property
+    def end(self) -> Mapping[str, Any]:
+        """How it ended, the reasons of its stages, its warnings."""
+        return self.description.get("end") or {}
+
+    @property
+    def state(self) -> str:
+        """`finished`, `interrupted`, `diverged`, or that nobody has written how it ended."""
+        return self.end.get("state", "not ended: it still runs, or was killed")
+
+
+def read_run(folder: Path) -> Run:
+    """The run in a folder. Raises SpecError for a folder that is none, or of another version."""
+    if folder.is_symlink():  # `latest` leads elsewhere tomorrow
+        folder = folder.parent / folder.readlink()
+    description = description_of(folder)
+    if not description:
+        inside = sorted(path.parent for path in folder.glob("*/run.json"))
+        named = [str(path) for path in inside if not path.is_symlink()]
+        raise SpecError((no_run(str(folder), named[-RUNS_SHOWN:]),))
+    try:
+        return _checked(folder, description)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SpecError((unreadable_run(str(folder)),)) from error
+
+
+def _checked(folder: Path, description: Mapping[str, Any]) -> Run:
+    if description["format"] != 1:
+        raise ValueError(description["format"])
+    end: dict[str, Any] = description.get("end") or {}
+    reasons: dict[str, str] = end.get("stages", {})
+    attempts: dict[str, dict[int, list[EpochEnd]]] = {}
+    for event in _epochs(folder / METRICS):
+        attempts.setdefault(event.stage, {}).setdefault(event.attempt, []).append(event)
+    file = folder / PARAMETERS
+    parameters = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
+    run = Run(
+        folder,
+        description,
+        tuple(_stage(runs, str(reasons.get(name, ""))) for name, runs in attempts.items()),
+        parameters,
+    )
+    run_text(run)  # whatever cannot be shown is not what this version wrote
+    return run
+
+
+def _epochs(metrics: Path) -> Iterator[EpochEnd]:
+    if not metrics.is_file():
+        return
+    for line in metrics.read_text(encoding="utf-8").splitlines():
+        found: dict[str, Any] = json.loads(line)
+        found["losses"] = {name: _number(value) for name, value in found["losses"].items()}
+        found |= {name: _number(found[name]) for name in ("total", "monitor", "best")}
+        yield EpochEnd(**found)
+
+
+def _number(value: float | None) -> float:
+    """JSON has null for what is not finite."""
+    return math.nan if value is None else float(value)
+
+
+def _stage(attempts: Mapping[int, list[EpochEnd]], reason: str) -> TrainedStage:
+    epochs = min(attempts.values(), key=lambda events: events[-1].best)
+    last = epochs[-1]
+    reached = StageEnd(
+        stage=last.stage,
+        attempt=last.attempt,
+        attempts=last.attempts,
+        epochs=last.epoch,
+        best=last.best,
+        best_epoch=last.best_epoch,
+        seconds=last.seconds,
+        reason=reason or f"at epoch {last.epoch} of {last.epochs}",
+    )
+    return TrainedStage(reached, tuple(epochs))
+
+
+def run_text(run: Run) -> str:
+    """Tables of what the run was made of, what it reached, and how to go on from it."""
+    parts = [_heading(run)]
+    if run.stages:
+        parts.append(stages_table([(stage.reached, stage.losses) for stage in run.stages]))
+    if run.parameters is not None:
+        note = errors_note(run.parameters)
+        parts.append("\n".join(filter(None, (parameters_table(run.parameters), note))))
+    parts.append("\n".join(run.end.get("warnings", [])))
+    rows = [(what, command) for what, command in commands(run).items()]
+    parts.append(table_text(("next", ""), rows) if rows else "")
+    return "\n\n".join(part for part in parts if part)
+
+
+def run_record(run: Run) -> dict[str, Any]:
+    """The same as JSON values."""
+    return {
+        "folder": str(run.folder),
+        "state": run.state,
+        "run": dict(run.description),
+        "stages": [{**asdict(stage.reached), "losses": dict(stage.losses)} for stage in run.stages],
+        **(run.parameters or {}),
+        "warnings": list(run.end.get("warnings", [])),
+        "commands": commands(run),
+    }
+
+
+def commands(run: Run) -> dict[str, str]:
+    """The command lines that go on from the run, as a shell takes them."""
+    spec = run.description.get("spec")
+    if not isinstance(spec, str):
+        spec = str(run.folder / SPEC)
+    found: dict[str, list[str]] = {}
+    if (run.folder / CHECKPOINT).is_file():
+        found["resume"] = ["msnn", "train", spec, "--resume", *_options(run)]
+    if (run.folder / WEIGHTS).is_file():
+        weights = ["--weights", str(run.folder / WEIGHTS)]
+        found["validate"] = ["msnn", "validate", spec, *weights]
+        found["export"] = ["msnn", "export", spec, *weights]
+    return {what: shlex.join(words) for what, words in found.items()}
+
+
+def _options(run: Run) -> list[str]:
+    """What else the command line of the run said, as far as it is kept."""
+    words = [word for text in run.description.get("settings", []) for word in ("--set", text)]
+    device = run.description.get("device", "cpu")
+    words += [] if device == "cpu" else ["--device", device]
+    words += ["--tensorboard"] if any(run.folder.glob("events.out.*")) else []
+    out = run.folder.parent.parent
+    return words if out.absolute() == Path("runs").absolute() else [*words, "--out", str(out)]
+
+
+def _heading(run: Run) -> str:
+    found = run.description
+    data = found["data"]
+    rows = ", ".join(f"{name} {number}" for name, number in data["rows"].items())
+    changed = "" if _is_unchanged(run) else "; the file has changed since"
+    settings = "".join(f", --set {text}" for text in found.get("settings", []))
+    stages = cast("list[dict[str, Any]]", found["stages"])
+    places = sorted({stage.get("device", "cpu") for stage in stages})
+    lines = [
+        ("model", f"{found['program']}: {run.state}"),
+        (
+            "spec",
+            f"{found.get('spec') or SPEC}{settings}, sha256 {found['spec_sha256'][:12]}{changed}",
+        ),
+        ("data", f"{count(len(data['files']), 'record')}, rows: {rows}"),
+        ("trained with", ", ".join(f"{n} {v}" for n, v in found["versions"].items())),
+        ("on", ", ".join(places)),
+    ]
+    return table_text(("run", str(run.folder)), lines)
+
+
+def _is_unchanged(run: Run) -> bool:
+    """Whether the spec is still what was trained, as far as its file can be found."""
+    spec = run.description.get("spec")
+    try:
+        now = Path(str(spec)).read_text(encoding="utf-8")
+        return now == (run.folder / SPEC).read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return True

@@ -1,0 +1,139 @@
+"""What a training reached: its stages with their losses, and the learned parameters with units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from compiler.ir.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.tables import table_text
+from msnn.training.records.parameters_record import parameters_record
+from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
+from msnn.training.records.standard_errors import StandardErrors
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+_MOST_SHOWN = 8
+
+
+class Recorded:
+    """Passes every event on and keeps how each stage ended, with the losses of its last epoch."""
+
+    def __init__(self, shown: Progress) -> None:
+        self.shown = shown
+        self.stages: list[tuple[StageEnd, Mapping[str, float]]] = []
+        self._losses: dict[int, dict[str, float]] = {}
+
+    def stage_started(self, event: StageStart) -> None:
+        self._losses = {}
+        self.shown.stage_started(event)
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        self._losses[event.attempt] = event.losses
+        self.shown.epoch_ended(event)
+
+    def stage_ended(self, event: StageEnd) -> None:
+        self.stages.append((event, self._losses.get(event.attempt, {})))
+        self.shown.stage_ended(event)
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        self.shown.warned(diagnostic)
+
+
+def stages_table(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> str:
+    """One row a stage: the best total on what is watched, the last losses on the training data."""
+    losses = list(dict.fromkeys(name for _, found in stages for name in found))
+    rows = [
+        (
+            end.stage,
+            str(end.epochs),
+            f"{end.best:.6g}",
+            str(end.best_epoch),
+            *(f"{found[name]:.6g}" if name in found else "" for name in losses),
+            end.reason,
+        )
+        for end, found in stages
+    ]
+    header = ("stage", "epochs", "best total", "at epoch", *(f"last {n}" for n in losses), "ended")
+    return table_text(header, rows, numbers=range(1, len(header) - 1))
+
+
+def parameters_table(record: Mapping[str, Any]) -> str:
+    """One row a parameter: where it began, what it is now, how sure that is, all in its unit.
+
+    `record` is that of `parameters_record`.
+    """
+    rows = [
+        (
+            found["name"],
+            found["unit"] or "",
+            _values(found["initial"]),
+            _values(found["values"]),
+            _errors(found["standard_errors"]),
+            _remark(found),
+        )
+        for found in record["parameters"]
+    ]
+    header = ("parameter", "unit", "initial", "learned", "std. error", "remark")
+    return table_text(header, rows)
+
+
+def errors_note(record: Mapping[str, Any]) -> str | None:
+    """What the standard errors rest on, or why there are none; None where nobody looked."""
+    found = record.get("standard_errors")
+    if found is None:
+        return None
+    if found["reason"] is not None:
+        return f"no standard errors: {found['reason']}"
+    noise = ", ".join(f"{name} {sigma:.3g}" for name, sigma in found["noise"].items())
+    return (
+        f"standard errors from {found['residuals']} residuals taken as white (σ: {noise}); "
+        "correlated residuals make the true ones larger"
+    )
+
+
+def training_record(
+    program: Program,
+    weights: Mapping[str, FloatArray],
+    recorded: Recorded,
+    found: StandardErrors | None = None,
+) -> dict[str, Any]:
+    """The same as JSON values."""
+    return {
+        "stages": [
+            {
+                "name": end.stage,
+                "epochs": end.epochs,
+                "best": end.best,
+                "best_epoch": end.best_epoch,
+                "losses": found,
+                "seconds": end.seconds,
+                "ended": end.reason,
+                "run": end.attempt,
+                "runs": end.attempts,
+            }
+            for end, found in recorded.stages
+        ],
+        **parameters_record(program, weights, found),
+    }
+
+
+def _values(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    if len(values) > _MOST_SHOWN and known:
+        return f"{len(values)} numbers, {min(known):.4g} … {max(known):.4g}"
+    return ", ".join("–" if value is None else f"{value:.6g}" for value in values)
+
+
+def _errors(errors: Sequence[float | None] | None) -> str:
+    if errors is None or len(errors) > _MOST_SHOWN or not any(e is not None for e in errors):
+        return ""
+    return ", ".join("–" if e is None else f"{e:.2g}" for e in errors)
+
+
+def _remark(found: Mapping[str, Any]) -> str:
+    if not found["learn"]:
+        return "fixed"
+    if found["at_bound"]:
+        return "at its bound"
+    return "not identifiable" if None in (found["standard_errors"] or ()) else ""

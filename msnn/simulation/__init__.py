@@ -1,0 +1,1 @@
+"""Runs a model along data, and linearises it."""

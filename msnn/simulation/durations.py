@@ -1,0 +1,16 @@
+"""Lengths of time in the workflow sections, in samples of a program."""
+
+from __future__ import annotations
+
+from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.sampling import Sampling
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.expressions.tree import Length
+
+
+def samples(length: Length, sample_time: float | None, findings: Findings) -> int | None:
+    """The number of samples; None after a report, for nothing is rounded silently."""
+    try:
+        return Sampling(sample_time, findings).samples(length)
+    except LoweringFailed:
+        return None

@@ -1,0 +1,78 @@
+"""Linearises a model at one point, by the interpreter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from backends.ports.step_interface import Port, step_interface
+from compiler.ir.program import Program
+from compiler.jacobian.interpret import JacobianInterpreter
+from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.matrices import Vector
+from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.to_step_form import to_step_form
+from msnn.data.dataset import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Linearization:
+    """Slopes of one step, x' = f(x, u, p) and y = h(x, u, p), in float64 and the spec's units.
+
+    `vectors["x"].member("v").first` is the row of a quantity in A and its column in C.
+    """
+
+    matrices: dict[str, FloatArray]
+    """A = ∂x'/∂x, B = ∂x'/∂u, C = ∂y/∂x, D = ∂y/∂u, and dx_dp, dy_dp: (rows, columns) each."""
+    vectors: dict[str, Vector]
+    """x, u, y and p: names, axes, units and first places of their quantities."""
+
+
+def linearize(
+    program: Program,
+    inputs: Mapping[str, ArrayLike],
+    states: Mapping[str, ArrayLike],
+    weights: Mapping[str, FloatArray],
+) -> Linearization:
+    """The Jacobian of a program in window form at the samples of its ports and its states.
+
+    ValueError where a port or a state is missing, unknown or of another shape.
+    """
+    step = to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
+    slopes = jacobian(step, parameters=True)
+    ports = step_interface(step).inputs
+    given = _arrays("input", inputs, {port.signal.name: port.type.shape for port in ports})
+    known = _arrays("state", states, {s.name: tuple(a.size for a in s.axes) for s in step.states})
+    row = max([0, *(-port.first for port in ports)])
+    log = {port.signal.name: _series(port, given[port.signal.name], row) for port in ports}
+    batch = {name: value[np.newaxis] for name, value in known.items()}
+    found = JacobianInterpreter(slopes, step, weights).matrices(log, row, batch)
+    vectors = (slopes.states, slopes.inputs, slopes.outputs, slopes.parameters)
+    return Linearization(
+        {name: matrix[0] for name, matrix in found.items()},
+        {vector.letter: vector for vector in vectors},
+    )
+
+
+def _arrays(
+    kind: str, given: Mapping[str, ArrayLike], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, FloatArray]:
+    if given.keys() != shapes.keys():
+        message = f"values wanted for each {kind} of {sorted(shapes)}, given for {sorted(given)}"
+        raise ValueError(message)
+    arrays = {name: np.asarray(value, np.float64) for name, value in given.items()}
+    for name, array in arrays.items():
+        if array.shape != shapes[name]:
+            raise ValueError(f"{kind} `{name}` has shape {array.shape}, not {shapes[name]}")
+    return arrays
+
+
+def _series(port: Port, value: FloatArray, row: int) -> FloatArray:
+    """A log in which the step at this row sees exactly these samples."""
+    samples = value[np.newaxis] if port.type.window is None else np.moveaxis(value, -1, 0)
+    series = np.zeros((row + max(port.last, 0) + 1, *samples.shape[1:]))
+    series[row + port.first : row + port.last + 1] = samples
+    return series

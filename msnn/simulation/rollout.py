@@ -1,0 +1,122 @@
+"""Runs many rollouts side by side with the interpreter, and sums what its losses say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.interpreter.interpreter import Interpreter, StepValues
+from compiler.ir.program import Measure, Program
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
+from msnn.data.starts import Runs
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """One step of the rollouts that still run, the longest first."""
+
+    number: int
+    """0 at the start of each rollout."""
+    members: IntArray
+    """Which of the `Runs` these are."""
+    t: IntArray
+    values: StepValues
+
+
+@dataclass(frozen=True, slots=True)
+class LossSum:
+    """Σ of a loss over all scored elements and their number."""
+
+    total: float
+    count: int
+
+    def value(self, measure: Measure) -> float:
+        """The loss: 0 where nothing was scored (rule R9)."""
+        mean = self.total / self.count if self.count else 0.0
+        return float(np.sqrt(mean)) if measure is Measure.RMSE else mean
+
+    def __add__(self, other: LossSum) -> LossSum:
+        return LossSum(self.total + other.total, self.count + other.count)
+
+
+def entry_value(program: Program, name: str, values: Mapping[str, float]) -> float:
+    """The value of a `losses:` entry, which is the sum of its terms, or of one term by its name."""
+    if name in values:
+        return values[name]
+    return sum(loss.share * values[loss.name] for loss in program.losses if loss.entry == name)
+
+
+def longest_first(runs: Runs) -> IntArray:
+    """Members in the order in which `moments` and engines keep them: the shortest last."""
+    return np.argsort(-runs.steps, kind="stable")
+
+
+def moments(
+    interpreter: Interpreter, series: Mapping[str, FloatArray], runs: Runs, *, losses: bool
+) -> Iterator[Moment]:
+    """Every step of all rollouts; a rollout that has ended is left out of the later ones."""
+    order = longest_first(runs)
+    t0, steps = runs.t0[order], runs.steps[order]
+    if not len(order):
+        return
+    states = interpreter.start(series, t0)
+    for number in range(int(steps[0])):
+        running = int(np.searchsorted(-steps, -number, side="left"))
+        if running < len(next(iter(states.values()), t0)):
+            states = {name: value[:running] for name, value in states.items()}
+        t = t0[:running] + number
+        values = interpreter.step(series, t, states, losses=losses)
+        yield Moment(number, order[:running], t, values)
+        states = values.next_states
+
+
+def loss_sums(
+    interpreter: Interpreter,
+    series: Mapping[str, FloatArray],
+    runs: Runs,
+    skip: int = 0,
+    scored: Mapping[str, BoolArray] | None = None,
+) -> dict[str, LossSum]:
+    """Every loss of the program over the rollouts, from evaluation `skip` on (rule R9).
+
+    `scored` limits a loss to some rows t; elements without a target are not scored.
+    """
+    measures = {loss.name: loss.measure for loss in interpreter.program.losses}
+    sums = dict.fromkeys(measures, LossSum(0.0, 0))
+    for moment in moments(interpreter, series, runs, losses=True):
+        if moment.number < skip:
+            continue
+        for name, (prediction, target) in moment.values.losses.items():
+            rows = None if scored is None else scored[name][moment.t]
+            sums[name] += _sum(measures[name], prediction, target, rows)
+    return sums
+
+
+def _sum(
+    measure: Measure, prediction: FloatArray, target: FloatArray | None, rows: BoolArray | None
+) -> LossSum:
+    if rows is not None:
+        prediction = prediction[rows]
+        target = None if target is None else target[rows]
+    if target is not None:
+        there = ~np.isnan(target)
+        prediction, target = prediction[there], target[there]
+    with np.errstate(over="ignore"):  # a sum that overflows is infinite, and said to diverge
+        return LossSum(float(np.sum(cost(measure, prediction, target))), prediction.size)
+
+
+def cost(measure: Measure, prediction: FloatArray, target: FloatArray | None) -> FloatArray:
+    """What each element adds to the mean of a loss."""
+    error = prediction if target is None else prediction - target
+    match measure:
+        case Measure.MSE | Measure.RMSE:
+            return error * error
+        case Measure.MAE:
+            return np.abs(error)
+        case Measure.HUBER:
+            size = np.abs(error)
+            return np.where(size <= 1, 0.5 * error * error, size - 0.5)
+        case Measure.MEAN:
+            return prediction

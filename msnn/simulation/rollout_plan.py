@@ -1,0 +1,127 @@
+"""Where rollouts run: horizons in samples, loops closed, starts in the episodes of a set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.ir.program import Extent, Program, Role
+from compiler.passes.close_loop import LoopError, close_loop
+from msnn.data.dataset import Dataset, IntArray
+from msnn.data.reads import reads
+from msnn.data.starts import Horizon, Runs, reach, rollouts
+from msnn.errors import data_files
+from msnn.errors import training as errors
+from msnn.simulation.durations import samples
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.sections.training.training import Rollout
+
+
+@dataclass(frozen=True, slots=True)
+class RolloutPlan:
+    """How far and from where a stage or a metric simulates; the loop in `program` is closed."""
+
+    program: Program
+    horizon: Horizon
+    stride: int
+    skip: int
+    closed: tuple[str, ...]
+
+
+def plan_rollout(
+    program: Program, rollout: Rollout | None, stride: int | None, findings: Findings
+) -> RolloutPlan | None:
+    """The rollout of a stage or metric; `stride` None makes it equal to the horizon."""
+    if rollout is None:
+        return RolloutPlan(program, 1, 1, 0, ())
+    horizon: Horizon | None
+    if isinstance(rollout.horizon, str):
+        horizon = rollout.horizon
+    else:
+        horizon = samples(rollout.horizon, program.sample_time, findings)
+    length = horizon if isinstance(horizon, int) else 1
+    given = stride or length
+    if rollout.stride is not None:
+        given = samples(rollout.stride, program.sample_time, findings)
+    skip = 0 if rollout.skip is None else samples(rollout.skip, program.sample_time, findings)
+    closed = closed_signals(program, rollout)
+    try:
+        looped = close_loop(program, closed)
+    except LoopError as error:
+        findings.report(errors.cannot_close(error.signal, str(error), rollout.place.value))
+        return None
+    if horizon is None or given is None or skip is None:
+        return None
+    if isinstance(horizon, int) and skip >= horizon:
+        findings.report(errors.skips_everything(skip, horizon, rollout.place.value))
+        return None
+    return RolloutPlan(looped, horizon, max(given, 1), skip, closed)
+
+
+def closed_signals(program: Program, rollout: Rollout) -> tuple[str, ...]:
+    """The inputs that a rollout feeds back: those of `close`, by default all that are predicted."""
+    if rollout.close is not None:
+        return tuple(name.value for name in rollout.close)
+    predicted = [out.predicts.signal for out in program.outputs if out.predicts is not None]
+    inputs = {signal.name for signal in program.signals if signal.role is Role.INPUT}
+    return tuple(dict.fromkeys(name for name in predicted if name in inputs))
+
+
+def set_rollouts(
+    plan: RolloutPlan,
+    data: Dataset,
+    name: str,
+    stride: int | None,
+    wanted_by: str,
+    span: Span | None,
+    findings: Findings,
+    also: Extent | None = None,
+) -> Runs | None:
+    """The rollouts of a plan in one set; `stride` None visits each sample once (rule R2).
+
+    `also` are samples around t that are read beside those of the program. None after a report.
+    """
+    if not data.has(name):
+        known = [known for known in data.sets if data.has(known)]
+        findings.report(data_files.no_rows_in_set(name, known, span))
+        return None
+    far = reach(plan.program, also)
+    episodes = data.stretches() if plan.horizon == "record" else data.episodes(name)
+    once = isinstance(plan.horizon, int) and stride is None
+    step = plan.horizon if once and isinstance(plan.horizon, int) else stride or 1
+    runs = rollouts(episodes, far, plan.horizon, step, rest=once)
+    needed = far.rows(plan.horizon if isinstance(plan.horizon, int) and not once else 1)
+    if runs.skipped and len(runs):
+        total, files = len(episodes), _files_skipped(data, episodes, runs)
+        findings.report(data_files.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
+    runs = _with_known_starts(plan.program, data, runs)
+    if not len(runs):
+        findings.report(data_files.episodes_too_short(name, runs.longest, needed, wanted_by, span))
+        return None
+    return runs
+
+
+def _files_skipped(data: Dataset, episodes: IntArray, runs: Runs) -> list[str]:
+    """The files with an episode in which no rollout starts."""
+    first, after = (np.searchsorted(runs.t0, episodes[:, end]) for end in (0, 1))
+    starts = episodes[first == after, 0]
+    return list(
+        dict.fromkeys(
+            record.file
+            for record in data.records
+            if ((record.start <= starts) & (starts < record.stop)).any()
+        )
+    )
+
+
+def _with_known_starts(program: Program, data: Dataset, runs: Runs) -> Runs:
+    """Without the rollouts whose first states would come from missing samples."""
+    known = np.ones(len(runs), dtype=np.bool_)
+    for name, extent in reads(program.start, [s.start for s in program.states]).items():
+        missing = np.asarray(np.isnan(data.series[name].reshape(data.rows, -1)).any(axis=1))
+        if missing.any():
+            for offset in range(extent.first, extent.last + 1):
+                known &= ~missing[runs.t0 + offset]
+    return runs if known.all() else runs.take(np.flatnonzero(known))

@@ -1,0 +1,1 @@
+"""Computes losses and gradients: by native kernels or by torch."""

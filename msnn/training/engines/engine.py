@@ -1,0 +1,82 @@
+"""What a training engine must do; stages drive any engine through this interface alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray, IntArray
+from msnn.data.starts import Runs
+from msnn.simulation.rollout import LossSum
+
+LossSums = dict[str, LossSum]
+
+
+def batches_of(runs: Runs, size: int) -> Iterator[Runs]:
+    """The rollouts in batches of `size`, in order."""
+    for start in range(0, len(runs), size):
+        yield runs.take(np.arange(start, min(start + size, len(runs))))
+
+
+class NonFiniteLossError(Exception):
+    """The loss of a batch, or a parameter after it, is infinite or NaN; `runs` is the batch."""
+
+    def __init__(self, runs: Runs) -> None:
+        super().__init__("the loss of a batch is not finite")
+        self.runs = runs
+
+
+@dataclass(frozen=True, slots=True)
+class EngineState:
+    """All that an engine needs to go on later bit for bit: arrays by name and a JSON value."""
+
+    arrays: Mapping[str, FloatArray]
+    structure: object
+
+
+class Engine(Protocol):
+    """Holds parameters, an optimiser and the data of one stage."""
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values of all parameters."""
+        ...
+
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
+        """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
+
+        The same however often it is asked; each `attempt` at the stage has its own.
+        """
+        ...
+
+    def order(self, count: int, key: int) -> IntArray:
+        """The order of an epoch of `count` rollouts: that of `epoch_order.shuffled`."""
+        ...
+
+    batches_a_call: int
+    """Batches that `train_batches` is given at once; the stage can be stopped between two calls."""
+
+    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
+        """One optimiser step on each `size` of the rollouts in order, the last ones fewer.
+
+        `members` are those that are trained on, in that order; by default all as they stand.
+        Returns the losses before each step, summed. Raises NonFiniteLossError.
+        """
+        ...
+
+    finished: str | None
+    """Why further batches would change nothing; None as long as they may."""
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of these rollouts at the current weights, on the rows that count."""
+        ...
+
+    def state(self) -> EngineState:
+        """Parameters and optimiser as they are now."""
+        ...
+
+    def restore(self, state: EngineState) -> None:
+        """Goes back to a state of the same stage."""
+        ...

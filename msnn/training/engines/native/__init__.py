@@ -1,0 +1,1 @@
+"""Trains by native kernels, each checked when it is built."""

@@ -1,0 +1,143 @@
+"""The native engine: batches, gradients and optimiser steps run inside a generated kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from backends.native.kernel import Kernel, Method, Rule, Variables
+from backends.native.lanes.lane_groups import Groups
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
+from msnn.data.starts import Runs
+from msnn.simulation.rollout import LossSum
+from msnn.training.engines.dropout_masks import factors_of, with_all_kept
+from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.engines.native.kernel_check import check_kernel
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.sections.training.optimizers import (
+    Adam,
+    AdamW,
+    Lbfgs,
+    LevenbergMarquardt,
+    Sgd,
+    TorchOptimizer,
+)
+
+BATCHES_A_CALL = 200
+"""Batches between two looks at the keyboard."""
+
+
+class NativeEngine:
+    """Trains the parameters `plan.trained` of one stage; the others keep their values.
+
+    Raises CompilerMissingError where there is no C compiler.
+    """
+
+    batches_a_call = BATCHES_A_CALL
+    finished: str | None = None
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        series: Mapping[str, FloatArray],
+        weights: Mapping[str, FloatArray],
+        train_rows: Mapping[str, BoolArray] | None,
+        evaluation_rows: Mapping[str, BoolArray] | None,
+    ) -> None:
+        self._plan = plan
+        self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
+        self._kernel = Kernel(plan.program, plan.dtype, plan.threads)
+        rule, rate = _rule(plan)
+        rates = {name: rate * plan.lr_factors.get(name, 1.0) for name in plan.trained}
+        self._variables = Variables(self._kernel, rule, weights, rates)
+        self.moved = self._variables.moved
+        series = with_all_kept(series, plan.masks)
+        own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
+        self._train = self._kernel.data(own, plan.rollout.skip, train_rows)
+        self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
+        names = self._kernel.source.losses
+        self._loss_weights = [plan.loss_weights[name] for name in names]
+        self._series = series
+        self._evaluated: tuple[Runs, Groups] | None = None
+        """The rollouts of the last evaluation in their groups: mostly those of the next."""
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values; parameters that are not trained are exactly those given."""
+        return {**self._variables.weights(), **self._fixed}
+
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
+        """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
+
+        The same however often it is asked; each `attempt` at the stage has its own.
+        """
+        self._train.write(factors_of(self._plan, self._series, epoch, attempt))
+        self._variables.scale_rates(rate)
+
+    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
+        """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""
+        if not self._kernel.built.is_checked:
+            check_kernel(self._kernel, self._series, self._plan.rollout.skip, runs, self.weights())
+            self._kernel.built.mark_checked()
+        steps = int(runs.steps[0]) if runs.uniform else runs.steps
+        groups, bounds = self._kernel.batches(runs.t0, steps, size, members)
+        done, sums, counts = self._kernel.train(
+            self._train, groups, bounds, self._variables, self._loss_weights
+        )
+        if done < len(bounds) - 1:
+            order = np.arange(len(runs)) if members is None else members
+            raise NonFiniteLossError(runs.take(order[done * size : (done + 1) * size]))
+        return self._named(sums, counts)
+
+    def order(self, count: int, key: int) -> IntArray:
+        """As `epoch_order.shuffled`."""
+        return self._kernel.shuffled(count, key)
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of these rollouts at the current weights, on the rows that count."""
+        if self._evaluated is None or self._evaluated[0] is not runs:
+            self._evaluated = runs, self._kernel.groups(runs.t0, runs.steps)
+        found = self._kernel.losses(
+            self._evaluation,
+            self._evaluated[1],
+            self._variables.physical,
+            self._loss_weights,
+            gradient=False,
+        )
+        return self._named(found.sums, found.counts)
+
+    def state(self) -> EngineState:
+        """Raw variables and optimiser as they are now."""
+        arrays = self._variables.arrays
+        kept = {name: arrays[name].copy() for name in ("raw", "first", "second")}
+        return EngineState(kept, {"engine": "native", "steps": self._variables.optimizer.steps})
+
+    def restore(self, state: EngineState) -> None:
+        """Goes back to a state of the same stage; KeyError or ValueError for any other."""
+        if not isinstance(state.structure, dict) or state.structure.get("engine") != "native":
+            message = "the checkpoint is of another engine"
+            raise ValueError(message)
+        for name in ("raw", "first", "second"):
+            self._variables.arrays[name][:] = state.arrays[name]
+        self._variables.optimizer.steps = int(state.structure["steps"])
+        self._kernel.fill_in_physical(self._variables)
+
+    def _named(self, sums: FloatArray, counts: FloatArray) -> LossSums:
+        return {
+            name: LossSum(float(total), int(count))
+            for name, total, count in zip(self._kernel.source.losses, sums, counts, strict=True)
+        }
+
+
+def _rule(plan: StagePlan) -> tuple[Rule, float]:
+    """The optimiser of the stage and its learning rate."""
+    decay, clip = plan.weight_decay, plan.clip or 0.0
+    match plan.optimizer:
+        case Adam(lr=lr, beta1=b1, beta2=b2, eps=eps):
+            return Rule(Method.ADAM, b1, b2, eps, decay, clip), lr
+        case AdamW(lr=lr, beta1=b1, beta2=b2, eps=eps):
+            return Rule(Method.ADAMW, b1, b2, eps, decay, clip), lr
+        case Sgd(lr=lr, momentum=momentum):
+            return Rule(Method.SGD, momentum, decay=decay, clip=clip), lr
+        case Lbfgs() | TorchOptimizer() | LevenbergMarquardt():
+            raise AssertionError("these take the slopes of a kernel and step outside of it")

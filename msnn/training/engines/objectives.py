@@ -1,0 +1,187 @@
+"""What a torch optimiser minimises: the losses of rollouts, unrolled in torch or by a kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import torch
+from torch import Tensor
+
+from backends.native.kernel import Kernel
+from backends.native.kernel_data import Data
+from backends.torch_module.module import TorchModel
+from compiler.ir.program import Measure
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.starts import Runs
+from msnn.simulation.rollout import LossSum
+from msnn.training.engines.dropout_masks import with_all_kept
+from msnn.training.engines.engine import LossSums
+from msnn.training.engines.native.kernel_check import check_kernel
+from msnn.training.engines.torch.torch_losses import batch_losses, evaluated, scoring
+from msnn.training.plans.stage_plan import StagePlan
+
+RowsByLoss = Mapping[str, BoolArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """The weighted total of a batch, differentiable in the raw variables, and its losses."""
+
+    total: Tensor
+    losses: LossSums
+
+
+class Objective(Protocol):
+    """The losses of one stage as a function of a model's raw variables."""
+
+    def write(self, series: Mapping[str, FloatArray]) -> None:
+        """Replaces series that rollouts to train on read: the factors of dropout."""
+        ...
+
+    def scored(self, runs: Runs) -> Scored:
+        """The losses of rollouts to train on."""
+        ...
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of rollouts on the rows that are watched, without slopes."""
+        ...
+
+
+class TorchObjective:
+    """Unrolls the program's module."""
+
+    def __init__(
+        self,
+        model: TorchModel,
+        plan: StagePlan,
+        series: Mapping[str, FloatArray],
+        train_rows: RowsByLoss | None,
+        evaluation_rows: RowsByLoss | None,
+    ) -> None:
+        self._model, self._plan = model, plan
+        series = with_all_kept(series, plan.masks)
+        own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
+        self._train = scoring(model, own, plan.rollout.skip, train_rows)
+        self._evaluation = scoring(model, series, plan.rollout.skip, evaluation_rows)
+
+    def write(self, series: Mapping[str, FloatArray]) -> None:
+        """Replaces series that rollouts to train on read: the factors of dropout."""
+        for name, values in series.items():
+            self._train.series[name].copy_(torch.from_numpy(values))
+
+    def scored(self, runs: Runs) -> Scored:
+        """The losses of rollouts to train on."""
+        sums = batch_losses(self._model, self._train, runs)
+        measures = _measures(self._plan)
+        terms = [
+            weight * sums[name].value(measures[name])
+            for name, weight in self._plan.loss_weights.items()
+            if weight
+        ]
+        numbers = {name: found.numbers() for name, found in sums.items()}
+        return Scored(torch.stack(terms).sum(), numbers)
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of rollouts on the rows that are watched, without slopes."""
+        return evaluated(self._model, self._evaluation, runs)
+
+
+class KernelObjective:
+    """Asks a training kernel for losses and gradient. Raises CompilerMissingError."""
+
+    def __init__(
+        self,
+        model: TorchModel,
+        plan: StagePlan,
+        series: Mapping[str, FloatArray],
+        train_rows: RowsByLoss | None,
+        evaluation_rows: RowsByLoss | None,
+    ) -> None:
+        series = with_all_kept(series, plan.masks)
+        self._model, self._plan, self._series = model, plan, series
+        self._kernel = Kernel(plan.program, plan.dtype, plan.threads)
+        own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
+        self._train = self._kernel.data(own, plan.rollout.skip, train_rows)
+        self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
+        self._weights = [plan.loss_weights[name] for name in self._kernel.source.losses]
+
+    def write(self, series: Mapping[str, FloatArray]) -> None:
+        """Replaces series that rollouts to train on read: the factors of dropout."""
+        self._train.write(series)
+
+    def scored(self, runs: Runs) -> Scored:
+        """The losses of rollouts to train on."""
+        if not self._kernel.built.is_checked:
+            check_kernel(
+                self._kernel, self._series, self._plan.rollout.skip, runs, self._model.weights()
+            )
+            self._kernel.built.mark_checked()
+        losses: LossSums = {}
+        physical = self._physical()
+        total = _KernelTotal.apply(physical, self, self._train, runs, losses)
+        assert isinstance(total, Tensor)
+        return Scored(total, losses)
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of rollouts on the rows that are watched, without slopes."""
+        losses: LossSums = {}
+        with torch.no_grad():
+            self.value_and_slope(self._physical(), self._evaluation, runs, losses, slope=False)
+        return losses
+
+    def value_and_slope(
+        self, physical: Tensor, data: Data, runs: Runs, losses: LossSums, *, slope: bool
+    ) -> tuple[float, FloatArray]:
+        """The weighted total and its gradient in physical parameters; fills in `losses`."""
+        kernel = self._kernel
+        found = kernel.losses(
+            data,
+            kernel.groups(runs.t0, runs.steps),
+            physical.detach().to(torch.float64).numpy(),
+            self._weights,
+            gradient=slope,
+        )
+        measures = _measures(self._plan)
+        for name, total, count in zip(
+            kernel.source.losses, found.sums.tolist(), found.counts.tolist(), strict=True
+        ):
+            losses[name] = LossSum(total, int(count))
+        value = sum(
+            weight * losses[name].value(measures[name])
+            for name, weight in self._plan.loss_weights.items()
+        )
+        return value, found.gradient
+
+    def _physical(self) -> Tensor:
+        values = self._model.physical()
+        return torch.cat([values[p.name].reshape(-1) for p in self._plan.program.parameters])
+
+
+class _KernelTotal(torch.autograd.Function):
+    """A kernel's weighted total; its gradient comes with it."""
+
+    @staticmethod
+    def forward(  # pyright: ignore[reportIncompatibleMethodOverride]  (torch's way)
+        ctx: Any,
+        physical: Tensor,
+        objective: KernelObjective,
+        data: Data,
+        runs: Runs,
+        losses: LossSums,
+    ) -> Tensor:
+        value, gradient = objective.value_and_slope(physical, data, runs, losses, slope=True)
+        ctx.save_for_backward(torch.from_numpy(gradient).to(physical.dtype))
+        return physical.new_tensor(value)
+
+    @staticmethod
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]  (torch's way)
+        ctx: Any, grad: Tensor
+    ) -> tuple[Tensor | None, ...]:
+        (gradient,) = ctx.saved_tensors
+        return (grad * gradient, None, None, None, None)
+
+
+def _measures(plan: StagePlan) -> dict[str, Measure]:
+    return {loss.name: loss.measure for loss in plan.program.losses}

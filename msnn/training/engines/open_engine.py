@@ -1,0 +1,95 @@
+"""Chooses the engine of a stage: native kernels where they can be, torch where they cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from backends.files.c_compiler import CompilerMissingError
+from compiler.ir.program import Program
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.errors import training as errors
+from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
+from msnn.training.engines.native.native_engine import NativeEngine
+from msnn.training.engines.native.native_squares import NativeSquares
+from msnn.training.plans.stage_data import StageData
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.sections.training.optimizers import Lbfgs, LevenbergMarquardt, TorchOptimizer
+
+if TYPE_CHECKING:
+    from msnn.training.engines.torch.torch_engine import TorchEngine
+
+    AnyEngine = NativeEngine | TorchEngine | LevenbergMarquardtEngine
+
+RowsByLoss = Mapping[str, BoolArray]
+EngineArguments = tuple[
+    StagePlan,
+    Mapping[str, FloatArray],
+    Mapping[str, FloatArray],
+    RowsByLoss | None,
+    RowsByLoss | None,
+]
+
+
+@dataclass(frozen=True, slots=True)
+class OpenedEngine:
+    """An engine ready for a stage, and what the user should know of the choice."""
+
+    engine: AnyEngine
+    notes: tuple[Diagnostic, ...]
+
+
+def try_optimizers(program: Program, plans: Iterable[StagePlan]) -> None:
+    """Makes the optimisers that are torch's; raises SpecError with what torch refuses."""
+    findings = Findings()
+    for plan in plans:
+        if isinstance(plan.optimizer, TorchOptimizer):
+            from msnn.training.engines.torch.torch_optimizers import try_torch_optimizer
+
+            trained = [program.parameter(name) for name in plan.trained]
+            try_torch_optimizer(plan.optimizer, plan.weight_decay, trained, findings)
+    findings.raise_errors()
+
+
+def open_engine(
+    plan: StagePlan,
+    series: Mapping[str, FloatArray],
+    weights: Mapping[str, FloatArray],
+    data: StageData,
+) -> OpenedEngine:
+    """The engine that the stage asks for; `auto` is native, or torch with the reason said.
+
+    Raises SpecError where `engine: native` cannot be had.
+    """
+    arguments = (plan, series, weights, data.train_rows, data.watched_rows)
+    notes: tuple[Diagnostic, ...] = ()
+    if plan.engine != "torch":
+        try:
+            return OpenedEngine(_native(plan, arguments), ())
+        except CompilerMissingError as error:
+            if plan.engine == "native":
+                found = errors.no_native_engine(plan.name, str(error), plan.span)
+                raise SpecError((found,)) from None
+            notes = (errors.torch_instead(plan.name, str(error), plan.span),)
+    # torch takes seconds to import: only where it trains
+    if isinstance(plan.optimizer, LevenbergMarquardt):
+        from msnn.training.engines.torch.torch_squares import TorchSquares
+
+        return OpenedEngine(LevenbergMarquardtEngine(*arguments, TorchSquares), notes)
+    from msnn.training.engines.torch.torch_engine import TorchEngine
+
+    return OpenedEngine(TorchEngine(*arguments), notes)
+
+
+def _native(plan: StagePlan, arguments: EngineArguments) -> AnyEngine:
+    """Whole epochs in the kernel, or an optimiser outside along the kernel's slopes."""
+    if isinstance(plan.optimizer, LevenbergMarquardt):
+        return LevenbergMarquardtEngine(*arguments, NativeSquares)
+    if not isinstance(plan.optimizer, Lbfgs | TorchOptimizer):
+        return NativeEngine(*arguments)
+    from msnn.training.engines.objectives import KernelObjective
+    from msnn.training.engines.torch.torch_engine import TorchEngine
+
+    return TorchEngine(*arguments, KernelObjective)

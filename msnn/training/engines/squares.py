@@ -1,0 +1,44 @@
+"""What second-order methods ask of a stage: residuals of its losses, their slopes, their costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from backends.gauss_newton_products import Products
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.starts import Runs
+from msnn.simulation.rollout import LossSum
+from msnn.training.engines.engine import LossSums
+from msnn.training.plans.stage_plan import StagePlan
+
+RowsByLoss = Mapping[str, BoolArray]
+
+
+class Squares(Protocol):
+    """The losses of a stage as sums of squares, at any weights, in float64."""
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        series: Mapping[str, FloatArray],
+        train_rows: RowsByLoss | None,
+        evaluation_rows: RowsByLoss | None,
+    ) -> None: ...
+
+    def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:
+        """Of every loss: products of its residuals and slopes in the numbers of `plan.trained`."""
+        ...
+
+    def train_costs(self, runs: Runs, weights: Mapping[str, FloatArray]) -> LossSums:
+        """The losses of rollouts to train on."""
+        ...
+
+    def watched_costs(self, runs: Runs, weights: Mapping[str, FloatArray]) -> LossSums:
+        """The losses of rollouts on the rows that are watched."""
+        ...
+
+
+def loss_sums_of(products: Mapping[str, Products]) -> LossSums:
+    """The losses that came with their products."""
+    return {name: LossSum(one.cost, one.count) for name, one in products.items()}

@@ -1,0 +1,1 @@
+"""Trains by torch modules."""

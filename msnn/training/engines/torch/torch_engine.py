@@ -1,0 +1,198 @@
+"""The torch engine: a torch optimiser moves raw variables along the slopes of an objective."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+
+import torch
+from torch import Tensor
+
+from backends.torch_module.module import build_module
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
+from msnn.data.starts import Runs
+from msnn.training.engines.dropout_masks import factors_of
+from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError, batches_of
+from msnn.training.engines.objectives import KernelObjective, TorchObjective
+from msnn.training.engines.optimizer_state import flattened, placed_like, rebuilt
+from msnn.training.engines.torch.torch_optimizers import torch_optimizer
+from msnn.training.plans.epoch_order import shuffled
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.sections.training.optimizers import (
+    Adam,
+    AdamW,
+    Lbfgs,
+    LevenbergMarquardt,
+    Sgd,
+    TorchOptimizer,
+)
+
+_DTYPES = {"float32": torch.float32, "float64": torch.float64}
+_WALL = 1e6
+
+
+class TorchEngine:
+    """Trains the parameters `plan.trained` of one stage; the others keep their values."""
+
+    batches_a_call = 1
+    finished: str | None = None
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        series: Mapping[str, FloatArray],
+        weights: Mapping[str, FloatArray],
+        train_rows: Mapping[str, BoolArray] | None,
+        evaluation_rows: Mapping[str, BoolArray] | None,
+        objective: type[TorchObjective | KernelObjective] = TorchObjective,
+    ) -> None:
+        dtype = _DTYPES[plan.dtype]
+        self._plan = plan
+        self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
+        self._model = build_module(plan.program, dtype, plan.device)
+        self.moved = self._model.load_physical(weights)
+        self._variables = self._select()
+        self._optimizer = _optimizer(plan, self._variables)
+        self._series = series
+        self._rates = [float(group["lr"]) for group in self._optimizer.param_groups]
+        self._objective = objective(self._model, plan, series, train_rows, evaluation_rows)
+
+    def _select(self) -> dict[str, Tensor]:
+        variables: dict[str, Tensor] = {}
+        for parameter in self._plan.program.parameters:
+            trained = parameter.name in self._plan.trained
+            raw = self._model.raw(parameter.name)
+            raw.requires_grad_(trained)
+            if trained:
+                variables[parameter.name] = raw
+        return variables
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values; parameters that are not trained are exactly those given."""
+        return {**self._model.weights(), **self._fixed}
+
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
+        """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
+
+        The same however often it is asked; each `attempt` at the stage has its own.
+        """
+        self._objective.write(factors_of(self._plan, self._series, epoch, attempt))
+        for group, usual in zip(self._optimizer.param_groups, self._rates, strict=True):
+            group["lr"] = rate * usual
+
+    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
+        """One optimiser step on each batch; the losses before it. Raises NonFiniteLossError."""
+        runs = runs if members is None else runs.take(members)
+        sums: LossSums = {}
+        for batch in batches_of(runs, size):
+            for name, value in self._train_batch(batch).items():
+                sums[name] = sums[name] + value if name in sums else value
+        return sums
+
+    def _train_batch(self, runs: Runs) -> LossSums:
+        before: LossSums = {}
+        height = 0.0
+
+        def closure() -> Tensor:
+            nonlocal before, height
+            self._optimizer.zero_grad()
+            found = self._objective.scored(runs)
+            total = found.total
+            finite = math.isfinite(total.item())
+            if not before:
+                if not finite:
+                    raise NonFiniteLossError(runs)
+                before, height = found.losses, _WALL * (1.0 + abs(total.item()))
+            elif not finite:  # a trial step of a line search went too far: a wall sends it back
+                return total.new_tensor(height)
+            if total.requires_grad:
+                total.backward()
+            if self._plan.clip is not None:
+                torch.nn.utils.clip_grad_norm_(self._variables.values(), self._plan.clip)
+            return total
+
+        with _one_thread():
+            # its annotation says float, its code takes the tensor
+            self._optimizer.step(closure)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        return before
+
+    def order(self, count: int, key: int) -> IntArray:
+        """As `epoch_order.shuffled`."""
+        return shuffled(count, key)
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of these rollouts at the current weights, on the rows that count."""
+        with _one_thread():
+            return self._objective.evaluate(runs)
+
+    def state(self) -> EngineState:
+        """Raw variables and optimiser as they are now."""
+        variables = {name: raw.detach() for name, raw in self._variables.items()}
+        return flattened({"variables": variables, "optimizer": self._optimizer.state_dict()})
+
+    def restore(self, state: EngineState) -> None:
+        """Goes back to a state of the same stage."""
+        content = rebuilt(state)
+        with torch.no_grad():
+            for name, raw in self._variables.items():
+                raw.copy_(content["variables"][name])
+        self._optimizer.load_state_dict(content["optimizer"])
+        # torch gives what it loads the dtype of the variable, also where the optimiser has another
+        moved = [raw for group in self._optimizer.param_groups for raw in group["params"]]
+        for number, kept in content["optimizer"]["state"].items():
+            loaded = self._optimizer.state[moved[number]]
+            loaded.update(placed_like(kept, dict(loaded)))
+
+
+def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.Optimizer:
+    decay = plan.weight_decay
+    match plan.optimizer:
+        case Adam(lr=lr, beta1=b1, beta2=b2, eps=eps):
+            groups = _groups(plan, variables, lr)
+            return torch.optim.Adam(
+                groups, lr=lr, betas=(b1, b2), eps=eps, weight_decay=decay, foreach=False
+            )
+        case AdamW(lr=lr, beta1=b1, beta2=b2, eps=eps):
+            groups = _groups(plan, variables, lr)
+            return torch.optim.AdamW(
+                groups, lr=lr, betas=(b1, b2), eps=eps, weight_decay=decay, foreach=False
+            )
+        case Sgd(lr=lr, momentum=momentum):
+            groups = _groups(plan, variables, lr)
+            return torch.optim.SGD(groups, lr=lr, momentum=momentum, weight_decay=decay)
+        case TorchOptimizer():
+            assert plan.lr is not None, "an optimiser of torch has a rate"
+            return torch_optimizer(plan.optimizer, _groups(plan, variables, plan.lr), decay)
+        case Lbfgs(lr=lr, history=history, iterations=iterations):
+            return torch.optim.LBFGS(
+                list(variables.values()),
+                lr=lr,
+                max_iter=iterations,
+                history_size=history,
+                line_search_fn="strong_wolfe",
+                # small models are fitted to more digits than the defaults of torch ask for
+                tolerance_grad=1e-12,
+                tolerance_change=1e-14,
+            )
+        case LevenbergMarquardt():
+            raise AssertionError("it takes the slopes of residuals, not of their sum")
+
+
+def _groups(plan: StagePlan, variables: Mapping[str, Tensor], lr: float) -> list[dict[str, object]]:
+    """One group for each learning rate."""
+    by_rate: dict[float, list[Tensor]] = {}
+    for name, raw in variables.items():
+        by_rate.setdefault(lr * plan.lr_factors.get(name, 1.0), []).append(raw)
+    return [{"params": raws, "lr": rate} for rate, raws in by_rate.items()]
+
+
+@contextmanager
+def _one_thread() -> Generator[None]:
+    """Small models are slower on more threads, and one adds in the same order each time."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,206 @@
+"""Sums the losses of a batch of rollouts in torch: windows are views of one gathered block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from backends.torch_module.module import Frame, TorchModel, Windows
+from compiler.ir.program import Extent, Measure, Program, extents
+from msnn.data.dataset import BoolArray
+from msnn.data.starts import Runs
+from msnn.simulation.rollout import LossSum, longest_first
+from msnn.training.engines.engine import LossSums, batches_of
+
+EVALUATION_BATCH = 4096
+"""Rollouts that are evaluated side by side; bounds the memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class TorchLossSum:
+    """Σ of a loss over all scored elements, differentiable, and their number."""
+
+    total: Tensor
+    count: int
+
+    def value(self, measure: Measure) -> Tensor:
+        """The loss: 0 where nothing was scored (rule R9)."""
+        mean = self.total / max(self.count, 1)
+        if measure is Measure.RMSE and mean.item() > 0:  # the root has no slope at 0
+            return mean.sqrt()
+        return mean
+
+    def numbers(self) -> LossSum:
+        """The same without the graph that torch differentiates."""
+        return LossSum(self.total.item(), self.count)
+
+
+@dataclass(frozen=True, slots=True)
+class TorchScoring:
+    """The data of a stage in torch, and what of a rollout counts."""
+
+    series: Mapping[str, Tensor]
+    skip: int
+    missing: bool
+    """Whether targets may be NaN."""
+    scored: Mapping[str, Tensor] | None
+    """Rows t at which each loss counts; None for all."""
+
+
+def scoring(
+    model: TorchModel,
+    series: Mapping[str, np.ndarray],
+    skip: int,
+    scored: Mapping[str, BoolArray] | None,
+) -> TorchScoring:
+    """The series with the dtype of a model, where the model is."""
+    missing = any(bool(np.isnan(values).any()) for values in series.values())
+    place, dtype = model.device, model.dtype
+    return TorchScoring(
+        {name: torch.from_numpy(values).to(place, dtype) for name, values in series.items()},
+        skip,
+        missing,
+        None if scored is None else {n: torch.from_numpy(r).to(place) for n, r in scored.items()},
+    )
+
+
+def batch_losses(
+    model: TorchModel, data: TorchScoring, runs: Runs, frame: Frame | None = None
+) -> dict[str, TorchLossSum]:
+    """Every loss over rollouts that run side by side; one that has ended is left out.
+
+    `frame` has the parameters where they are not those of the model.
+    """
+    scored = scored_values(model, frame or model.frame(), data, runs)
+    return {
+        loss.name: _summed(loss.measure, scored[loss.name], model) for loss in model.program.losses
+    }
+
+
+def evaluated(
+    model: TorchModel, data: TorchScoring, runs: Runs, frame: Frame | None = None
+) -> LossSums:
+    """Every loss over any number of rollouts as numbers, without slopes."""
+    sums: LossSums = {}
+    with torch.no_grad():
+        for part in batches_of(runs, EVALUATION_BATCH):
+            for name, found in batch_losses(model, data, part, frame).items():
+                sums[name] = sums.get(name, LossSum(0.0, 0)) + found.numbers()
+    return sums
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredValues:
+    """Predictions and targets of a loss where there is a target and the row counts."""
+
+    prediction: Tensor
+    target: Tensor | None
+
+
+def scored_values(
+    model: TorchModel, frame: Frame, data: TorchScoring, runs: Runs
+) -> dict[str, ScoredValues | None]:
+    """What every loss compares over the rollouts; None where nothing is scored."""
+    program = model.program
+    order = longest_first(runs)
+    t0 = torch.from_numpy(runs.t0[order]).to(model.device)
+    steps = runs.steps[order]
+    block = _Block(program, data.series, t0, int(steps[0]))
+    states = model.start_on(block.windows(0, len(t0)), frame, len(t0))
+    parts: dict[str, list[_Part]] = {loss.name: [] for loss in program.losses}
+    for number in range(int(steps[0])):
+        running = int(np.searchsorted(-steps, -number, side="left"))
+        if running < len(t0) and number:
+            states = {name: value[:running] for name, value in states.items()}
+        values = model.step_on(block.windows(number, running), states, frame, running)
+        states = values.next_states
+        if number >= data.skip:
+            for name, (prediction, target) in values.losses.items():
+                rows = None if data.scored is None else data.scored[name][t0[:running] + number]
+                parts[name].append(_Part(prediction, target, rows))
+    return {loss.name: _scored(parts[loss.name], data.missing) for loss in program.losses}
+
+
+class _Block:
+    """The rows around a batch of rollouts, gathered once: (B, *shape, rows) a signal."""
+
+    def __init__(
+        self, program: Program, series: Mapping[str, Tensor], t0: Tensor, steps: int
+    ) -> None:
+        self._first: dict[str, int] = {}
+        self._rows: dict[str, Tensor] = {}
+        for name, extent in _reads(program, steps).items():
+            offsets = torch.arange(extent.first, extent.last + 1, device=t0.device)
+            # a rollout that ends early reads nothing of the rows that are cut off here
+            rows = (t0[:, None] + offsets).clamp(0, len(series[name]) - 1)
+            self._first[name] = extent.first
+            self._rows[name] = torch.movedim(series[name][rows], 1, -1).contiguous()
+
+    def windows(self, number: int, running: int) -> Windows:
+        def windows(signal: str, first: int, last: int) -> Tensor:
+            start = number + first - self._first[signal]
+            return self._rows[signal][:running, ..., start : start + last - first + 1]
+
+        return windows
+
+
+def _reads(program: Program, steps: int) -> dict[str, Extent]:
+    """The samples around t0 that a rollout reads of each signal."""
+    found: dict[str, Extent] = {}
+    for graph, last in ((program.step, steps - 1), (program.start, 0)):
+        for log in (True, False):
+            for name, extent in extents(graph, log=log).items():
+                whole = Extent(extent.first, extent.last + last)
+                found[name] = found[name].union(whole) if name in found else whole
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    prediction: Tensor
+    target: Tensor | None
+    rows: Tensor | None
+
+
+def _scored(parts: list[_Part], missing: bool) -> ScoredValues | None:
+    predictions = [p.prediction if p.rows is None else p.prediction[p.rows] for p in parts]
+    targets = [
+        p.target if p.rows is None else p.target[p.rows] for p in parts if p.target is not None
+    ]
+    if not predictions:
+        return None
+    prediction = predictions[0] if len(predictions) == 1 else torch.cat(predictions)
+    if not targets:
+        return ScoredValues(prediction, None)
+    target = targets[0] if len(targets) == 1 else torch.cat(targets)
+    if missing:
+        there = ~torch.isnan(target)
+        prediction, target = prediction[there], target[there]
+    return ScoredValues(prediction, target)
+
+
+def _summed(measure: Measure, scored: ScoredValues | None, model: TorchModel) -> TorchLossSum:
+    if scored is None:
+        return TorchLossSum(torch.zeros((), dtype=model.dtype, device=model.device), 0)
+    prediction = scored.prediction
+    return TorchLossSum(cost(measure, prediction, scored.target).sum(), prediction.numel())
+
+
+def cost(measure: Measure, prediction: Tensor, target: Tensor | None) -> Tensor:
+    """What each element adds to the mean of a loss."""
+    error = prediction if target is None else prediction - target
+    match measure:
+        case Measure.MSE | Measure.RMSE:
+            return error * error
+        case Measure.MAE:
+            return error.abs()
+        case Measure.HUBER:
+            return torch.nn.functional.huber_loss(
+                error, torch.zeros_like(error), reduction="none", delta=1.0
+            )
+        case Measure.MEAN:
+            return prediction

@@ -1,0 +1,122 @@
+"""Residuals, slopes and costs in torch, the slopes by its own forward mode."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from backends.gauss_newton_products import Products
+from backends.torch_module.module import build_module
+from compiler.differentiation.sums_of_squares import with_compared_squares
+from compiler.ir.program import Loss, Measure
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.starts import Runs
+from msnn.training.engines.engine import LossSums, batches_of
+from msnn.training.engines.torch.torch_losses import (
+    TorchScoring,
+    cost,
+    evaluated,
+    scored_values,
+    scoring,
+)
+from msnn.training.plans.stage_plan import StagePlan
+
+_TANGENTS = 20_000
+"""Rollouts times learned numbers that are carried side by side; bounds the memory."""
+
+Weights = Mapping[str, FloatArray]
+
+
+class TorchSquares:
+    """Unrolls the program's module; every learned number is a direction of its forward mode."""
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        series: Weights,
+        train_rows: Mapping[str, BoolArray] | None,
+        evaluation_rows: Mapping[str, BoolArray] | None,
+    ) -> None:
+        program = with_compared_squares(plan.rollout.program)
+        self._losses = {loss.name: loss for loss in program.losses}
+        self._trained = plan.trained
+        self._model = build_module(program, torch.float64, plan.device).requires_grad_(False)
+        skip = plan.rollout.skip
+        self._train = scoring(self._model, series, skip, train_rows)
+        self._evaluation = scoring(self._model, series, skip, evaluation_rows)
+
+    def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
+        """Of every loss: products of its residuals and slopes."""
+        values = self._tensors(weights)
+        learned = torch.cat([values[name].reshape(-1) for name in self._trained])
+        sums: dict[str, Products] = {}
+        for batch in batches_of(runs, max(1, _TANGENTS // len(learned))):
+            for name, found in self._batch_products(batch, values, learned).items():
+                sums[name] = sums[name] + found if name in sums else found
+        return sums
+
+    def _batch_products(
+        self, runs: Runs, values: Mapping[str, Tensor], learned: Tensor
+    ) -> dict[str, Products]:
+        def errors(numbers: Tensor) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+            frame = self._model.frame_of({**values, **self._parts(values, numbers)})
+            scored = scored_values(self._model, frame, self._train, runs)
+            found: dict[str, Tensor] = {}
+            for name, one in scored.items():
+                if one is None:
+                    found[name] = numbers.new_zeros(0)
+                else:
+                    target = 0.0 if one.target is None else one.target
+                    found[name] = (one.prediction - target).reshape(-1)
+            return found, found
+
+        forward: Any = torch.func.jacfwd(errors, has_aux=True)
+        with warnings.catch_warnings():
+            # what torch says of its own modules when it first loads its forward mode
+            warnings.simplefilter("ignore", FutureWarning)
+            slopes, residuals = forward(learned)
+        return {
+            name: _products(loss, residuals[name], slopes[name])
+            for name, loss in self._losses.items()
+        }
+
+    def _tensors(self, weights: Weights) -> dict[str, Tensor]:
+        arrays = {name: np.asarray(value, float) for name, value in weights.items()}
+        return {n: torch.from_numpy(array).to(self._model.device) for n, array in arrays.items()}
+
+    def _parts(self, values: Mapping[str, Tensor], numbers: Tensor) -> dict[str, Tensor]:
+        sizes = [values[name].numel() for name in self._trained]
+        parts = zip(self._trained, torch.split(numbers, sizes), strict=True)
+        return {name: part.reshape(values[name].shape) for name, part in parts}
+
+    def train_costs(self, runs: Runs, weights: Weights) -> LossSums:
+        """The losses of rollouts to train on."""
+        return self._costs(self._train, runs, weights)
+
+    def watched_costs(self, runs: Runs, weights: Weights) -> LossSums:
+        """The losses of rollouts on the rows that are watched."""
+        return self._costs(self._evaluation, runs, weights)
+
+    def _costs(self, data: TorchScoring, runs: Runs, weights: Weights) -> LossSums:
+        values = self._tensors(weights)
+        return evaluated(self._model, data, runs, self._model.frame_of(values))
+
+
+def _products(loss: Loss, error: Tensor, slopes: Tensor) -> Products:
+    """Products of one batch; huber by the weight that gives the square its slope."""
+    total = cost(loss.measure, error, None).sum().item()
+    if loss.measure is Measure.HUBER:
+        factor = torch.sqrt(0.5 / error.abs().clamp(min=1.0))
+        error, slopes = factor * error, factor[:, None] * slopes
+    return Products(
+        (slopes.T @ slopes).cpu().numpy(),
+        (slopes.T @ error).cpu().numpy(),
+        float(error @ error),
+        total,
+        len(error),
+    )

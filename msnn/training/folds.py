@@ -1,0 +1,201 @@
+"""Trains a model once for every fold of its data, and measures each on the rows held out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from backends.files.atomic_write import write_text
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.errors.stages import no_folds
+from msnn.model.model import Model
+from msnn.tables import table_text
+from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
+from msnn.training.records.run_folder import LATEST, RunFolder, finite, new_run_folder
+from msnn.training.train import TrainingOptions, TrainingResult, train
+from msnn.validation.report import rollout_text, unit_text
+from msnn.validation.validate import MetricRow, ValidationReport, validate
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+HELD_OUT = "val"
+RECORD = "folds.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """A training without the rows of one fold, and the metrics on them."""
+
+    number: int
+    training: TrainingResult
+    report: ValidationReport
+
+    @property
+    def monitor(self) -> float:
+        """What the last stage reached, measured on the fold."""
+        return self.training.stages[-1].best_value
+
+
+@dataclass(frozen=True, slots=True)
+class FoldsResult:
+    """All folds in order, and the folder that has one folder for each."""
+
+    folds: tuple[Fold, ...]
+    folder: Path | None
+
+    @property
+    def best(self) -> Fold:
+        """The fold with the lowest monitor of the last stage."""
+        return min(self.folds, key=lambda fold: fold.monitor)
+
+
+def train_folds(
+    model: Model,
+    read: Callable[[Model], Dataset],
+    options: TrainingOptions,
+    progress: Progress | None,
+    weights: Mapping[str, FloatArray] | None,
+) -> FoldsResult:
+    """Trains every fold from the same weights; `read` gives the data of a model.
+
+    `latest` leads to the best fold once all are trained. Raises what a training raises, and
+    SpecError where the data have no folds.
+    """
+    count = fold_count(model)
+    folder = None if options.runs is None else new_run_folder(model.program, options.runs).path
+    shown = _FoldProgress(progress or Silent(), count)
+    folds: list[Fold] = []
+    for number in range(1, count + 1):
+        shown.fold = number
+        place = None if folder is None else folder / f"fold_{number}"
+        one = of_fold(model, number)
+        data = read(one)
+        stages = one.spec.train
+        found = train(one.program, data, stages, replace(options, fold=place), shown, weights)
+        report = validate(one.program, data, one.spec.checks, found.weights, on=HELD_OUT)
+        folds.append(Fold(number, found, report))
+    result = FoldsResult(tuple(folds), folder)
+    if folder is not None and result.best.training.folder is not None:
+        text = json.dumps(finite(folds_record(result)), ensure_ascii=False, indent=2)
+        write_text(folder / RECORD, text + "\n")
+        best = result.best.training.folder
+        RunFolder(best, model.program, folder.parent / LATEST).become_latest()
+    return result
+
+
+def fold_count(model: Model) -> int:
+    """How many folds the data of a model have. Raises SpecError where they have none."""
+    data = model.spec.data
+    split = None if data is None else data.split
+    if split is None or split.by != "kfold":
+        span = None if split is None else split.place.key
+        raise SpecError((no_folds(span),))
+    assert split.k is not None, "the schema asks for `k:`"
+    return split.k
+
+
+def of_fold(model: Model, number: int) -> Model:
+    """The model with fold `number` held out, from 1."""
+    data = model.spec.data
+    assert data is not None
+    assert data.split is not None
+    split = data.split.model_copy(update={"fold": number})
+    section = data.model_copy(update={"split": split})
+    return replace(model, spec=model.spec.model_copy(update={"data": section}))
+
+
+def folds_table(result: FoldsResult) -> str:
+    """One row a fold, and the mean of each column with its standard deviation."""
+    columns = _columns(result)
+    rows = [
+        (str(fold.number), *(f"{values[index]:.6g}" for values in columns.values()))
+        for index, fold in enumerate(result.folds)
+    ]
+    summary = (f"{_mean(values):.6g} ± {_deviation(values):.2g}" for values in columns.values())
+    header = ("fold", *columns)
+    return table_text(header, [*rows, ("mean ± std", *summary)], numbers=range(1, len(header)))
+
+
+def folds_record(result: FoldsResult) -> dict[str, Any]:
+    """The same as JSON values, with the folder of each fold."""
+    columns = _columns(result)
+    return {
+        "best": result.best.number,
+        "folds": [
+            {
+                "fold": fold.number,
+                "folder": fold.training.folder and str(fold.training.folder),
+                "monitor": fold.monitor,
+                "metrics": [
+                    {
+                        "of": row.of,
+                        "metric": row.metric,
+                        "value": row.value,
+                        "unit": row.unit and row.unit.text,
+                        "horizon": row.horizon,
+                        "rows": row.rows,
+                        "scored": row.scored,
+                    }
+                    for row in fold.report.rows
+                ],
+            }
+            for fold in result.folds
+        ],
+        "summary": [
+            {"of": name, "mean": _mean(values), "std": _deviation(values)}
+            for name, values in columns.items()
+        ],
+    }
+
+
+def _columns(result: FoldsResult) -> dict[str, list[float]]:
+    """What is compared, under the heading of its column: a value for each fold."""
+    columns = {"monitor": [fold.monitor for fold in result.folds]}
+    for rows in zip(*(fold.report.rows for fold in result.folds), strict=True):
+        # two entries that differ in their set or their limits only are one here
+        columns[_heading(rows[0])] = [row.value for row in rows]
+    return columns
+
+
+def _heading(row: MetricRow) -> str:
+    unit = f" [{unit_text(row.unit)}]" if row.unit is not None else ""
+    return f"{row.of} {row.metric}{unit}, {rollout_text(row)}"
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values))
+
+
+def _deviation(values: list[float]) -> float:
+    """The standard deviation of a sample, over n - 1."""
+    return float(np.std(values, ddof=1))
+
+
+class _FoldProgress:
+    """Passes events on with the fold in the name of the stage, each warning once."""
+
+    def __init__(self, shown: Progress, folds: int) -> None:
+        self.fold = 1
+        self._shown, self._folds = shown, folds
+        self._said: list[Diagnostic] = []
+
+    def stage_started(self, event: StageStart) -> None:
+        self._shown.stage_started(replace(event, name=self._named(event.name)))
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        self._shown.epoch_ended(replace(event, stage=self._named(event.stage)))
+
+    def stage_ended(self, event: StageEnd) -> None:
+        self._shown.stage_ended(replace(event, stage=self._named(event.stage)))
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        if diagnostic not in self._said:
+            self._said.append(diagnostic)
+            self._shown.warned(diagnostic)
+
+    def _named(self, stage: str) -> str:
+        return f"{stage} of fold {self.fold}/{self._folds}"

@@ -1,0 +1,1 @@
+"""Decides before training what each stage does."""

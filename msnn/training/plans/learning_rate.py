@@ -1,0 +1,49 @@
+"""The learning rate of each epoch, as a factor of the optimiser's own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import assert_never
+
+from spec_schema.sections.training.schedules import Cosine, Exponential, Plateau, Step
+
+Rule = Cosine | Exponential | Step | Plateau | None
+
+
+@dataclass(frozen=True, slots=True)
+class Reductions:
+    """How often a plateau has lowered the rate, and the epoch after which it did so last."""
+
+    count: int = 0
+    epoch: int = 0
+
+
+NO_REDUCTIONS = Reductions()
+
+
+def rate_factor(rule: Rule, epoch: int, epochs: int, reductions: Reductions) -> float:
+    """What the rate is multiplied by in the epoch after `epoch` complete ones of `epochs`.
+
+    cosine to e: e + (1 − e)(1 + cos(π · epoch / epochs)) / 2; the others are powers.
+    """
+    match rule:
+        case None:
+            return 1.0
+        case Cosine(to=to):
+            return to + (1 - to) * (1 + math.cos(math.pi * epoch / epochs)) / 2
+        case Exponential(factor=factor):
+            return factor**epoch
+        case Step(every=every, factor=factor):
+            return factor ** (epoch // every)
+        case Plateau(factor=factor, least=least):
+            return max(factor**reductions.count, least)
+        case _:
+            assert_never(rule)
+
+
+def after_epoch(rule: Rule, epoch: int, better: int, reductions: Reductions) -> Reductions:
+    """The reductions after `epoch` complete ones, the last better monitor after `better`."""
+    if isinstance(rule, Plateau) and epoch - max(better, reductions.epoch) >= rule.patience:
+        return Reductions(reductions.count + 1, epoch)
+    return reductions

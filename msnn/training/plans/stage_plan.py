@@ -1,0 +1,267 @@
+"""A training stage with every default filled in, names resolved and lengths in samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Literal
+
+from compiler.differentiation.sums_of_squares import is_sum_of_squares
+from compiler.ir.program import Program
+from compiler.passes.draw_dropout import Mask, draw_dropout
+from msnn.errors import second_order
+from msnn.errors import training as errors
+from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
+from msnn.training.plans.curriculum import Phase, plan_curriculum
+from msnn.training.plans.learning_rate import Rule
+from msnn.training.plans.torch_optimizer_options import check_torch_optimizer
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors.names import no_parameter
+from spec_schema.fields.entry import Entry
+from spec_schema.fields.located import Located
+from spec_schema.sections.training.optimizers import (
+    Lbfgs,
+    LevenbergMarquardt,
+    OptimizerChoice,
+    TorchOptimizer,
+)
+from spec_schema.sections.training.training import Stage
+
+TOTAL = "total"
+"""What a monitor is called that watches the weighted total."""
+
+
+@dataclass(frozen=True, slots=True)
+class StagePlan:
+    """One stage of training (rule R12: keys are not inherited from the stage before)."""
+
+    index: int
+    name: str
+    epochs: int
+    batch: int | None
+    """None: all starts at once."""
+    optimizer: OptimizerChoice
+    lr: float | None
+    """None where the optimiser has none."""
+    rollout: RolloutPlan
+    program: Program
+    """What engines train: that of the rollout with its dropout drawn."""
+    masks: tuple[Mask, ...]
+    """The factors of dropout that the program reads beside the log."""
+    phases: tuple[Phase, ...]
+    """Shorter horizons that are trained first."""
+    loss_weights: Mapping[str, float]
+    trained: tuple[str, ...]
+    """Parameters that move."""
+    lr_factors: Mapping[str, float]
+    schedule: Rule
+    clip: float | None
+    weight_decay: float
+    monitor: str
+    patience: int | None
+    seed: int
+    dtype: Literal["float32", "float64"]
+    engine: Literal["auto", "native", "torch"]
+    device: str
+    """Where torch computes, as torch names it."""
+    threads: int
+    attempts: int
+    """How often the stage is run, from other initial values each time."""
+    span: Span | None
+
+    @property
+    def whole_from(self) -> int:
+        """Epochs after which rollouts have their whole horizon."""
+        return self.phases[-1].until if self.phases else 0
+
+    def record(self) -> dict[str, object]:
+        """The stage as plain data, for the description of a run."""
+        return {
+            "name": self.name,
+            "epochs": self.epochs,
+            "batch": self.batch,
+            "optimizer": _variant(self.optimizer),
+            "rollout": {
+                "horizon": self.rollout.horizon,
+                "stride": self.rollout.stride,
+                "skip": self.rollout.skip,
+                "close": list(self.rollout.closed),
+                "curriculum": {str(phase.until): phase.horizon for phase in self.phases},
+            },
+            "losses": dict(self.loss_weights),
+            "trained": list(self.trained),
+            "lr": dict(self.lr_factors),
+            "schedule": None if self.schedule is None else _variant(self.schedule),
+            "clip": self.clip,
+            "weight_decay": self.weight_decay,
+            "monitor": self.monitor,
+            "patience": self.patience,
+            "seed": self.seed,
+            "dtype": self.dtype,
+            "engine": self.engine,
+            "device": self.device,
+            "threads": self.threads,
+            "starts": self.attempts,
+        }
+
+
+def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -> list[StagePlan]:
+    """The stages as they will run; what is wrong with them goes to `findings`."""
+    plans = [
+        plan
+        for index, stage in enumerate(stages)
+        if (plan := _planned(program, index, stage, findings)) is not None
+    ]
+    if not stages:
+        findings.report(errors.no_stages())
+    return plans
+
+
+def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> StagePlan | None:
+    name = stage.name.value if stage.name is not None else f"stage_{index + 1}"
+    span = stage.place.key
+    rollout = plan_rollout(program, stage.rollout, 1, findings)
+    learned = [parameter.name for parameter in program.parameters if parameter.learn]
+    frozen = {
+        parameter
+        for pattern in stage.freeze
+        for parameter in _matching(pattern, pattern.value, learned, findings)
+    }
+    factors: dict[str, float] = {}
+    for pattern, factor in stage.lr.items():
+        for parameter in _matching(factor, pattern, learned, findings):
+            factors[parameter] = factor.value
+    trained = tuple(parameter for parameter in learned if parameter not in frozen)
+    optimizer = stage.optimizer.choice
+    if not trained:
+        findings.report(errors.nothing_to_train(name, span))
+    if isinstance(optimizer, Lbfgs) and stage.lr:
+        place = next(iter(stage.lr.values())).span
+        findings.report(errors.no_factors_with_lbfgs(place))
+    of_squares = isinstance(optimizer, LevenbergMarquardt)
+    if of_squares:
+        _check_keys(stage, findings)
+    known = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
+    weights = {loss.name: loss.weight * loss.share for loss in program.losses}
+    for entry, weight in stage.losses.items():
+        terms = [loss for loss in program.losses if entry in (loss.name, loss.entry)]
+        weights |= {term.name: weight.value * term.share for term in terms}
+        if not terms:
+            findings.report(errors.unknown_loss(entry, weight.key or weight.span, known))
+    if of_squares and rollout is not None:
+        _check_losses(name, rollout.program, weights, findings)
+    if not any(weights.values()):
+        findings.report(errors.no_objective(name, span))
+    monitor, patience = TOTAL, None
+    if stage.early_stop is not None:
+        patience = stage.early_stop.patience
+        watched = stage.early_stop.monitor
+        if watched is not None:
+            monitor = watched.value
+            if monitor not in known and monitor != TOTAL:
+                findings.report(errors.unknown_loss(monitor, watched.span, known))
+    if rollout is None:
+        return None
+    phases: tuple[Phase, ...] = ()
+    if stage.rollout is not None:
+        phases = plan_curriculum(program, stage.rollout, rollout, stage.epochs, findings)
+    all_at_once = of_squares or (
+        isinstance(optimizer, Lbfgs) and "batch" not in stage.model_fields_set
+    )
+    layers = {parameter.rpartition(".")[0] for parameter in learned}
+    moved = {parameter.rpartition(".")[0] for parameter in trained}
+    drawn = draw_dropout(rollout.program, layers - moved - {""})
+    return StagePlan(
+        index=index,
+        name=name,
+        epochs=stage.epochs,
+        batch=None if all_at_once else stage.batch,
+        optimizer=optimizer,
+        lr=_rate(program, stage, trained, findings),
+        rollout=rollout,
+        program=drawn.program,
+        masks=drawn.masks,
+        phases=phases,
+        loss_weights=weights,
+        trained=trained,
+        lr_factors=factors,
+        schedule=None if stage.schedule is None else stage.schedule.choice,
+        clip=stage.clip,
+        weight_decay=stage.weight_decay,
+        monitor=monitor,
+        patience=patience,
+        seed=stage.seed,
+        dtype="float64" if of_squares else stage.dtype,
+        engine=stage.engine,
+        device="cpu",
+        threads=stage.threads,
+        attempts=stage.starts,
+        span=span,
+    )
+
+
+def _rate(
+    program: Program, stage: Stage, trained: Sequence[str], findings: Findings
+) -> float | None:
+    """The learning rate of the optimiser; None where each step has its own length."""
+    optimizer = stage.optimizer.choice
+    if isinstance(optimizer, LevenbergMarquardt):
+        return None
+    if not isinstance(optimizer, TorchOptimizer):
+        return optimizer.lr
+    moved = [program.parameter(name) for name in trained]
+    return check_torch_optimizer(optimizer, stage.weight_decay, moved, findings)
+
+
+def _variant(options: Entry) -> dict[str, object]:
+    if isinstance(options, TorchOptimizer):
+        given = {name: found.value for name, found in options.options.items()}
+        return {"torch": {"name": options.name.value, "options": given}}
+    name = options.noun.split()[-2]  # the adam optimizer, the cosine schedule
+    return {name: options.model_dump(exclude={"place"})}
+
+
+_NOT_OF_SECOND_ORDER: Mapping[str, str] = {
+    "batch": "each step takes all starts",
+    "lr": "each step has its own length",
+    "schedule": "each step has its own length",
+    "clip": "the damping limits each step",
+    "weight_decay": "a loss `l2(…)` does the same",
+}
+
+
+def _check_keys(stage: Stage, findings: Findings) -> None:
+    """Keys of other optimisers that say nothing to levenberg_marquardt."""
+    place = stage.optimizer.choice.place.key
+    for key, reason in _NOT_OF_SECOND_ORDER.items():
+        if key in stage.model_fields_set:
+            findings.report(second_order.not_of_second_order(key, reason, place))
+    if "dtype" in stage.model_fields_set and stage.dtype != "float64":
+        reason = "its products lose half of the digits, so that it always runs in float64"
+        findings.report(second_order.not_of_second_order("dtype", reason, place))
+
+
+def _check_losses(
+    stage: str,
+    program: Program,
+    weights: Mapping[str, float],
+    findings: Findings,
+) -> None:
+    for loss in program.losses:
+        weight = weights[loss.name]
+        if weight < 0 or (weight and not is_sum_of_squares(program.step, loss)):
+            measure = loss.measure.value
+            found = second_order.no_sum_of_squares(loss.name, measure, weight, loss.span, stage)
+            findings.report(found)
+
+
+def _matching(
+    place: Located[str] | Located[float], pattern: str, names: Sequence[str], findings: Findings
+) -> list[str]:
+    found = [name for name in names if fnmatchcase(name, pattern)]
+    if not found:
+        span = place.key or place.span if isinstance(place.value, float) else place.span
+        findings.report(no_parameter(pattern, span, names))
+    return found

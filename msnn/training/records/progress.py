@@ -1,0 +1,148 @@
+"""What a training run says while it runs; a command line shows it, a program may ignore it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Protocol, TextIO
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, describe
+
+
+@dataclass(frozen=True, slots=True)
+class StageStart:
+    """A stage that begins: its name, epochs, rollouts to train on and to watch."""
+
+    number: int
+    stages: int
+    name: str
+    epochs: int
+    starts: int
+    horizon: str
+    monitored_on: str
+    attempts: int
+
+
+@dataclass(frozen=True, slots=True)
+class EpochEnd:
+    """An epoch that is done; losses are those of the spec, the total is weighted."""
+
+    stage: str
+    attempt: int
+    """Which run of the stage (`starts:`), from 1 to `attempts`."""
+    attempts: int
+    epoch: int
+    epochs: int
+    total: float
+    losses: dict[str, float]
+    monitor: float
+    best: float
+    best_epoch: int
+    lr: float | None
+    """Learning rate of the epoch, before factors of single parameters; None where there is none."""
+    horizon: int
+    """Evaluations of the longest rollout of the epoch."""
+    seconds: float
+    """Since the attempt began."""
+
+
+@dataclass(frozen=True, slots=True)
+class StageEnd:
+    """A stage that is over, and why."""
+
+    stage: str
+    attempt: int
+    """The one that was best; the numbers are its own."""
+    attempts: int
+    epochs: int
+    best: float
+    best_epoch: int
+    seconds: float
+    reason: str
+
+
+class Progress(Protocol):
+    """Receives events in their order."""
+
+    def stage_started(self, event: StageStart) -> None: ...
+
+    def epoch_ended(self, event: EpochEnd) -> None: ...
+
+    def stage_ended(self, event: StageEnd) -> None: ...
+
+    def warned(self, diagnostic: Diagnostic) -> None: ...
+
+
+class Silent:
+    """Says nothing."""
+
+    def stage_started(self, event: StageStart) -> None:
+        del event
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        del event
+
+    def stage_ended(self, event: StageEnd) -> None:
+        del event
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        del diagnostic
+
+
+class Lines:
+    """Prints lines; on a terminal one line that is rewritten, else one every few seconds."""
+
+    def __init__(self, stream: TextIO, *, terminal: bool, interval: float = 5.0) -> None:
+        self._stream = stream
+        self._terminal = terminal
+        self._interval = 0.1 if terminal else interval
+        self._shown = -float("inf")
+
+    def stage_started(self, event: StageStart) -> None:
+        """Names the stage and its size."""
+        self._shown = -float("inf")
+        self._line(
+            f"stage {event.number}/{event.stages} {event.name}: {event.epochs} epochs, "
+            f"{event.starts} starts, horizon {event.horizon}, best on {event.monitored_on}"
+            + (f", best of {event.attempts} runs" if event.attempts > 1 else "")
+        )
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        """Shows the losses, not more often than once an interval."""
+        now = time.monotonic()
+        if now - self._shown < self._interval:
+            return
+        self._shown = now
+        epochs_left = event.epochs * (event.attempts - event.attempt + 1) - event.epoch
+        left = event.seconds / event.epoch * epochs_left
+        text = (
+            f"  {_run(event.attempt, event.attempts)}"
+            f"epoch {event.epoch}/{event.epochs}  loss {event.total:.4g}  "
+            f"monitor {event.monitor:.4g}  best {event.best:.4g} (epoch {event.best_epoch})  "
+            f"{event.seconds:.1f} s, {left:.0f} s left"
+        )
+        if self._terminal:
+            self._stream.write(f"\r\x1b[2K{text}")
+            self._stream.flush()
+        else:
+            self._line(text)
+
+    def stage_ended(self, event: StageEnd) -> None:
+        """Says how the stage went."""
+        self._line(
+            f"  {_run(event.attempt, event.attempts)}{event.reason} after {event.epochs} epochs, "
+            f"best {event.best:.6g} (epoch {event.best_epoch}), {event.seconds:.1f} s"
+        )
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        """Prints a warning on a line of its own."""
+        self._line(describe(diagnostic))
+
+    def _line(self, text: str) -> None:
+        start = "\r\x1b[2K" if self._terminal else ""
+        self._stream.write(f"{start}{text}\n")
+        self._stream.flush()
+
+
+def _run(attempt: int, attempts: int) -> str:
+    return f"run {attempt}/{attempts}: " if attempts > 1 else ""

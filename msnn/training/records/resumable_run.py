@@ -1,0 +1,87 @@
+"""Opens the folder of a run, fresh or interrupted, and notes in it how the run ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from compiler.ir.program import Program
+from msnn.errors import stages as stage_errors
+from msnn.errors import training as errors
+from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
+from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
+from msnn.training.records.run_folder import RunFolder, fold_folder, interrupted_run, new_run_folder
+from msnn.training.records.run_record import differences
+from msnn.training.records.training_options import TrainingOptions
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
+
+
+def open_run(
+    program: Program, options: TrainingOptions, record: Mapping[str, Any]
+) -> tuple[RunFolder | None, Checkpoint | None]:
+    """A fresh folder that says what it is of, or that of an interrupted run of the same."""
+    if options.runs is None:
+        return None, None
+    if not options.resume:
+        folder = (
+            new_run_folder(program, options.runs)
+            if options.fold is None
+            else fold_folder(program, options.fold)
+        )
+        begun = {
+            "spec": options.spec_file,
+            "settings": list(options.settings),
+            "device": options.device.name,
+        }
+        folder.write_description({**record, **begun}, options.spec_text, options.parts)
+        return folder, None
+    folder = interrupted_run(program, options.runs)
+    if folder is None:
+        place = str(options.runs / program.name)
+        raise SpecError((errors.no_checkpoint(place),))
+    checkpoint = read_checkpoint(folder.checkpoint)
+    changes = differences(folder.description(), record)
+    if changes:
+        raise SpecError((stage_errors.another_run(str(folder.path), changes),))
+    return folder, checkpoint
+
+
+class NotedProgress:
+    """Passes every event on, and writes into `run.json` what was said beside the epochs."""
+
+    def __init__(self, shown: Progress, folder: RunFolder | None) -> None:
+        self._shown, self._folder = shown, folder
+        before = {} if folder is None else folder.end()
+        self._reasons: dict[str, str] = before.get("stages", {})
+        self._warnings: list[str] = before.get("warnings", [])
+
+    def stage_started(self, event: StageStart) -> None:
+        self._shown.stage_started(event)
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        self._shown.epoch_ended(event)
+
+    def stage_ended(self, event: StageEnd) -> None:
+        self._reasons[event.stage] = event.reason
+        self._shown.stage_ended(event)
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        self._note(diagnostic)
+        self._shown.warned(diagnostic)
+
+    def run_ended(
+        self,
+        state: Literal["finished", "interrupted", "diverged"],
+        said: Sequence[Diagnostic] = (),
+    ) -> None:
+        """Keeps how the run ended, and what is said of it at the end."""
+        for diagnostic in said:
+            self._note(diagnostic)
+        if self._folder is not None:
+            end = {"state": state, "stages": self._reasons, "warnings": self._warnings}
+            self._folder.write_end(end)
+
+    def _note(self, diagnostic: Diagnostic) -> None:
+        line = describe(diagnostic)
+        if line not in self._warnings:  # a resumed run warns of the same again
+            self._warnings.append(line)

@@ -1,0 +1,156 @@
+"""The folder of one training run: `runs/<name>/<time>/`, and `latest`, the last to be used."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, cast
+
+from backends.files.atomic_write import write_text
+from compiler.ir.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.model.spec_hash import Part
+from msnn.model.weights_file import write_weights
+
+LATEST = "latest"
+WEIGHTS = "weights.safetensors"
+CHECKPOINT = "checkpoint.safetensors"
+METRICS = "metrics.jsonl"
+PARAMETERS = "parameters.json"
+SPEC = "spec.msnn.yaml"
+DESCRIPTION = "run.json"
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """Writes what a run leaves behind; every file whole or not at all."""
+
+    path: Path
+    program: Program
+    latest: Path | None
+    """The link that leads to the run last used; None for a fold, which is part of a run."""
+
+    @property
+    def weights(self) -> Path:
+        return self.path / WEIGHTS
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.path / CHECKPOINT
+
+    def write_weights(self, weights: Mapping[str, FloatArray]) -> None:
+        """Replaces the weights of the run."""
+        write_weights(self.weights, weights, self.program)
+
+    def become_latest(self) -> None:
+        """Lets `latest` point at this run: other commands take its weights from now on."""
+        if self.latest is not None:
+            _point(self.latest, self._target(self.latest))
+
+    @property
+    def is_latest(self) -> bool:
+        """Whether `latest` points at this run."""
+        link = self.latest
+        return link is not None and link.is_symlink() and link.readlink() == self._target(link)
+
+    def _target(self, link: Path) -> Path:
+        """The run as `link` says it."""
+        return self.path.relative_to(link.parent)
+
+    def append_metrics(self, record: Mapping[str, Any]) -> None:
+        """Adds one line of JSON to `metrics.jsonl`."""
+        with (self.path / METRICS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(finite(record), ensure_ascii=False) + "\n")
+
+    def write_parameters(self, record: Mapping[str, Any]) -> None:
+        """Writes `parameters.json`: the learned values with their standard errors."""
+        text = json.dumps(finite(record), ensure_ascii=False, indent=2)
+        write_text(self.path / PARAMETERS, text + "\n")
+
+    def write_description(
+        self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[Part] = ()
+    ) -> None:
+        """Writes `run.json` (resolved stages, data), the spec and its sub-models as they were."""
+        write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+        if spec_text is not None:
+            write_text(self.path / SPEC, spec_text)
+        for part in parts:
+            write_text(self.path / "parts" / f"{part.name}.msnn.yaml", part.text)
+
+    def description(self) -> dict[str, Any]:
+        """What `write_description` has written; empty where it cannot be read."""
+        return read_description(self.path)
+
+    def end(self) -> dict[str, Any]:
+        """What `write_end` has written when the run was interrupted; empty before."""
+        found = self.description().get("end", {})
+        return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+
+    def write_end(self, end: Mapping[str, Any]) -> None:
+        """Adds to `run.json` how the run ended."""
+        record = {**self.description(), "end": dict(end)}
+        write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+
+
+def read_description(folder: Path) -> dict[str, Any]:
+    """The content of `run.json`; empty where it cannot be read."""
+    try:
+        found = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+
+
+def new_run_folder(program: Program, runs: Path) -> RunFolder:
+    """A fresh folder `runs/<program>/<local time>`, numbered where two start in one second."""
+    parent = runs / program.name
+    stamp = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+    for number in range(1, 1000):
+        path = parent / (stamp if number == 1 else f"{stamp}_{number}")
+        try:
+            path.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return RunFolder(path, program, parent / LATEST)
+    message = f"a thousand runs started in {parent} within one second"
+    raise FileExistsError(message)
+
+
+def fold_folder(program: Program, folder: Path) -> RunFolder:
+    """A fresh folder for one fold of a run."""
+    folder.mkdir()
+    return RunFolder(folder, program, None)
+
+
+def interrupted_run(program: Program, runs: Path) -> RunFolder | None:
+    """The last run of the program that left a checkpoint, None if there is none."""
+    parent = runs / program.name
+    folders = sorted(path.parent for path in parent.glob(f"*/{CHECKPOINT}"))
+    folders = [folder for folder in folders if not folder.is_symlink()]
+    return RunFolder(folders[-1], program, parent / LATEST) if folders else None
+
+
+def finite(value: Any) -> Any:
+    """The value with null for numbers that JSON has no word for."""
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case dict():
+            return {key: finite(part) for key, part in cast("dict[str, Any]", value).items()}
+        case list():
+            return [finite(part) for part in cast("list[Any]", value)]
+        case _:
+            return value
+
+
+def _point(link: Path, target: Path) -> None:
+    """Makes `link` a symbolic link to `target`, replacing an older one in one step."""
+    temporary = link.with_name(f".{link.name}.{os.getpid()}")
+    temporary.unlink(missing_ok=True)
+    temporary.symlink_to(target, target_is_directory=True)
+    temporary.replace(link)

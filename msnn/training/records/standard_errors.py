@@ -1,0 +1,203 @@
+"""How well the data determine the learned parameters: standard errors at the end of a training.
+
+Near the minimum of the total F = Σ cₗ rₗᵀrₗ the estimate is linear in the noise of the residuals:
+cov θ = H⁻¹ (Σ cₗ² σₗ² JₗᵀJₗ) H⁻¹ with H = Σ cₗ JₗᵀJₗ and σₗ² = rₗᵀrₗ / (nₗ − pₗ), where
+pₗ = tr(H⁻¹ cₗ JₗᵀJₗ) are the parameters that loss l determines. With one loss this is
+σ²(JᵀJ)⁻¹, σ² = rᵀr / (n − p) (Ljung, System Identification, 1999, ch. 9). The residuals are taken
+as white: rows that are correlated say less than they seem to, and the errors come out too small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from backends.files.c_compiler import CompilerMissingError
+from backends.gauss_newton_products import Products
+from compiler.differentiation.sums_of_squares import is_sum_of_squares
+from compiler.ir.program import Loss, Measure, Parameter, Program
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.scored import scored_rows
+from msnn.simulation.rollout_plan import set_rollouts
+from msnn.training.engines.native.native_squares import NativeSquares
+from msnn.training.engines.squares import Squares
+from msnn.training.plans.stage_data import TRAIN
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.diagnostics.diagnostic import Findings
+
+MOST_NUMBERS = 300
+"""Learned numbers up to which standard errors are computed: the effort grows with their square."""
+
+AT_BOUND = 1e-3
+"""Part of the range within which a value counts as at its bound."""
+
+_NOTHING = 1e-10
+"""Curvature, relative to that of single parameters, below which a direction changes nothing."""
+
+_SHARE = 1e-3
+"""Part of a direction that changes nothing from which on a number is named as a part of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class StandardErrors:
+    """Standard errors in the units of the parameters; NaN for a number that has none."""
+
+    errors: Mapping[str, FloatArray]
+    """Of the parameters that the last stage trained."""
+    unidentified: tuple[Mapping[str, float], ...]
+    """Changes of numbers, by name, that leave every residual as it is; the largest is 1."""
+    noise: Mapping[str, float]
+    """σ of each loss's residuals."""
+    residuals: int
+    reason: str | None = None
+    """Why there are none at all."""
+
+
+def standard_errors(
+    plan: StagePlan, data: Dataset, weights: Mapping[str, FloatArray]
+) -> StandardErrors:
+    """The standard errors of the parameters that a stage trained, from its train rows.
+
+    Rollouts are those of the stage, a horizon apart, so that each row counts once. `huber` and
+    `rmse` count as mse; losses that are no sums of squares are left out.
+    """
+    program = _squared(plan.rollout.program, plan)
+    parameters = [program.parameter(name) for name in plan.trained]
+    numbers = sum(weights[p.name].size for p in parameters)
+    if not any(loss.target is not None for loss in program.losses):
+        return _none("no loss is a sum of squares")
+    if numbers > MOST_NUMBERS:
+        return _none(f"more than {MOST_NUMBERS} numbers are learned")
+    rollout = replace(plan.rollout, program=program)
+    runs = set_rollouts(rollout, data, TRAIN, None, "standard errors", plan.span, Findings())
+    if runs is None:
+        return _none("no rollout fits the data")
+    rows = scored_rows(data, TRAIN, program) if rollout.horizon == "record" else None
+    squares = _squares(replace(plan, rollout=rollout), data, rows)
+    products = squares.products(runs, weights)
+    return _estimated(plan, parameters, weights, products)
+
+
+def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
+    """Which elements of a value are at a bound of the parameter."""
+    low, high = parameter.minimum, parameter.maximum
+    span = high - low if low is not None and high is not None else abs(parameter.scale)
+    found = np.zeros(value.shape, dtype=np.bool_)
+    if low is not None:
+        found |= value - low < AT_BOUND * span
+    if high is not None:
+        found |= high - value < AT_BOUND * span
+    return found
+
+
+def _none(reason: str) -> StandardErrors:
+    return StandardErrors({}, (), {}, 0, reason)
+
+
+def _squared(program: Program, plan: StagePlan) -> Program:
+    """The program with the losses that count, each as mse."""
+    losses: list[Loss] = []
+    for loss in program.losses:
+        if loss.measure is Measure.RMSE or is_sum_of_squares(program.step, loss):
+            compared = loss.target is not None
+            measure = Measure.MSE if compared else loss.measure
+            if plan.loss_weights[loss.name]:
+                losses.append(replace(loss, measure=measure))
+    return replace(program, losses=tuple(losses))
+
+
+def _squares(plan: StagePlan, data: Dataset, rows: Mapping[str, np.ndarray] | None) -> Squares:
+    if plan.engine != "torch":
+        try:
+            return NativeSquares(plan, data.series, rows, rows)
+        except CompilerMissingError:
+            pass
+    # torch takes seconds to import: only where it computes
+    from msnn.training.engines.torch.torch_squares import TorchSquares
+
+    return TorchSquares(plan, data.series, rows, rows)
+
+
+def _estimated(
+    plan: StagePlan,
+    parameters: list[Parameter],
+    weights: Mapping[str, FloatArray],
+    products: Mapping[str, Products],
+) -> StandardErrors:
+    held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
+    free = np.flatnonzero(~held)
+    names = [n for p in parameters for n in _number_names(p.name, weights[p.name].shape)]
+    shares = {name: _share(plan, name, one) for name, one in products.items() if one.count}
+    curvatures = {
+        name: share * products[name].curvature[np.ix_(free, free)] for name, share in shares.items()
+    }
+    total = sum(curvatures.values(), np.zeros((len(free), len(free))))
+    inverse, nothing = _inverted(total)
+    # the residuals of a penalty such as l2(w) are no measurements: it has no noise
+    measured = {loss.name for loss in plan.rollout.program.losses if loss.target is not None}
+    noise: dict[str, float] = {}
+    spread = np.zeros_like(total)
+    for name in measured & curvatures.keys():
+        one, curvature = products[name], curvatures[name]
+        freedom = one.count - float(np.sum(inverse * curvature))
+        variance = one.squares / freedom if freedom > 0 else np.nan
+        noise[name] = float(np.sqrt(variance))
+        spread += shares[name] * variance * curvature
+    variances = np.full(len(held), np.nan)
+    variances[free] = np.diagonal(inverse @ spread @ inverse)
+    lost = (nothing * nothing).sum(axis=1) > _SHARE * _SHARE
+    variances[free[lost]] = np.nan
+    sizes = np.cumsum([weights[p.name].size for p in parameters])[:-1]
+    errors = np.split(np.sqrt(variances), sizes)
+    return StandardErrors(
+        {p.name: e.reshape(weights[p.name].shape) for p, e in zip(parameters, errors, strict=True)},
+        _combinations(total, nothing, [names[i] for i in free]),
+        noise,
+        sum(products[name].count for name in noise),
+    )
+
+
+def _share(plan: StagePlan, name: str, found: Products) -> float:
+    """How much a squared residual adds to the total; near the minimum for a root."""
+    loss = next(loss for loss in plan.rollout.program.losses if loss.name == name)
+    share = plan.loss_weights[loss.name] / found.count
+    if loss.measure is Measure.RMSE and found.cost > 0:
+        return share / (2.0 * float(np.sqrt(found.cost / found.count)))
+    return share
+
+
+def _inverted(curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The inverse in the directions that change something, and the others as columns.
+
+    In variables that are scaled to curvature 1 each, so that units do not decide what is small.
+    """
+    diagonal = np.diagonal(curvature)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
+    seen = values > _NOTHING
+    kept = vectors[:, seen] * scale[:, None]
+    return (kept / values[seen]) @ kept.T, vectors[:, ~seen]
+
+
+def _combinations(
+    curvature: FloatArray, nothing: FloatArray, names: list[str]
+) -> tuple[Mapping[str, float], ...]:
+    """The directions that change nothing, in the parameters' own units."""
+    diagonal = np.diagonal(curvature)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    found: list[Mapping[str, float]] = []
+    for column in nothing.T:
+        kept = np.abs(column) > _SHARE
+        change = np.where(kept, column * scale, 0.0)
+        change = change / change[np.argmax(np.abs(change))]
+        found.append({names[i]: float(change[i]) for i in np.flatnonzero(kept)})
+    return tuple(found)
+
+
+def _number_names(name: str, shape: tuple[int, ...]) -> list[str]:
+    """`k`, or `k[0]`, `k[1]`, … for the elements of an array."""
+    if not shape:
+        return [name]
+    return [f"{name}[{', '.join(map(str, index))}]" for index in np.ndindex(shape)]

@@ -1,0 +1,79 @@
+"""Curves of a training for TensorBoard, beside its weights, written without torch or TensorFlow."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from msnn.data.dataset import FloatArray
+from msnn.errors.failures import MissingExtraError
+from msnn.training.records.progress import EpochEnd
+
+MOST_NUMBERS = 16
+"""Parameters with more numbers are shown by the least, the mean and the greatest."""
+
+
+class Curves:
+    """Writes the scalars of each epoch, in one group a stage; the step is the epoch."""
+
+    def __init__(self, folder: Path) -> None:
+        writer, self._event, self._summary = _tensorboard()
+        self._writer = writer(str(folder))
+
+    def epoch_ended(self, event: EpochEnd, weights: Mapping[str, FloatArray]) -> None:
+        """Losses, learning rate and parameters after an epoch."""
+        run = f"/run {event.attempt}" if event.attempts > 1 else ""
+        scalars = {**_scalars(event), **dict(_numbers(weights))}
+        values = [
+            self._summary.Value(tag=f"{event.stage}{run}/{name}", simple_value=value)
+            for name, value in scalars.items()
+        ]
+        self._writer.add_event(
+            self._event(
+                wall_time=time.time(), step=event.epoch, summary=self._summary(value=values)
+            )
+        )
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Writes what is left."""
+        self._writer.close()
+
+
+def require_tensorboard() -> None:
+    """Raises MissingExtraError where tensorboard is not installed."""
+    _tensorboard()
+
+
+def _tensorboard() -> tuple[Any, Any, Any]:
+    """Writer of event files, `Event` and `Summary`, from the parts that stand alone."""
+    try:
+        files = import_module("tensorboard.summary.writer.event_file_writer")
+        events = import_module("tensorboard.compat.proto.event_pb2")
+        summaries = import_module("tensorboard.compat.proto.summary_pb2")
+    except ImportError:
+        raise MissingExtraError("tensorboard", "pip install 'msnn[tensorboard]'") from None
+    return files.EventFileWriter, events.Event, summaries.Summary
+
+
+def _scalars(event: EpochEnd) -> dict[str, float]:
+    losses = {f"losses/{name}": value for name, value in event.losses.items()}
+    kept = {"total": event.total, "monitor": event.monitor, "best": event.best}
+    rate = {} if event.lr is None else {"lr": event.lr}
+    return {**kept, **losses, **rate, "horizon": float(event.horizon)}
+
+
+def _numbers(weights: Mapping[str, FloatArray]) -> Iterator[tuple[str, float]]:
+    for name, value in weights.items():
+        numbers = value.ravel().tolist()
+        if len(numbers) == 1:
+            yield f"parameters/{name}", numbers[0]
+        elif len(numbers) <= MOST_NUMBERS:
+            yield from ((f"parameters/{name}/{i}", each) for i, each in enumerate(numbers))
+        else:
+            yield f"parameters/{name}/min", min(numbers)
+            yield f"parameters/{name}/mean", sum(numbers) / len(numbers)
+            yield f"parameters/{name}/max", max(numbers)

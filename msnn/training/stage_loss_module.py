@@ -1,0 +1,109 @@
+"""A stage's loss as a torch module, for training loops that people write themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import torch
+from torch import Tensor, nn
+
+from backends.files.c_compiler import CompilerMissingError
+from backends.torch_module.module import build_module
+from compiler.ir.program import Program
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.starts import Runs
+from msnn.errors import training as errors
+from msnn.training.engines.devices import CPU, Device, on_device
+from msnn.training.engines.dropout_masks import factors_of
+from msnn.training.engines.engine import LossSums, batches_of
+from msnn.training.engines.objectives import KernelObjective, TorchObjective
+from msnn.training.monitor import loss_values, monitor
+from msnn.training.plans.epoch_order import order_key, shuffled
+from msnn.training.plans.stage_data import StageData, stage_data
+from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from msnn.training.starts.initial_weights_of_run import first_weights
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.sections.training.training import Stage
+
+
+def stage_loss(
+    program: Program,
+    data: Dataset,
+    stages: Sequence[Stage],
+    number: int,
+    weights: Mapping[str, FloatArray] | None,
+    device: Device = CPU,
+) -> StageLoss:
+    """The loss of stage `number`, from 0, at the given weights, by default the initial ones.
+
+    Raises SpecError where the stages and the data do not fit, IndexError where there is no such
+    stage.
+    """
+    findings = Findings()
+    plans = on_device(plan_stages(program, stages, findings), device, findings)
+    findings.raise_errors()
+    runs = stage_data(plans[number], data, findings)
+    findings.raise_errors()
+    assert runs is not None
+    return StageLoss(plans[number], data, runs, weights or first_weights(program, data))
+
+
+class StageLoss(nn.Module):
+    """The weighted total of one stage over a batch of rollouts; its backward is the kernel's.
+
+    The parameters are raw variables, those of the stage with a gradient. With `engine: auto` it is
+    unrolled in torch where there is no C compiler. Raises SpecError for `engine: native` there.
+    """
+
+    def __init__(
+        self, plan: StagePlan, data: Dataset, runs: StageData, weights: Mapping[str, FloatArray]
+    ) -> None:
+        super().__init__()
+        self.plan = plan
+        self._data, self._runs = data, runs
+        self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
+        self._model = build_module(plan.program, getattr(torch, plan.dtype), plan.device)
+        self._model.load_physical(weights)
+        for parameter in plan.program.parameters:
+            self._model.raw(parameter.name).requires_grad_(parameter.name in plan.trained)
+        self._objective = self._opened()
+        self._sums: LossSums = {}
+
+    def _opened(self) -> KernelObjective | TorchObjective:
+        plan, runs = self.plan, self._runs
+        arguments = (self._model, plan, self._data.series, runs.train_rows, runs.watched_rows)
+        if plan.engine != "torch":
+            try:
+                return KernelObjective(*arguments)
+            except CompilerMissingError as error:
+                if plan.engine == "native":
+                    found = errors.no_native_engine(plan.name, str(error), plan.span)
+                    raise SpecError((found,)) from None
+        return TorchObjective(*arguments)
+
+    def batches(self, epoch: int) -> Iterator[Runs]:
+        """The batches of an epoch, from 0, as the stage shuffles and draws them."""
+        plan = self.plan
+        self._objective.write(factors_of(plan, self._data.series, epoch))
+        runs = self._runs.in_epoch(epoch)
+        order = shuffled(len(runs), order_key(plan.seed, plan.index, epoch))
+        yield from batches_of(runs.take(order), plan.batch or len(order))
+
+    def forward(self, batch: Runs) -> Tensor:
+        """The weighted total of a batch, differentiable in `parameters()`."""
+        found = self._objective.scored(batch)
+        self._sums = found.losses
+        return found.total
+
+    @property
+    def losses(self) -> dict[str, float]:
+        """Each loss of the last batch, unweighted."""
+        return loss_values(self.plan, self._sums)
+
+    def monitor(self) -> float:
+        """What decides which weights of the stage are best, at the present ones."""
+        return monitor(self.plan, self._objective.evaluate, self._runs.watched)
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values of all parameters, as `validate`, `export` and weight files take them."""
+        return {**self._model.weights(), **self._fixed}

@@ -1,0 +1,1 @@
+"""Finds the weights that training begins with."""

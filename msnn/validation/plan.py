@@ -1,0 +1,181 @@
+"""What a `validate` entry asks for: names resolved, lengths in samples, limits in its unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from compiler.ir.program import Output, Prediction, Program
+from msnn.data.dataset import Dataset
+from msnn.data.reading.file_sets import file_sets, set_of
+from msnn.errors import stages as stage_errors
+from msnn.errors import training as errors
+from msnn.simulation.durations import samples
+from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.tree import Expression, Member, Name, Window
+from spec_schema.sections.data.data import Source
+from spec_schema.sections.validation import Check, Metric
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.quantity import Quantity
+from spec_schema.units.unit import ONE, Unit
+
+PERCENT = parse_unit("%")
+
+
+@dataclass(frozen=True, slots=True)
+class CheckPlan:
+    """A metric of an output against its target, or the value of a loss."""
+
+    of: str
+    metric: Metric | None
+    """None for a loss."""
+    target: Prediction | None
+    rollout: RolloutPlan
+    data: str | None
+    """The set; None for `default_set`."""
+    from_files: bool
+    """Whether the set is of `files:` of the entry, not one of the data section."""
+    unit: Unit | None
+    """Of the metric or loss."""
+    output_unit: Unit | None
+    minimum: float | None
+    maximum: float | None
+    span: Span | None
+
+
+def plan_checks(program: Program, checks: Sequence[Check], findings: Findings) -> list[CheckPlan]:
+    """The entries as they will be measured; without any, the rmse of every prediction.
+
+    What is wrong with them goes to `findings`.
+    """
+    if not checks:
+        one_step = RolloutPlan(program, 1, 1, 0, ())
+        return [
+            CheckPlan(
+                of=output.name,
+                metric="rmse",
+                target=output.predicts,
+                rollout=one_step,
+                data=None,
+                from_files=False,
+                unit=_unit(program, output),
+                output_unit=_unit(program, output),
+                minimum=None,
+                maximum=None,
+                span=output.span,
+            )
+            for output in program.outputs
+            if output.predicts is not None
+        ]
+    sets = file_sets(checks)
+    plans = (_planned(program, check, sets, findings) for check in checks)
+    return [plan for plan in plans if plan is not None]
+
+
+def default_set(data: Dataset) -> str:
+    """What is measured where nothing is said: `test`, else `val`, else `train`."""
+    return next((name for name in ("test", "val", "train") if data.has(name)), "test")
+
+
+def _planned(
+    program: Program, check: Check, sets: dict[str, Source], findings: Findings
+) -> CheckPlan | None:
+    outputs: Mapping[str, Output] = {output.name: output for output in program.outputs}
+    losses = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
+    if check.rollout is not None and check.rollout.curriculum is not None:
+        findings.report(stage_errors.curriculum_outside_training(check.rollout.curriculum.span))
+    rollout = plan_rollout(program, check.rollout, None, findings)
+    name = check.of.value
+    metric: Metric | None
+    target: Prediction | None = None
+    unit: Unit | None
+    output_unit: Unit | None = None
+    if name in outputs:
+        output, metric = outputs[name], check.metric
+        target = output.predicts
+        if check.target is not None:
+            target = _target(program, check.target, findings)
+        elif target is None:
+            findings.report(errors.nothing_predicted(name, check.of.span))
+        output_unit = _unit(program, output)
+        unit = _metric_unit(metric, output_unit)
+        missing = target is None
+    elif name in losses:
+        metric, unit, missing = None, None, False
+        if "metric" in check.model_fields_set:
+            findings.report(errors.metric_of_loss(check.metric, name, check.of.span))
+    else:
+        findings.report(errors.unknown_output(name, check.of.span, [*outputs, *losses]))
+        return None
+    minimum = _limit(check.min, unit, findings)
+    maximum = _limit(check.max, unit, findings)
+    if rollout is None or missing:
+        return None
+    data = None if check.data is None else check.data.value
+    if check.files is not None:
+        data = set_of(check.files, sets)
+    return CheckPlan(
+        name,
+        metric,
+        target,
+        rollout,
+        data,
+        check.files is not None,
+        unit,
+        output_unit,
+        minimum,
+        maximum,
+        check.place.value,
+    )
+
+
+def _unit(program: Program, output: Output) -> Unit | None:
+    unit = program.step[output.node].type.unit
+    if unit is None and output.predicts is not None:
+        unit = program.signal(output.predicts.signal).unit
+    return unit
+
+
+def _metric_unit(metric: Metric, unit: Unit | None) -> Unit | None:
+    match metric:
+        case "rmse" | "mae" | "max_abs":
+            return unit
+        case "fit":
+            return PERCENT
+        case "r2" | "fvu" | "aic":
+            return ONE
+
+
+def _target(program: Program, expression: Expression, findings: Findings) -> Prediction | None:
+    """The logged sample that an expression such as `x[t+1]` or `q.meas` names."""
+    known = {signal.name for signal in program.signals}
+    ahead: int | None = 0
+    operand = expression
+    if isinstance(expression, Window) and expression.last is None:
+        operand = expression.operand
+        length = samples(expression.first.length, program.sample_time, findings)
+        ahead = None if length is None else expression.first.sign * length
+    match operand:
+        case Name(name=name):
+            candidates = (name, f"{name}.meas")
+        case Member(base=base, name=name):
+            candidates = (f"{base}.{name}", base)
+        case _:
+            candidates = ()
+    signal = next((name for name in candidates if name in known), None)
+    if signal is None:
+        findings.report(errors.unscorable_target(expression.span))
+    return None if signal is None or ahead is None else Prediction(signal, ahead)
+
+
+def _limit(limit: Quantity | None, unit: Unit | None, findings: Findings) -> float | None:
+    """The limit in the metric's unit; a bare number is in it already."""
+    if limit is None or limit.unit is None:
+        return None if limit is None else limit.value
+    expected = unit or ONE
+    if not limit.unit.same_dimension(expected):
+        findings.report(errors.wrong_limit_unit(limit.text, expected.text, limit.span))
+        return None
+    return limit.value * limit.unit.factor_to(expected)  # of a difference: 2 K are 2 degC

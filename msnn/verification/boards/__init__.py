@@ -1,0 +1,1 @@
+"""Runs exported C bare-metal in QEMU."""

@@ -1,0 +1,1 @@
+"""Checks exported C on this machine: builds, golden runs, coverage, fuzzing."""

@@ -1,0 +1,107 @@
+"""Says which lines and branches of the model the golden vectors and the self-test reach."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from msnn.verification.exported_c import ExportedC
+from msnn.verification.host.harness import includes
+from msnn.verification.proof_step import Check, Result, ToolFailedError, run_tool
+from msnn.verification.tools import GCC, GCOV
+
+
+@dataclass(frozen=True, slots=True)
+class Unreached:
+    """A line of a source that is not executed, or `branches` ways out of it that are not taken."""
+
+    file: str
+    text: str
+    branches: int
+    """0 for the line itself."""
+
+    def __str__(self) -> str:
+        what = (
+            f"{self.branches} {'branch' if self.branches == 1 else 'branches'}"
+            if self.branches
+            else "line"
+        )
+        return f"{self.file}: {what} not reached: {self.text}"
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Counts of all sources of the model, and what is left."""
+
+    lines: int
+    branches: int
+    unreached: tuple[Unreached, ...]
+
+    @property
+    def lines_reached(self) -> int:
+        return self.lines - sum(not place.branches for place in self.unreached)
+
+    @property
+    def branches_reached(self) -> int:
+        return self.branches - sum(place.branches for place in self.unreached)
+
+
+def coverage_check(model: ExportedC) -> Check:
+    """What is not reached is a note, no finding: a clamp may hide a branch for good."""
+
+    def run(folder: Path) -> Result:
+        found = coverage(model, folder)
+        detail = (
+            f"{found.lines_reached} of {found.lines} lines, "
+            f"{found.branches_reached} of {found.branches} branches by golden steps and self-test"
+        )
+        return check.of([], detail, notes=[str(place) for place in found.unreached])
+
+    check = Check("coverage", "gcc", (GCC, GCOV), run)
+    return check
+
+
+def coverage(model: ExportedC, folder: Path) -> Coverage:
+    """Runs the test program of an export; the folder takes what gcov writes."""
+    tests = sorted((model.folder / "test").glob("*.c"))
+    flags = ["-std=c99", "-O0", "-ffp-contract=off", "--coverage"]
+    sources = [*model.sources, *tests]
+    run_tool([GCC.command, *flags, *includes(model), *sources, "-o", "covered", "-lm"], folder)
+    with suppress(ToolFailedError):  # other checks say that golden steps differ
+        run_tool([folder / "covered"], folder)
+    lines = [line for path in model.model_sources for line in _lines(path, folder)]
+    return Coverage(
+        lines=len(lines),
+        branches=sum(len(line["branches"]) for _, _, line in lines),
+        unreached=tuple(_unreached(lines)),
+    )
+
+
+_Line = tuple[Path, str, dict[str, Any]]
+
+
+def _lines(source: Path, folder: Path) -> Iterator[_Line]:
+    """Each line of a source that has code, with what gcov counted."""
+    data = folder / f"covered-{source.stem}.gcda"
+    if not data.exists():
+        return
+    options = ["--branch-probabilities", "--json-format", "--stdout"]
+    text = source.read_text(encoding="utf-8").splitlines()
+    for file in json.loads(run_tool([GCOV.command, *options, data], folder))["files"]:
+        if Path(file["file"]).name == source.name:
+            for line in file["lines"]:
+                number = int(line["line_number"])
+                yield source, text[number - 1].strip(), line
+
+
+def _unreached(lines: list[_Line]) -> Iterator[Unreached]:
+    for path, text, line in lines:
+        if not line["count"]:
+            yield Unreached(path.name, text, 0)
+        missed = sum(not branch["count"] for branch in line["branches"])
+        if missed:
+            yield Unreached(path.name, text, missed)

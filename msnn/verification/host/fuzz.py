@@ -1,0 +1,59 @@
+"""Lets libFuzzer look for a state and inputs that make a step do what C leaves undefined."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from msnn.verification.exported_c import ExportedC
+from msnn.verification.host.harness import write_harness
+from msnn.verification.proof_step import Check, Result, ToolFailedError, run_tool
+from msnn.verification.tools import CLANG, LIBFUZZER
+
+_SANITIZERS = "-fsanitize=fuzzer,address,undefined,float-cast-overflow"
+_OPTIONS = ("-max_len=65536", "-seed=1", "-len_control=0")
+_DONE = re.compile(r"Done (\d+) runs in (\d+) second")
+
+
+def fuzz_check(model: ExportedC, seconds: int) -> Check:
+    """For so many seconds: any bits as state, a corrupted one included, and any inputs."""
+
+    def run(folder: Path) -> Result:
+        if model.fixed_point:
+            detail = "integers are proved for states within their limits, which fuzzing would break"
+            return Result(check.name, check.target, "left out", detail)
+        try:
+            runs = fuzz(model, folder, f"-max_total_time={seconds}", seconds + 60.0)
+        except FuzzerFoundError as error:
+            return check.of(error.lines or [str(error)], "the fuzzer found an input")
+        return check.of([], f"{runs:,} runs of 8 steps in {seconds} s, corrupted states included")
+
+    check = Check("fuzz", "clang", (CLANG, LIBFUZZER), run)
+    return check
+
+
+class FuzzerFoundError(ToolFailedError):
+    """A run did what C leaves undefined; `lines` say what and where."""
+
+
+def fuzz(model: ExportedC, folder: Path, limit: str, seconds: float) -> int:
+    """Runs libFuzzer up to its limit (`-runs=10000`); how many runs it made.
+
+    Raises FuzzerFoundError, and ToolFailedError where the fuzzer cannot be built.
+    """
+    main = write_harness("fuzz_main.c", model, folder)
+    program = folder / "fuzz"
+    run_tool(
+        [
+            *(CLANG.command, "-std=c99", "-O1", "-g", "-ffp-contract=off", _SANITIZERS),
+            *("-fno-sanitize-recover=all", f"-I{model.include}", main),
+            *(*model.model_sources, "-o", program, "-lm"),
+        ],
+        folder,
+    )
+    try:
+        said = run_tool([program, limit, *_OPTIONS], folder, seconds)
+    except ToolFailedError as error:
+        raise FuzzerFoundError(str(error), "\n".join(error.lines)) from error
+    done = _DONE.search(said)
+    return int(done[1]) if done else 0

@@ -1,0 +1,67 @@
+"""The harness around an export: templates filled for one model, written beside what they build."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+import templates
+from msnn.verification.boards.boards import Board
+from msnn.verification.exported_c import ExportedC
+
+TEMPLATES = Path(templates.__path__[0]) / "verify"
+
+
+def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -> Path:
+    """Fills `templates/verify/<template>.j2` for the model; the path of what it wrote."""
+    common = {
+        "prefix": model.prefix,
+        "takes_parameters": model.takes_parameters,
+        "params": f", &{model.prefix}_params_default" if model.takes_parameters else "",
+        "runs": model.runs,
+        "steps": len(model.expected) // model.runs,
+        "reals": model.reals,
+        "number": model.number,
+        "linearizes": model.linearizes,
+        "hashed_reals": model.hashed_reals,
+    }
+    text = _environment().get_template(f"{template}.j2").render(**common, **facts)
+    path = folder / template
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def write_linker_script(board: Board, folder: Path) -> Path:
+    """The memory of a board for the linker; the path of the script."""
+    text = (
+        _environment()
+        .get_template("board.ld.j2")
+        .render(
+            code_origin=hex(board.code[0]),
+            code_length=board.code[1],
+            ram_origin=hex(board.ram[0]),
+            ram_length=board.ram[1],
+        )
+    )
+    path = folder / "board.ld"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def includes(model: ExportedC) -> list[str]:
+    """Where the harness finds the model and its vectors."""
+    return [f"-I{model.include}", f"-I{model.folder / 'src'}", f"-I{model.folder / 'test'}"]
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        autoescape=False,  # noqa: S701  (C; names were checked to be plain C identifiers)
+    )

@@ -1,0 +1,117 @@
+"""Checks on this machine: strict builds, static analysis, golden vectors, sanitizers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from msnn.verification.exported_c import ExportedC
+from msnn.verification.host.golden_run import differences
+from msnn.verification.host.harness import includes, write_harness
+from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
+from msnn.verification.proof_step import Check, Result, ToolFailedError, run_tool
+from msnn.verification.tools import CLANG, CPPCHECK, GCC, GPP, Tool
+
+LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
+_STANDARD = ("-std=c99", "-ffp-contract=off")
+_SANITIZERS = (
+    "-O1",
+    "-g",
+    "-fsanitize=address,undefined,float-cast-overflow",
+    "-fno-sanitize-recover=all",
+)
+
+
+def host_checks(model: ExportedC) -> Iterator[Check]:
+    """All that a machine with gcc and clang can say in seconds."""
+    yield _compiling("warnings", "gcc", (GCC,), model, [*_STANDARD, "-O2", *GCC_WARNINGS])
+    yield _compiling("warnings", "clang", (CLANG,), model, [*_STANDARD, "-O2", *CLANG_WARNINGS])
+    cpp = ["-x", "c++", "-std=c++17", "-ffp-contract=off", "-O1", *CPP_WARNINGS]
+    yield _compiling("warnings", "g++", (GPP,), model, cpp)
+    yield _compiling("analyzer", "gcc", (GCC,), model, [*_STANDARD, "-O1", "-fanalyzer"])
+    for tool in (GCC, CLANG):
+        yield _golden(tool, model)
+    yield _sanitized(model)
+
+
+def misra_check(model: ExportedC) -> Check:
+    """The MISRA addon of cppcheck, which checks a part of MISRA C:2012."""
+
+    def run(folder: Path) -> Result:
+        options = ["-q", "--addon=misra", "--std=c99", "--enable=style"]
+        said = run_tool(
+            [
+                CPPCHECK.command,
+                *options,
+                "--template={file}:{line} {id}",
+                f"-I{model.include}",
+                *model.sources,
+            ],
+            folder,
+        )
+        found = [
+            line.removeprefix(f"{model.folder}/")
+            for line in said.splitlines()
+            if "misra-c2012" in line
+        ]
+        version = run_tool([CPPCHECK.command, "--version"], folder).strip()
+        return check.of(found, f"{len(found)} findings by the MISRA addon of {version}")
+
+    check = Check("misra", "source", (CPPCHECK,), run)
+    return check
+
+
+def _compiling(
+    name: str, target: str, needs: tuple[Tool, ...], model: ExportedC, flags: list[str]
+) -> Check:
+    """A compiler that shall have nothing to say."""
+
+    def run(folder: Path) -> Result:
+        tests = sorted((model.folder / "test").glob("*.c"))
+        said = run_tool([target, *flags, *includes(model), "-c", *model.sources, *tests], folder)
+        found = [line for line in said.splitlines() if "warning:" in line]
+        shown = [line.removeprefix(f"{model.folder}/") for line in found]
+        count = len([flag for flag in flags if flag.startswith("-W")])
+        what = f"{count} warning flags" if count else "-fanalyzer"
+        return check.of(shown, f"{len(found)} warnings, {what}")
+
+    check = Check(name, target, needs, run)
+    return check
+
+
+def _golden(tool: Tool, model: ExportedC) -> Check:
+    def run(folder: Path) -> Result:
+        found: list[str] = []
+        for level in LEVELS:
+            answer = _replay(tool.command, [level], model, folder)
+            found += [f"{tool.command} {level}: {fault}" for fault in differences(model, answer)]
+        steps = len(model.expected)
+        promise = "0 bits differ" if model.exact else "within the tolerance"
+        detail = f"{steps} golden steps at {' '.join(LEVELS)}: {promise}"
+        return check.of(found, "golden steps differ" if found else detail)
+
+    check = Check("golden vectors", tool.command, (tool,), run)
+    return check
+
+
+def _sanitized(model: ExportedC) -> Check:
+    def run(folder: Path) -> Result:
+        try:
+            answer = _replay(GCC.command, list(_SANITIZERS), model, folder)
+        except ToolFailedError as error:
+            return check.of(error.lines, "a sanitizer stopped the golden steps")
+        return check.of(
+            differences(model, answer), "address, undefined behaviour, float-cast-overflow"
+        )
+
+    check = Check("sanitizers", "gcc", (GCC,), run)
+    return check
+
+
+def _replay(compiler: str, flags: list[str], model: ExportedC, folder: Path) -> str:
+    write_harness("replay.h", model, folder)
+    main = write_harness("host_main.c", model, folder)
+    program = folder / "replay"
+    command = [compiler, *_STANDARD, *flags, *includes(model), f"-I{folder}", main]
+    run_tool([*command, *model.sources, "-o", program, "-lm"], folder)
+    return run_tool([program], folder)

@@ -1,0 +1,1 @@
+"""Proves exported C by abstract interpretation."""

@@ -1,0 +1,1 @@
+"""Diagnostics: what they say, and how they are shown."""

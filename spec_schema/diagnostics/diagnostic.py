@@ -1,0 +1,102 @@
+"""What is said to a user about a spec: messages as data, apart from how they are printed."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+from spec_schema.diagnostics.source import SourceText, Span
+
+Severity: TypeAlias = Literal["error", "warning", "note"]
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One message with a stable code.
+
+    `span` is the smallest place at fault and `label` stands under its underline; `secondary` are
+    further places with their labels. Notes are facts, `help` is the repair. Only the constructors
+    in `spec_schema.errors` build diagnostics, so that each sentence is written once.
+    """
+
+    code: str
+    severity: Severity
+    message: str
+    span: Span | None
+    label: str = ""
+    secondary: tuple[tuple[Span, str], ...] = ()
+    notes: tuple[str, ...] = ()
+    help: str | None = None
+
+    def also_in(self, files: int) -> "Diagnostic":
+        """The same said of so many more files."""
+        more = f" … and {files} more file{'s' if files > 1 else ''}"
+        return replace(self, message=self.message + more) if files else self
+
+    def seen_from(self, place: Span, label: str) -> "Diagnostic":
+        """The same with one further place, to which it matters."""
+        return replace(self, secondary=(*self.secondary, (place, label)))
+
+
+class SpecError(Exception):
+    """A stage failed; carries every diagnostic of that stage, warnings included.
+
+    `sources` are the texts that spans point into, where the one who raises it has them.
+    """
+
+    def __init__(
+        self, diagnostics: Iterable[Diagnostic], sources: Iterable[SourceText] = ()
+    ) -> None:
+        self.diagnostics = tuple(diagnostics)
+        self.sources = tuple(sources)
+        super().__init__("; ".join(describe(diagnostic) for diagnostic in self.diagnostics))
+
+
+def describe(diagnostic: Diagnostic) -> str:
+    """One line: `file:line:column: error[E0301]: message`, as compilers print it."""
+    span = diagnostic.span
+    place = f"{span.file}:{span.line}:{span.column}: " if span else ""
+    return f"{place}{diagnostic.severity}[{diagnostic.code}]: {diagnostic.message}"
+
+
+class Findings:
+    """Collects the diagnostics of one stage, so that a user sees all of them at once."""
+
+    def __init__(self) -> None:
+        self._diagnostics: dict[Diagnostic, None] = {}
+
+    def report(self, *diagnostics: Diagnostic) -> None:
+        """Adds diagnostics; one that is there already (an alias read twice) is not repeated."""
+        self._diagnostics.update(dict.fromkeys(diagnostics))
+
+    def mark(self) -> int:
+        """How many there are now; `forget` goes back to it."""
+        return len(self._diagnostics)
+
+    def since(self, mark: int) -> tuple[Diagnostic, ...]:
+        """What came after a mark."""
+        return tuple(self._diagnostics)[mark:]
+
+    def forget(self, mark: int) -> None:
+        """Drops what came after a mark: an attempt that failed and does not matter."""
+        for diagnostic in list(self._diagnostics)[mark:]:
+            del self._diagnostics[diagnostic]
+
+    @property
+    def in_order(self) -> tuple[Diagnostic, ...]:
+        """All diagnostics in the order of their places in the file; those without one come last."""
+        return tuple(sorted(self._diagnostics, key=_place))
+
+    @property
+    def failed(self) -> bool:
+        """Whether an error is among them."""
+        return any(diagnostic.severity == "error" for diagnostic in self._diagnostics)
+
+    def raise_errors(self) -> None:
+        """Raises SpecError with everything found if an error is among it."""
+        if self.failed:
+            raise SpecError(self.in_order)
+
+
+def _place(diagnostic: Diagnostic) -> tuple[bool, str, int, int]:
+    span = diagnostic.span
+    return (False, span.file, span.line, span.column) if span else (True, "", 0, 0)

@@ -1,0 +1,79 @@
+"""What a diagnostic code means and how to repair it: the pages in `explanations/`, one a code."""
+
+import re
+import textwrap
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+FOLDER = Path(__file__).parents[1] / "explanations"
+_WIDTH = 88
+_FENCED = re.compile(r"^```(\w+) (wrong|repaired)( whole)?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+_TITLES = {"wrong": "Wrong:", "repaired": "Repaired:"}
+
+
+@dataclass(frozen=True)
+class Example:
+    """A piece of a spec or of data that is `wrong` or `repaired`.
+
+    A piece of a spec shows only what matters; one that is `whole` is a file as it stands.
+    """
+
+    language: str
+    repaired: bool
+    whole: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One code: its meaning in a line, and the page as Markdown."""
+
+    code: str
+    meaning: str
+    page: str
+
+    @property
+    def examples(self) -> tuple[Example, ...]:
+        """What the page shows, in its order."""
+        return tuple(
+            Example(found[1], found[2] == "repaired", bool(found[3]), found[4])
+            for found in _FENCED.finditer(self.page)
+        )
+
+    @property
+    def text(self) -> str:
+        """The page for a terminal: examples indented, all else in lines of readable length."""
+        title, _, rest = self.page.partition("\n")
+        parts = [title.removeprefix("# ")]
+        end = 0
+        for found in _FENCED.finditer(rest):
+            parts += _paragraphs(rest[end : found.start()])
+            parts += [_TITLES[found[2]], textwrap.indent(found[4].rstrip("\n"), "    ")]
+            end = found.end()
+        return "\n\n".join([*parts, *_paragraphs(rest[end:])])
+
+
+@cache
+def known_codes() -> tuple[str, ...]:
+    """All codes, in the order of their numbers."""
+    return tuple(sorted((path.stem for path in FOLDER.glob("*.md")), key=_number))
+
+
+def explain(code: str) -> Explanation:
+    """The explanation of a code, in whatever case it is written; KeyError where there is none."""
+    wanted = code.strip().upper()
+    if wanted not in known_codes():
+        raise KeyError(wanted)
+    page = (FOLDER / f"{wanted}.md").read_text(encoding="utf-8")
+    _, _, meaning = page.partition("\n")[0].partition(": ")
+    return Explanation(wanted, meaning, page)
+
+
+def _number(code: str) -> tuple[str, str]:
+    return code[1:], code
+
+
+def _paragraphs(text: str) -> list[str]:
+    parts = (part.replace("**", "") for part in text.strip().split("\n\n"))
+    return [textwrap.fill(part, _WIDTH) for part in parts if part]

@@ -1,0 +1,124 @@
+"""The full form of a diagnostic: code, place, source lines with underlines, notes and help."""
+
+import unicodedata
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, Severity
+from spec_schema.diagnostics.source import SourceText, Span
+
+_COLORS: Mapping[Severity, str] = {"error": "1;31", "warning": "1;33", "note": "1;32"}
+_FRAME = "1;34"
+_TAB = "    "
+_CUT = "…"
+_LONGEST_LINE = 160
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """An underline, its label, and the character and colour it is drawn with."""
+
+    span: Span
+    label: str
+    drawn: str
+    color: str
+
+
+def full_text(diagnostic: Diagnostic, texts: Mapping[str, SourceText], color: bool) -> str:
+    """The diagnostic as rustc shapes it; `texts` are the sources by their names."""
+    main = diagnostic.span
+    marks = [] if main is None else _marks(diagnostic, main)
+    width = max((len(str(mark.span.line)) for mark in marks), default=0)
+    page = _Page(texts, width, color)
+    severity = diagnostic.severity
+    title = page.paint(f"{severity}[{diagnostic.code}]", _COLORS[severity])
+    lines = [title + page.paint(f": {diagnostic.message}", "1")]
+    if main is not None:
+        arrow = page.paint(" " * width + "-->", _FRAME)
+        lines.append(f"{arrow} {main.file}:{main.line}:{main.column}")
+        lines.extend(page.excerpts(main, marks))
+    sign = page.paint(" " * (width + 1) + "=", _FRAME)
+    lines.extend(f"{sign} note: {note}" for note in diagnostic.notes)
+    if diagnostic.help is not None:
+        lines.append(f"{sign} help: {diagnostic.help}")
+    return "\n".join(lines)
+
+
+def _marks(diagnostic: Diagnostic, main: Span) -> list[_Mark]:
+    """All underlines: those in the main file first, each file's in the order of its lines."""
+    marks = [_Mark(main, diagnostic.label, "^", _COLORS[diagnostic.severity])]
+    marks.extend(_Mark(span, label, "-", _FRAME) for span, label in diagnostic.secondary)
+    return sorted(marks, key=lambda mark: (mark.span.file != main.file, mark.span))
+
+
+class _Page:
+    def __init__(self, texts: Mapping[str, SourceText], width: int, color: bool) -> None:
+        self.texts = texts
+        self.margin = " " * (width + 1)
+        self.color = color
+
+    def paint(self, text: str, code: str) -> str:
+        return f"\x1b[{code}m{text}\x1b[0m" if self.color else text
+
+    def excerpts(self, main: Span, marks: list[_Mark]) -> Iterator[str]:
+        """Each marked source line with its underlines; `...` stands for lines left out."""
+        file, shown, part = main.file, 0, slice(0, 0)
+        for mark in marks:
+            span = mark.span
+            if span.file != file:
+                file, shown = span.file, 0
+                arrow = self.paint(f"{self.margin[:-1]}:::", _FRAME)
+                yield f"{arrow} {file}:{span.line}:{span.column}"
+            text = self.texts.get(file)
+            if text is None or span.line > text.line_count:
+                continue
+            line = text.line(span.line)
+            if span.line != shown:
+                part = _shown_part(line, main if main.line == span.line else span)
+                if shown == 0:
+                    yield self.paint(f"{self.margin}|", _FRAME)
+                elif span.line > shown + 1:
+                    yield "..."
+                number = str(span.line).rjust(len(self.margin) - 1)
+                yield f"{self.paint(f'{number} |', _FRAME)} {_written(line, part)}".rstrip()
+                shown = span.line
+            if span.column - 1 <= part.stop:
+                yield self.underline(mark, line, part)
+
+    def underline(self, mark: _Mark, line: str, part: slice) -> str:
+        """As wide as the place; a place of several lines is underlined to the end of its first."""
+        span = mark.span
+        first = max(span.column - 1, part.start)
+        last = span.end_column - 1 if span.end_line == span.line else len(line)
+        before = _columns(line[part.start : first]) + (len(_CUT) if part.start else 0)
+        drawn = mark.drawn * max(1, _columns(line[first : min(last, part.stop)]))
+        said = f"{drawn} {mark.label}".rstrip()
+        bar = self.paint(f"{self.margin}|", _FRAME)
+        return f"{bar} {' ' * before}{self.paint(said, mark.color)}"
+
+
+def _shown_part(line: str, span: Span) -> slice:
+    """All of a line, or of a very long one what stands around the place."""
+    if len(line) <= _LONGEST_LINE:
+        return slice(0, len(line))
+    start = max(0, span.column - 1 - _LONGEST_LINE // 4)
+    return slice(start, min(len(line), start + _LONGEST_LINE))
+
+
+def _written(line: str, part: slice) -> str:
+    before = _CUT if part.start else ""
+    after = _CUT if part.stop < len(line) else ""
+    return before + line[part].replace("\t", _TAB).rstrip() + after
+
+
+def _columns(text: str) -> int:
+    """How many columns of a terminal a text takes."""
+    return sum(_column_count(character) for character in text)
+
+
+def _column_count(character: str) -> int:
+    if character == "\t":
+        return len(_TAB)
+    if unicodedata.combining(character):
+        return 0
+    return 2 if unicodedata.east_asian_width(character) in {"W", "F"} else 1

@@ -1,0 +1,1 @@
+"""Serves editors: the JSON Schema, the docs of keys, the format of specs."""

@@ -1,0 +1,163 @@
+"""The JSON Schema of specs: what editors complete, show and check while a spec is written."""
+
+import json
+from collections.abc import Iterator
+from inspect import isclass
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from spec_schema.editors.key_docs import key_doc
+from spec_schema.fields.entry import Entry, Variant
+from spec_schema.fields.entry_kinds import about, kinds_of, kinds_within
+from spec_schema.fields.leaf import Gathering, JsonSchema, Leaf
+from spec_schema.sections.spec import Spec
+
+# Draft 7 is what the YAML extension of VS Code supports best.
+_DRAFT = "http://json-schema.org/draft-07/schema#"
+_FOREIGN: JsonSchema = {"^x-": {}}
+
+
+def json_schema() -> dict[str, Any]:
+    """The schema of a whole spec; each kind of mapping is a definition.
+
+    It has neither `oneOf` nor `anyOf`: a shorthand is one more type, so that an editor always
+    knows which keys can follow.
+    """
+    kinds = list(kinds_within(Spec))
+    return {
+        "$schema": _DRAFT,
+        "title": "msnn spec",
+        **_definition(Spec),
+        "definitions": {kind.__name__: _definition(kind) for kind in kinds[1:]},
+    }
+
+
+def json_schema_text() -> str:
+    """The schema as a file, the same bytes each time."""
+    return json.dumps(json_schema(), ensure_ascii=False, indent=1) + "\n"
+
+
+def _definition(entry: type[Entry]) -> dict[str, Any]:
+    """The mapping, and beside it the scalar or list that may stand in its place."""
+    required = [key for key, _, needed in _fields(entry) if needed]
+    types = ["object"] if required or issubclass(entry, Variant) else ["object", "null"]
+    mapping: dict[str, Any] = {
+        "type": types,
+        "description": about(entry),
+        "properties": {key: _property(entry, key, schema) for key, schema, _ in _fields(entry)}
+        | {key: _reserved(entry, key) for key in sorted(entry.later)},
+        "patternProperties": _FOREIGN,
+        "additionalProperties": False,
+    }
+    if required:
+        mapping["required"] = required
+    if issubclass(entry, Variant):
+        mapping["minProperties"] = 1
+    return _united(mapping, _alone(entry))
+
+
+def _fields(entry: type[Entry]) -> Iterator[tuple[str, JsonSchema, bool]]:
+    for name, field in entry.model_fields.items():
+        if name != "place":
+            schema = _schema(field.annotation, field.metadata)
+            yield field.alias or name, schema, field.is_required() and name != "optimizer"
+
+
+def _property(entry: type[Entry], key: str, schema: JsonSchema) -> dict[str, Any]:
+    described = {**schema, "description": key_doc(entry, key)}
+    default = _defaults(entry)[key]
+    return {**described, "default": default} if default is not None else described
+
+
+def _defaults(entry: type[Entry]) -> dict[str, bool | float | str | None]:
+    """The plain default of each key; None for those that are lists, mappings or left out."""
+    defaults: dict[str, bool | float | str | None] = {}
+    for name, field in entry.model_fields.items():
+        plain = isinstance(field.default, bool | int | float | str)
+        defaults[field.alias or name] = field.default if plain else None
+    return defaults
+
+
+def _reserved(entry: type[Entry], key: str) -> dict[str, Any]:
+    said = f"`{key}` in {entry.noun} is planned, not in this version of msnn."
+    return {"description": said, "errorMessage": said, "doNotSuggest": True, "not": {}}
+
+
+def _alone(entry: type[Entry]) -> JsonSchema:
+    """What may be written for the mapping: its shorthand, or the bare name of a variant."""
+    if entry.shorthand is not None:
+        schemas = {key: schema for key, schema, _ in _fields(entry)}
+        return _inlined(schemas[entry.shorthand], entry)
+    if not issubclass(entry, Variant):
+        return {"type": []}
+    values = {key: schema for key, schema, _ in _fields(entry)}
+    if "value" in values:
+        # the initial value of a parameter: a lone expression is its variant `value`
+        return values["value"]
+    return {
+        "type": ["string"],
+        "pattern": f"^({'|'.join(values)})$",
+        "examples": list(values),
+    }
+
+
+def _inlined(schema: JsonSchema, entry: type[Entry]) -> JsonSchema:
+    """A schema without `$ref`: that of the mapping it refers to, less the mapping itself."""
+    if "$ref" not in schema:
+        return schema
+    (kind,) = (
+        kind
+        for field in entry.model_fields.values()
+        for kind in kinds_of(field.annotation)
+        if _reference(kind) == schema["$ref"]
+    )
+    alone = dict(_alone(kind))
+    alone["type"] = [type for type in _types(alone) if type != "object"]
+    return {key: value for key, value in alone.items() if key not in _OF_OBJECTS}
+
+
+_OF_OBJECTS = {"properties", "additionalProperties", "required"}
+
+
+def _united(mapping: dict[str, Any], alone: JsonSchema) -> dict[str, Any]:
+    """One schema for a mapping and for what stands in its place: no keyword is about both."""
+    types = [*mapping["type"], *(t for t in _types(alone) if t not in mapping["type"])]
+    properties = {**alone.get("properties", {}), **mapping["properties"]}
+    kept = {key: value for key, value in alone.items() if key not in _OF_OBJECTS}
+    # an enumeration would have to list every mapping too
+    words = kept.pop("enum", None)
+    if words is not None:
+        kept |= {"pattern": f"^({'|'.join(words)})$", "examples": words}
+    shown = types[0] if len(types) == 1 else types
+    return {**kept, **mapping, "type": shown, "properties": properties}
+
+
+def _types(schema: JsonSchema) -> list[str]:
+    types = schema.get("type", [])
+    return [types] if isinstance(types, str) else list(types)
+
+
+def _schema(annotation: Any, metadata: list[Any]) -> JsonSchema:
+    for note in metadata:
+        if isinstance(note, Leaf):
+            return note.schema
+        if isinstance(note, Gathering):
+            return note.schema(_item(annotation))
+    if isclass(annotation) and issubclass(annotation, Entry):
+        return {"$ref": _reference(annotation)}
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _schema(arguments[0], list(arguments[1:]))
+    assert origin in (Union, UnionType), f"{annotation} has no schema"
+    (only,) = (argument for argument in arguments if argument is not NoneType)
+    return _schema(only, [])
+
+
+def _item(annotation: Any) -> JsonSchema:
+    """The schema of the items of `tuple[Item, ...]`, or of the values of `Mapping[str, Item]`."""
+    arguments = [part for part in get_args(annotation) if part not in (str, ...)]
+    return _schema(arguments[0], [])
+
+
+def _reference(kind: type[Entry]) -> str:
+    return f"#/definitions/{kind.__name__}"

@@ -1,0 +1,1 @@
+"""Parses expressions into a tree and writes them as text."""

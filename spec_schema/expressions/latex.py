@@ -1,0 +1,200 @@
+"""Writes an expression in the notation of papers, as LaTeX."""
+
+import unicodedata
+from typing import assert_never
+
+from spec_schema.expressions.text import length_text, number_text, time_text
+from spec_schema.expressions.tree import (
+    Binary,
+    Call,
+    Compare,
+    Duration,
+    Expression,
+    Future,
+    ListLiteral,
+    Member,
+    Name,
+    Negate,
+    Number,
+    Operator,
+    Past,
+    Relation,
+    Samples,
+    Window,
+)
+
+_FUNCTIONS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "min", "max"}
+_ARC = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
+_RELATIONS = {
+    Relation.LESS: "<",
+    Relation.LESS_EQUAL: r"\leq",
+    Relation.GREATER: ">",
+    Relation.GREATER_EQUAL: r"\geq",
+}
+_JOINTS = {
+    Operator.ADD: " + ",
+    Operator.SUBTRACT: " - ",
+    Operator.MULTIPLY: r" \, ",
+    Operator.CONTRACT: r" \cdot ",
+}
+_SUM, _PRODUCT, _POWER, _ATOM = range(4)
+
+
+def expression_latex(expression: Expression) -> str:
+    """The formula without the signs that start mathematics; samples are indices: `x_{t-1}`."""
+    match expression:
+        case Number(value=value):
+            return number_latex(value)
+        case Duration():
+            return rf"\mathrm{{{length_text(expression).replace(' ', chr(92) + ',')}}}"
+        case Name(name=name):
+            return name_latex(name)
+        case Member(base=base, name=name):
+            return rf"{name_latex(base)}^{{\mathrm{{{_safe(name)}}}}}"
+        case Call():
+            return _call(expression)
+        case Negate(operand=operand):
+            return f"-{_within(operand, _PRODUCT)}"
+        case Binary(operator=operator, left=left, right=right):
+            return _binary(operator, left, right)
+        case Compare(relation=relation, left=left, right=right):
+            return f"{expression_latex(left)} {_RELATIONS[relation]} {expression_latex(right)}"
+        case Window(operand=operand, first=first, last=last):
+            ends = [first] if last is None else [first, last]
+            return _at(operand, r"{:}".join(time_text(end) for end in ends))
+        case Past(operand=operand, length=length):
+            return _at(operand, rf"t-{_length(length)}{{:}}t")
+        case Future(operand=operand, length=length):
+            return _at(operand, rf"t{{:}}t+{_length(length)}")
+        case ListLiteral(elements=elements):
+            return rf"\left[{', '.join(map(expression_latex, elements))}\right]"
+        case _:
+            assert_never(expression)
+
+
+def name_latex(name: str) -> str:
+    """`theta_1` as θ with the index 1, `x_next` as x with the index next; words are upright."""
+    head, *rest = [part for part in name.split("_") if part]
+    base = _letter(head)
+    return base + (rf"_{{\mathrm{{{_safe(','.join(rest))}}}}}" if rest else "")
+
+
+def number_latex(value: float) -> str:
+    """A number; powers of ten are written as such."""
+    mantissa, e, exponent = number_text(value).partition("e")
+    return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if e else mantissa
+
+
+def _letter(word: str) -> str:
+    if len(word) == 1 and word.isascii():
+        return word
+    if len(word) == 1:
+        return _greek(word)
+    return rf"\mathrm{{{_safe(word)}}}"
+
+
+def _greek(letter: str) -> str:
+    """The command of a Greek letter; capitals that look Latin have none."""
+    words = unicodedata.name(letter, "").lower().split()
+    if words[:1] != ["greek"] or len(words) != 4 or words[3] in _NO_COMMAND:
+        return rf"\mathrm{{{letter}}}"
+    word = {"lamda": "lambda", "final": "sigma"}.get(words[3], words[3])
+    if words[1] == "small":
+        return rf"\{word}"
+    return rf"\{word.capitalize()}" if word in _CAPITALS else rf"\mathrm{{{letter}}}"
+
+
+_NO_COMMAND = {"omicron"}
+_CAPITALS = {
+    "gamma",
+    "delta",
+    "theta",
+    "lambda",
+    "xi",
+    "pi",
+    "sigma",
+    "upsilon",
+    "phi",
+    "psi",
+    "omega",
+}
+
+
+def _safe(text: str) -> str:
+    return text.replace("_", r"\_")
+
+
+def _at(operand: Expression, index: str) -> str:
+    """A value with its samples as index; what has an index already is set in parentheses."""
+    if isinstance(operand, Name) and "_" not in operand.name:
+        return f"{name_latex(operand.name)}_{{{index}}}"
+    return rf"\left({expression_latex(operand)}\right)_{{{index}}}"
+
+
+def _length(length: Samples | Duration) -> str:
+    if isinstance(length, Samples):
+        return str(length.count)
+    return rf"\mathrm{{{length_text(length).replace(' ', chr(92) + ',')}}}"
+
+
+def _call(call: Call) -> str:
+    arguments = [expression_latex(argument) for argument in call.arguments]
+    name = call.function.name
+    if isinstance(call.function, Name) and len(arguments) == 1 and not call.keywords:
+        if name == "sqrt":
+            return rf"\sqrt{{{arguments[0]}}}"
+        if name == "abs":
+            return rf"\left|{arguments[0]}\right|"
+        if name == "der":
+            return rf"\frac{{d}}{{dt}} {_within(call.arguments[0], _ATOM)}"
+    arguments += [f"{_letter(w.name)} = {expression_latex(w.value)}" for w in call.keywords]
+    return rf"{_function(call.function)}\left({', '.join(arguments)}\right)"
+
+
+def _function(function: Name | Member) -> str:
+    match function:
+        case Name(name=name) if name in _FUNCTIONS:
+            return rf"\{name}"
+        case Name(name=name) if name in _ARC:
+            return rf"\{_ARC[name]}"
+        case Name(name=name) if len(name) > 1 and "_" not in name:
+            return rf"\operatorname{{{name}}}"
+        case _:
+            return expression_latex(function)
+
+
+def _binary(operator: Operator, left: Expression, right: Expression) -> str:
+    if operator is Operator.DIVIDE:
+        return rf"\frac{{{expression_latex(left)}}}{{{expression_latex(right)}}}"
+    if operator is Operator.POWER:
+        return f"{{{_within(left, _ATOM)}}}^{{{expression_latex(right)}}}"
+    binding = _SUM if operator in (Operator.ADD, Operator.SUBTRACT) else _PRODUCT
+    second, joint = expression_latex(right), _JOINTS[operator]
+    if operator is Operator.MULTIPLY and second[:1].isdigit():
+        joint = r" \cdot "
+    return f"{_within(left, binding)}{joint}{_enclosed(second, right, binding + 1)}"
+
+
+def _within(expression: Expression, least: int) -> str:
+    return _enclosed(expression_latex(expression), expression, least)
+
+
+def _enclosed(text: str, expression: Expression, least: int) -> str:
+    """The text of an expression, in parentheses where it binds less than it must."""
+    return text if _binding(expression) >= least else rf"\left({text}\right)"
+
+
+def _binding(expression: Expression) -> int:
+    match expression:
+        case Negate() | Compare():
+            return _SUM
+        case Binary(operator=Operator.ADD | Operator.SUBTRACT):
+            return _SUM
+        case Binary(operator=Operator.MULTIPLY | Operator.CONTRACT):
+            return _PRODUCT
+        case Binary():
+            return _POWER
+        case Number(value=value) if "e" in number_text(value):
+            return _PRODUCT
+        case _:
+            return _ATOM

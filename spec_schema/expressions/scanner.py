@@ -1,0 +1,180 @@
+"""First look at an expression: characters, brackets, words, durations; then Python parses it."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import expressions as errors
+from spec_schema.expressions.durations import DURATION, NUMBER_PATTERN, duration_of
+from spec_schema.expressions.tree import Duration
+from spec_schema.names import is_name, is_python_word, normalised
+from spec_schema.units.unit import unit_symbol
+from spec_schema.yaml_tree.nodes import Positions
+
+DEEPEST = 100
+# Random bytes would else bring a message for nearly each of them.
+_MOST_FAULTS = 8
+
+_TOKEN = re.compile(
+    rf"(?P<blank>\s+|\#[^\n]*)|(?P<duration>{DURATION.pattern})|(?P<literal>{NUMBER_PATTERN})"
+    r"|(?P<word>\w+)|(?P<text>'[^'\n]*'?|\"[^\"\n]*\"?)|(?P<caret>\^)|(?P<equality>==|!=)"
+    r"|(?P<foreign>//|<<|>>|->|:=|&&?|\|\|?|[%~])"
+    r"|(?P<operator>\*\*|<=|>=|[-+*/@<>.,=:])|(?P<open>[(\[])|(?P<close>[)\]])"
+)
+_LEADING_ZEROS = re.compile(r"0[0-9]+")
+_DIGITS = "0123456789."
+_PARTNER = {")": "(", "]": "["}
+_BOOLEAN_WORDS = {"and", "or", "not"}
+_REPAIRS = {
+    "·": "write `*`",
+    "×": "write `*`",
+    "÷": "write `/`",
+    "−": "write `-`, the minus sign of the keyboard",
+    "–": "write `-`, the minus sign of the keyboard",
+    "≤": "write `<=`",
+    "≥": "write `>=`",
+    "{": "use ( ) to group and [ ] for lists and windows",
+    "}": "use ( ) to group and [ ] for lists and windows",
+    ";": "one expression a key; list elements are separated by `,`",
+    "²": "write `**2`",
+    "³": "write `**3`",
+    "√": "write `sqrt( )`",
+    "!": "there is no logic on numbers; nest `where`",
+}
+
+
+@dataclass(frozen=True)
+class ScannedExpression:
+    """Text of the same length that Python's parser can read.
+
+    Comments and odd white space became blanks; each duration became a word of underscores, and
+    `durations` maps its offset to it.
+    """
+
+    text: str
+    durations: Mapping[int, Duration]
+
+
+def scan_expression(text: str, positions: Positions, findings: Findings) -> ScannedExpression:
+    """Checks what Python's parser would explain badly, or accept, and reports it."""
+    return _Scanner(text, positions, findings).run()
+
+
+class _Scanner:
+    def __init__(self, text: str, positions: Positions, findings: Findings) -> None:
+        self.text = text
+        self.positions = positions
+        self.findings = findings
+        self.faults = 0
+        self.clean: list[str] = []
+        self.durations: dict[int, Duration] = {}
+        self.open: list[tuple[str, int]] = []
+        # The last operand, when the token before was the end of one.
+        self.operand: tuple[int, int] | None = None
+
+    def run(self) -> ScannedExpression:
+        position = 0
+        while position < len(self.text) and self.faults < _MOST_FAULTS:
+            found = _TOKEN.match(self.text, position)
+            if found is None:
+                self._foreign_character(position)
+                self.clean.append(" ")
+                position += 1
+                continue
+            self._token(found)
+            position = found.end()
+        if self.faults >= _MOST_FAULTS:
+            # The rest was not looked at: what seems open may be closed there.
+            self.open.clear()
+        for bracket, start in self.open:
+            self._report(errors.unbalanced_bracket(bracket, self._span(start, start + 1), False))
+        return ScannedExpression("".join(self.clean), self.durations)
+
+    def _token(self, found: re.Match[str]) -> None:
+        text, start, end = found.group(), found.start(), found.end()
+        clean = text
+        is_operand = False
+        match found.lastgroup:
+            case "blank":
+                self.clean.append("".join("\n" if c == "\n" else " " for c in text))
+                return
+            case "duration":
+                is_operand = True
+                duration = duration_of(found, self.positions, start)
+                if duration is None:
+                    self._report(errors.huge_number(text, self._span(start, end)))
+                else:
+                    self.durations[start] = duration
+                clean = "_" * len(text)
+            case "literal":
+                is_operand = True
+                if _LEADING_ZEROS.fullmatch(text):
+                    self._report(errors.malformed_number(text, self._span(start, end)))
+            case "word":
+                is_operand = self._word(text, start)
+            case "text":
+                self._report(errors.text_in_expression(self._span(start, end)))
+            case "caret":
+                self._report(errors.caret(self._span(start, end)))
+            case "equality":
+                self._report(errors.equality(text, self._span(start, end)))
+            case "foreign":
+                self._report(errors.foreign_operator(text, self._span(start, end)))
+            case "open":
+                self._open(text, start)
+            case "close":
+                self._close(text, start)
+            case _:
+                pass
+        self.clean.append(clean)
+        if is_operand and self.operand is not None:
+            first, last = self.operand
+            left = self.text[first:last]
+            is_unit = left[0] in _DIGITS and unit_symbol(text) is not None
+            self._report(errors.missing_operator(left, text, self._span(first, end), is_unit))
+        self.operand = (start, end) if is_operand or found.lastgroup == "close" else None
+
+    def _word(self, word: str, start: int) -> bool:
+        """Whether the word is an operand."""
+        name, end = normalised(word), start + len(word)
+        if name in _BOOLEAN_WORDS:
+            self._report(errors.boolean_word(name, self._span(start, end)))
+        elif is_python_word(name):
+            self._report(errors.python_word(name, self._span(start, end)))
+        else:
+            if not is_name(word):
+                self._report(errors.malformed_word(word, self._span(start, end)))
+            return True
+        return False
+
+    def _open(self, bracket: str, start: int) -> None:
+        literal = self.operand is not None and self.text[self.operand[0]] in _DIGITS
+        if literal and self.operand is not None:
+            first, last = self.operand
+            span = self._span(first, start + 1)
+            self._report(errors.missing_operator(self.text[first:last], bracket, span))
+        self.open.append((bracket, start))
+        if len(self.open) > DEEPEST:
+            self._report(errors.too_deep(DEEPEST, self._span(0, len(self.text))))
+            self.faults = _MOST_FAULTS
+
+    def _close(self, bracket: str, start: int) -> None:
+        if self.open and self.open[-1][0] == _PARTNER[bracket]:
+            self.open.pop()
+        else:
+            self._report(errors.unbalanced_bracket(bracket, self._span(start, start + 1), True))
+
+    def _foreign_character(self, position: int) -> None:
+        character = self.text[position]
+        span = self._span(position, position + 1)
+        self._report(errors.foreign_character(character, span, _REPAIRS.get(character)))
+        self.operand = None
+
+    def _span(self, first: int, last: int) -> Span:
+        return self.positions.span(first, last)
+
+    def _report(self, diagnostic: Diagnostic) -> None:
+        self.findings.report(diagnostic)
+        self.faults += 1

@@ -1,0 +1,137 @@
+"""The base of every mapping in a spec: unknown, planned and missing keys, shorthands, variants."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated, Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import schema as errors
+from spec_schema.fields.leaf import Leaf
+from spec_schema.fields.located import Place
+from spec_schema.yaml_tree.nodes import Node, Scalar, Table, kind
+
+# No YAML key can be this: the reader keeps only printable keys.
+_PLACE = "\0place"
+
+
+class RefusedError(ValueError):
+    """Tells pydantic that a value was refused; the diagnostic is in the findings already."""
+
+
+def _as_given(place: Place, info: ValidationInfo) -> Place:
+    del info
+    return place
+
+
+class Entry(BaseModel):
+    """A mapping of a spec, frozen, with the places of its key and of its value.
+
+    Keys that start with `x-` are left to other tools.
+
+    Subclasses say what they are called (`noun`), which key a lone value stands for (`shorthand`)
+    and which keys of the full language are not read yet (`later`).
+    """
+
+    # Building the whole schema once, when the first spec is read, takes a third of the time that
+    # building each class at its definition takes.
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+    noun: ClassVar[str] = "this section"
+    shorthand: ClassVar[str | None] = None
+    later: ClassVar[frozenset[str]] = frozenset()
+
+    place: Annotated[Place, Leaf(_as_given)] = Field(alias=_PLACE, repr=False)
+
+    @classmethod
+    def known_keys(cls) -> tuple[str, ...]:
+        """The keys that this version reads."""
+        names = (field.alias or name for name, field in cls.model_fields.items())
+        return tuple(name for name in names if name != _PLACE)
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        """The node with its shorthand written out, so that validation sees one form only."""
+        del findings
+        if cls.shorthand is None or isinstance(node, Table):
+            return node
+        return single_key(node, cls.shorthand)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_node(cls, node: Node, info: ValidationInfo) -> Mapping[str, Any]:
+        findings = findings_of(info)
+        node = cls.canonical(node, findings)
+        if isinstance(node, Scalar) and node.is_empty:
+            node = Table({}, {}, node.span, node.key)
+        if not isinstance(node, Table):
+            keys = ", ".join(cls.known_keys())
+            repair = f"{cls.noun} has the keys {keys}"
+            findings.report(errors.wrong_kind("a mapping", kind(node), node.span, repair))
+            raise RefusedError
+        key = node.key or _first_key(node)
+        values: dict[str, Any] = {_PLACE: Place(key, node.span)}
+        values.update(cls._admitted(node, findings))
+        missing = [
+            field.alias or name
+            for name, field in cls.model_fields.items()
+            if field.is_required() and (field.alias or name) not in values
+        ]
+        findings.report(*(errors.missing_key(name, key, cls.noun) for name in missing))
+        return values
+
+    @classmethod
+    def _admitted(cls, node: Table, findings: Findings) -> Mapping[str, Node]:
+        known = cls.known_keys()
+        admitted: dict[str, Node] = {}
+        for name, value in node.entries.items():
+            if name in known:
+                admitted[name] = value
+            elif name in cls.later:
+                findings.report(errors.key_not_yet(name, node.keys[name], cls.noun, known))
+            elif not name.startswith("x-"):
+                findings.report(errors.unknown_key(name, node.keys[name], cls.noun, known))
+        return admitted
+
+
+class Variant(Entry):
+    """A mapping with exactly one key, the name of the variant; a bare name is that with no options.
+
+    Its fields are the variants, all optional; subclasses give the chosen one as `choice`.
+    """
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        if isinstance(node, Scalar) and isinstance(node.value, str):
+            empty = Table({}, {}, node.span, node.span)
+            node = Table({node.text: empty}, {node.text: node.span}, node.span, node.key)
+        if isinstance(node, Table):
+            named = [name for name in node.entries if not name.startswith("x-")]
+            if len(named) != 1:
+                known = cls.known_keys()
+                key = node.key or node.span
+                findings.report(errors.one_variant(cls.noun, key, named, known))
+                raise RefusedError
+        return node
+
+    def chosen(self) -> Entry:
+        """The one variant that is given."""
+        fields = (getattr(self, name) for name in type(self).model_fields if name != "place")
+        return next(value for value in fields if value is not None)
+
+
+def findings_of(info: ValidationInfo) -> Findings:
+    """The findings of the reading in progress."""
+    assert isinstance(info.context, Findings)
+    return info.context
+
+
+def single_key(node: Node, key: str) -> Table:
+    """`{key: node}` at the place of the node."""
+    inner = replace(node, key=node.key or node.span)
+    return Table({key: inner}, {key: node.key or node.span}, node.span, node.key)
+
+
+def _first_key(node: Table) -> Span:
+    return next(iter(node.keys.values()), node.span)

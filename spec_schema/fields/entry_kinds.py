@@ -1,0 +1,33 @@
+"""The kinds of mappings that a spec has, and which of them contain which."""
+
+import inspect
+from collections.abc import Iterator
+from inspect import isclass
+from typing import Any, get_args
+
+from spec_schema.fields.entry import Entry
+
+
+def kinds_within(first: type[Entry]) -> Iterator[type[Entry]]:
+    """The kind itself, then every kind in it, each before those that it contains."""
+    known, waiting = {first}, [first]
+    while waiting:
+        entry = waiting.pop(0)
+        yield entry
+        fields = entry.model_fields.values()
+        found = [kind for field in fields for kind in kinds_of(field.annotation)]
+        inner = [kind for kind in dict.fromkeys(found) if kind not in known]
+        known.update(inner)
+        waiting = [*inner, *waiting]
+
+
+def kinds_of(annotation: Any) -> list[type[Entry]]:
+    """The kinds of mappings that a field of this type holds."""
+    if isclass(annotation) and issubclass(annotation, Entry):
+        return [annotation]
+    return [kind for part in get_args(annotation) for kind in kinds_of(part)]
+
+
+def about(kind: type[Entry]) -> str:
+    """What a kind of mapping is, in a sentence or two."""
+    return " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split())

@@ -1,0 +1,113 @@
+"""Leaf types of the schema that hold mathematics: expressions, arrays, predictions."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, TypeAlias
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import schema as errors
+from spec_schema.expressions.parser import parse_expression
+from spec_schema.expressions.tree import (
+    Call,
+    Expression,
+    Length,
+    ListLiteral,
+    Member,
+    Name,
+    Samples,
+    TimeOffset,
+    Window,
+)
+from spec_schema.fields.entry import RefusedError
+from spec_schema.fields.located import Located
+from spec_schema.fields.plain import reads, scalar
+from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, kind
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """`predicts: signal[t+ahead]`."""
+
+    signal: Located[str]
+    ahead: Length
+    span: Span = field(compare=False)
+
+
+def _read_expression(node: Node, findings: Findings, *, condition: bool = False) -> Expression:
+    if isinstance(node, Listing | Table):
+        findings.report(errors.list_for_expression(node.span))
+        raise RefusedError
+    found = scalar(node, findings, "an expression")
+    if isinstance(found.value, bool):
+        findings.report(errors.wrong_kind("an expression", kind(found), found.span))
+        raise RefusedError
+    if isinstance(found.value, float) and not math.isfinite(found.value):
+        findings.report(errors.out_of_range(found.text, found.span, "finite"))
+        raise RefusedError
+    expression = parse_expression(found.text, found.positions, findings, condition=condition)
+    if expression is None:
+        raise RefusedError
+    return expression
+
+
+def _read_condition(node: Node, findings: Findings) -> Expression:
+    return _read_expression(node, findings, condition=True)
+
+
+def read_array(node: Node, findings: Findings) -> Expression:
+    """Numbers: a list, lists of lists, an expression or `{linspace: …}`."""
+    match node:
+        case Scalar():
+            return _read_expression(node, findings)
+        case Listing(items=()):
+            findings.report(errors.empty_section("a list of numbers", node.span))
+            raise RefusedError
+        case Listing(items=items):
+            return ListLiteral(tuple(read_array(item, findings) for item in items), node.span)
+        case Table(entries={"linspace": Listing(items=items)}) if len(node.entries) == 1:
+            arguments = tuple(_read_expression(item, findings) for item in items)
+            return Call(Name("linspace", node.keys["linspace"]), arguments, (), node.span)
+        case Table():
+            repair = "write numbers in [ ], an expression, or `{linspace: [0, 1, 5]}`"
+            findings.report(errors.wrong_kind("numbers", "a mapping", node.span, repair))
+            raise RefusedError
+
+
+def _read_prediction(node: Node, findings: Findings) -> Prediction:
+    expression = _read_expression(node, findings)
+    match expression:
+        case Name(name=name, span=span):
+            return Prediction(Located(name, span, node.key), Samples(0, span), span)
+        case Window(operand=Name(name=name, span=span), first=TimeOffset() as ahead, last=None) if (
+            ahead.sign == 1
+        ):
+            signal = Located(name, span, node.key)
+            return Prediction(signal, ahead.length, expression.span)
+        case Member():
+            name = Located(f"{expression.base}.{expression.name}", expression.span, node.key)
+            return Prediction(name, Samples(0, expression.span), expression.span)
+        case Window(operand=Member() as member, first=TimeOffset() as ahead, last=None) if (
+            ahead.sign == 1
+        ):
+            signal = Located(f"{member.base}.{member.name}", member.span, node.key)
+            return Prediction(signal, ahead.length, expression.span)
+        case _:
+            findings.report(errors.malformed_prediction(expression.span))
+            raise RefusedError
+
+
+EXPRESSION = {"type": ["string", "number"]}
+_NUMBERS = {"type": ["string", "number", "array"]}
+ARRAY = {
+    "type": ["string", "number", "array", "object"],
+    "items": _NUMBERS,
+    "minItems": 1,
+    "properties": {"linspace": {"type": "array", "items": EXPRESSION}},
+    "additionalProperties": False,
+}
+_PREDICTION = {"type": "string", "examples": ["x[t+1]"]}
+ExpressionField: TypeAlias = Annotated[Expression, reads(_read_expression, EXPRESSION)]
+ConditionField: TypeAlias = Annotated[Expression, reads(_read_condition, {"type": "string"})]
+ArrayField: TypeAlias = Annotated[Expression, reads(read_array, ARRAY)]
+PredictionField: TypeAlias = Annotated[Prediction, reads(_read_prediction, _PREDICTION)]

@@ -1,0 +1,25 @@
+"""Values of a spec that remember where they were written."""
+
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from spec_schema.diagnostics.source import Span
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Located(Generic[Value]):
+    """A value, its place, and the place of its key where it has one."""
+
+    value: Value
+    span: Span = field(compare=False)
+    key: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an entry stands: its key (or name) and its whole value."""
+
+    key: Span
+    value: Span

@@ -1,0 +1,140 @@
+"""Leaf types of the schema that have units: units, quantities, lengths of time, sample times."""
+
+import math
+import re
+from typing import Annotated, TypeAlias
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import schema as errors
+from spec_schema.errors import units as unit_errors
+from spec_schema.expressions.durations import NUMBER_PATTERN, parse_length
+from spec_schema.expressions.tree import Duration, Length, Samples
+from spec_schema.fields.entry import RefusedError
+from spec_schema.fields.located import Located
+from spec_schema.fields.plain import reads, scalar
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.quantity import Quantity, Range
+from spec_schema.units.unit import Unit, UnitError, unit_symbol
+from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, kind
+
+_QUANTITY = re.compile(
+    rf"\s*(?P<number>[+-]?{NUMBER_PATTERN})(?:\s*(?P<unit>[^\s\d+\-.].*?|1/.*?))?\s*"
+)
+_UNIT_START = re.compile(r"[A-Za-zͰ-ϿΩ%°µ]|1/")
+
+
+def read_unit(node: Node, findings: Findings) -> Located[Unit]:
+    """A unit and its place."""
+    found = scalar(node, findings, "a unit such as `m/s`")
+    try:
+        return Located(parse_unit(found.text), found.span, found.key)
+    except UnitError as error:
+        span = found.positions.span(error.start, error.end)
+        findings.report(unit_errors.malformed_unit(error.message, span, error.repair))
+        raise RefusedError from error
+
+
+def split_quantity(node: Scalar) -> tuple[Scalar, Scalar] | None:
+    """The number and the unit of a text such as `5 N/m`; None when it is something else."""
+    found = _QUANTITY.fullmatch(node.text)
+    if found is None or not found["unit"] or _UNIT_START.match(found["unit"]) is None:
+        return None
+    return node.part(*found.span("number")), node.part(*found.span("unit"))
+
+
+def _read_quantity(node: Node, findings: Findings) -> Quantity:
+    found = scalar(node, findings, "a quantity such as `2 mm`")
+    if isinstance(found.value, float) and not math.isfinite(found.value):
+        findings.report(errors.out_of_range(found.text, found.span, "finite"))
+        raise RefusedError
+    parts = split_quantity(found)
+    text = parts[0].text if parts else found.text.strip()
+    match = _QUANTITY.fullmatch(text)
+    if isinstance(found.value, bool) or match is None or not math.isfinite(float(match["number"])):
+        findings.report(errors.malformed_quantity(found.text[:60], found.span))
+        raise RefusedError
+    unit = read_unit(parts[1], findings).value if parts else None
+    return Quantity(float(match["number"]), unit, found.span)
+
+
+def read_length(node: Node, findings: Findings) -> Length:
+    """A number of samples or a duration."""
+    found = scalar(node, findings, "a length such as `50 ms`")
+    length = parse_length(found.text, found.positions)
+    if length is None:
+        findings.report(errors.malformed_length(found.text[:60], found.span))
+        raise RefusedError
+    return length
+
+
+def read_positive_length(node: Node, findings: Findings) -> Length:
+    """A length above 0."""
+    length = read_length(node, findings)
+    match length:
+        case Samples(count=amount) | Duration(quantity=Quantity(value=amount)) if amount > 0:
+            return length
+        case _:
+            findings.report(errors.out_of_range("0", node.span, "above 0"))
+            raise RefusedError
+
+
+def _read_sample_time(node: Node, findings: Findings) -> Quantity:
+    second, hertz = unit_symbol("s"), unit_symbol("Hz")
+    assert second is not None
+    assert hertz is not None
+    found = scalar(node, findings, "a sample time such as `50 ms`")
+    has_unit = split_quantity(found) is not None
+    quantity = _read_quantity(found, findings) if has_unit else Quantity(0, None, found.span)
+    unit = quantity.unit
+    if unit is not None and 0 < quantity.value < math.inf:
+        if unit.exponents == second.exponents:
+            return Quantity(unit.convert(quantity.value, second), second, found.span)
+        if unit.exponents == hertz.exponents:
+            return Quantity(1 / unit.convert(quantity.value, hertz), second, found.span)
+    findings.report(errors.malformed_sample_time(found.text[:60], found.span))
+    raise RefusedError
+
+
+def _read_range(node: Node, findings: Findings) -> Range:
+    if not isinstance(node, Listing) or len(node.items) != 2:
+        repair = "write for example `[0, 1]`"
+        found = "a list of another length" if isinstance(node, Listing) else kind(node)
+        findings.report(errors.wrong_kind("a list of two numbers", found, node.span, repair))
+        raise RefusedError
+    low, high = (_read_quantity(item, findings) for item in node.items)
+    if low.unit == high.unit and low.value >= high.value:
+        findings.report(errors.reversed_range(low.text, high.text, node.span))
+        raise RefusedError
+    return Range(low, high, node.span)
+
+
+_NUMBER = rf"[+-]?{NUMBER_PATTERN}"
+_FACTOR = r"(1|[^\s\d*/^()+-][^\s*/^()]*(\^[+-]?[0-9]+)?)"
+_UNIT = rf"{_FACTOR}(\s*[*/]\s*{_FACTOR})*"
+_UNIT_SCHEMA = {
+    "type": ["string", "integer"],
+    "pattern": rf"^\s*{_UNIT}\s*$",
+    "minimum": 1,
+    "maximum": 1,
+}
+_QUANTITY_SCHEMA = {
+    "type": ["string", "number"],
+    "pattern": rf"^\s*{_NUMBER}(\s*{_UNIT})?\s*$",
+}
+_LENGTH = {
+    "type": ["string", "integer"],
+    "pattern": rf"^([0-9]{{1,9}}|{NUMBER_PATTERN}[ \t]*(us|ms|s|min|h))$",
+}
+POSITIVE_LENGTH = {**_LENGTH, "minimum": 1}
+_SAMPLE_TIME = {
+    "type": "string",
+    "pattern": rf"^\s*{_NUMBER}\s*{_UNIT}\s*$",
+    "examples": ["10 ms", "100 Hz"],
+}
+_RANGE = {"type": "array", "items": _QUANTITY_SCHEMA, "minItems": 2, "maxItems": 2}
+UnitField: TypeAlias = Annotated[Located[Unit], reads(read_unit, _UNIT_SCHEMA)]
+QuantityField: TypeAlias = Annotated[Quantity, reads(_read_quantity, _QUANTITY_SCHEMA)]
+LengthField: TypeAlias = Annotated[Length, reads(read_length, {**_LENGTH, "minimum": 0})]
+PositiveLength: TypeAlias = Annotated[Length, reads(read_positive_length, POSITIVE_LENGTH)]
+SampleTime: TypeAlias = Annotated[Quantity, reads(_read_sample_time, _SAMPLE_TIME)]
+RangeField: TypeAlias = Annotated[Range, reads(_read_range, _RANGE)]

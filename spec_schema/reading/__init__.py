@@ -1,0 +1,1 @@
+"""Reads a spec with all its files."""

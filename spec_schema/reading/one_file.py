@@ -1,0 +1,81 @@
+"""Reads one spec file: text, YAML, schema and expressions, with everything wrong at once."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.errors import yaml_text as errors
+from spec_schema.errors.files import unreadable_file
+from spec_schema.reading.settings import apply_settings, settings_source
+from spec_schema.sections.spec import Spec
+from spec_schema.yaml_tree.reader import read_tree
+
+
+@dataclass(frozen=True)
+class ReadResult:
+    """A spec, what is to be said about it, and its text for printing later diagnostics.
+
+    `used` are the specs of its sub-models by their names.
+    """
+
+    spec: Spec
+    warnings: tuple[Diagnostic, ...]
+    source: SourceText
+    used: Mapping[str, "ReadResult"] = field(default_factory=dict[str, "ReadResult"])
+
+    @property
+    def sources(self) -> tuple[SourceText, ...]:
+        """Its text and those of its sub-models, each file once."""
+        found = {self.source.path: self.source}
+        for used in self.used.values():
+            found.update((source.path, source) for source in used.sources)
+        return tuple(found.values())
+
+
+def read_one_spec(
+    path: str | Path, text: str | None = None, settings: Sequence[str] = ()
+) -> ReadResult:
+    """The spec in a file, or in `text` as if it stood in that file, without its sub-models.
+
+    Raises SpecError with all diagnostics of the first stage that fails: the file, its YAML, its
+    schema together with its expressions.
+    """
+    findings = Findings()
+    source = read_file(Path(path)) if text is None else SourceText(str(path), text)
+    # A byte order mark is not a character of the text.
+    source = SourceText(source.path, source.text.removeprefix("\ufeff"))
+    try:
+        root = read_tree(source, findings)
+        findings.raise_errors()
+        if root is not None:
+            root = apply_settings(root, settings, findings)
+        findings.raise_errors()
+        try:
+            spec = Spec.model_validate(root, context=findings)
+        except ValidationError:
+            # Whatever pydantic refuses was reported where it was refused.
+            findings.raise_errors()
+            raise
+        findings.raise_errors()
+    except SpecError as error:
+        raise SpecError(error.diagnostics, (source, settings_source(settings))) from None
+    return ReadResult(spec, findings.in_order, source)
+
+
+def read_file(path: Path) -> SourceText:
+    """The text of a file as it stands there; SpecError where it is not given or is not UTF-8."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise SpecError((unreadable_file(str(path), reason),)) from error
+    try:
+        return SourceText(str(path), content.decode())
+    except UnicodeDecodeError as error:
+        readable = SourceText(str(path), content[: error.start].decode())
+        end = len(readable.text)
+        raise SpecError((errors.not_utf8(readable.span(end, end)),), (readable,)) from error

@@ -1,0 +1,113 @@
+"""Reads the specs of sub-models, each file once, with every mistake shown in its own file."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.errors import submodels as errors
+from spec_schema.reading.one_file import ReadResult, read_one_spec
+from spec_schema.sections.submodels import Use
+
+MOST_SUBMODELS = 1000
+DEEPEST = 16
+LARGEST_FILE = 4_000_000
+"""Bytes; a text has fewer characters anyway."""
+
+
+def read_used(
+    result: ReadResult, texts: Mapping[str, str] | None = None
+) -> Mapping[str, ReadResult]:
+    """The specs that a spec uses, by the names that it gives them, with those that they use.
+
+    `texts` are the contents of files by their paths; without it they are read. Raises SpecError
+    with everything that is wrong with any of them; beside it stands where the file is used.
+    """
+    return _Reading(texts).used(result, (result.source.path,))
+
+
+@dataclass
+class _Reading:
+    """Files that are read already, by where they really are, and how many sub-models each is."""
+
+    texts: Mapping[str, str] | None
+    read: dict[str, ReadResult] = field(default_factory=dict[str, ReadResult])
+    counts: dict[str, int] = field(default_factory=dict[str, int])
+    refused: set[str] = field(default_factory=set[str])
+    """Files whose mistakes are reported: used again, they are not said again."""
+
+    def used(self, result: ReadResult, chain: tuple[str, ...]) -> Mapping[str, ReadResult]:
+        """The specs that one uses; `chain` are the files that lead to it, itself the last."""
+        found: dict[str, ReadResult] = {}
+        faults: list[Diagnostic] = []
+        failed = False
+        sources = [result.source]
+        count = 1
+        for name, use in result.spec.use.items():
+            path = os.path.normpath(Path(chain[-1]).parent / use.spec.value)
+            try:
+                found[name] = self._one(use, path, chain)
+                count += self.counts[os.path.realpath(path)]
+                if count > MOST_SUBMODELS:
+                    limit = f"{MOST_SUBMODELS} sub-models"
+                    raise SpecError([errors.too_many_submodels(limit, use.spec.span)])
+            except SpecError as error:
+                failed = True
+                label = f"used here as `{name}`"
+                faults += [_seen_from_use(d, use, label) for d in error.diagnostics]
+                sources += error.sources
+        self.counts[os.path.realpath(chain[-1])] = count
+        if failed:
+            raise SpecError(dict.fromkeys(faults), _distinct(sources))
+        return found
+
+    def _one(self, use: Use, path: str, chain: tuple[str, ...]) -> ReadResult:
+        place = use.spec.span
+        real = os.path.realpath(path)
+        files = [os.path.realpath(file) for file in chain]
+        if real in files:
+            names = [Path(file).name for file in (*chain[files.index(real) :], path)]
+            raise SpecError([errors.uses_itself(names, place)])
+        if len(chain) > DEEPEST:
+            limit = f"{DEEPEST} sub-models inside each other"
+            raise SpecError([errors.too_many_submodels(limit, place)])
+        if real in self.refused:
+            raise SpecError([])
+        if real not in self.read:
+            text = None if self.texts is None else self.texts.get(path)
+            reason = "no such file" if self.texts is not None else _why_unreadable(path)
+            if text is None and reason is not None:
+                raise SpecError([errors.unreadable_spec(path, reason, place)])
+            try:
+                result = read_one_spec(path, text)
+                self.read[real] = replace(result, used=self.used(result, (*chain, path)))
+            except SpecError:
+                self.refused.add(real)
+                raise
+        return self.read[real]
+
+
+def _why_unreadable(path: str) -> str | None:
+    """A spec names its parts, so it must not be able to name a device or what has no end."""
+    file = Path(path)
+    try:
+        if not file.exists():
+            return "no such file"
+        if not file.is_file():
+            return "it is not a file"
+        return "it is too large" if file.stat().st_size > LARGEST_FILE else None
+    except (OSError, ValueError) as error:
+        return (getattr(error, "strerror", None) or str(error)).lower()
+
+
+def _seen_from_use(diagnostic: Diagnostic, use: Use, label: str) -> Diagnostic:
+    """A mistake in another file with the place where that is used; one at that place as it is."""
+    if diagnostic.span == use.spec.span:
+        return diagnostic
+    return diagnostic.seen_from(use.spec.span, label)
+
+
+def _distinct(sources: list[SourceText]) -> tuple[SourceText, ...]:
+    return tuple({source.path: source for source in sources}.values())

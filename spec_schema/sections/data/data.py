@@ -1,0 +1,106 @@
+"""The `data` section: files, rows and columns of the measured records."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, ValidationInfo, model_validator
+
+from spec_schema.errors import schema as errors
+from spec_schema.fields.entry import Entry, findings_of
+from spec_schema.fields.formulas import ConditionField
+from spec_schema.fields.named_tables import BySignal, Named
+from spec_schema.fields.plain import (
+    Character,
+    LocatedText,
+    ManyOf,
+    NonNegativeCount,
+    PositiveCount,
+    Switch,
+    choice,
+)
+from spec_schema.fields.quantities import LengthField, UnitField
+from spec_schema.sections.data.columns import Column, ColumnField
+from spec_schema.sections.data.splits import Split
+from spec_schema.units.parser import parse_unit
+
+
+class Csv(Entry):
+    """How a text file is laid out: `skip` lines, then a header if there is one, then rows.
+
+    Without `delimiter` cells are separated by commas, in `.tsv` files by tabs.
+    """
+
+    noun: ClassVar[str] = "csv"
+
+    delimiter: Character | None = None
+    decimal: Character = "."
+    comment: Character | None = None
+    header: Switch = True
+    skip: NonNegativeCount = 0
+
+
+class TimeColumn(Entry):
+    """The column that holds the time of each row, in seconds unless `unit` says otherwise."""
+
+    noun: ClassVar[str] = "time"
+    shorthand: ClassVar[str | None] = "column"
+
+    column: ColumnField
+    unit: UnitField | None = None
+
+    @property
+    def seconds(self) -> float:
+        """What one unit of the column is in seconds."""
+        return 1.0 if self.unit is None else self.unit.value.factor_to(_SECOND)
+
+    @model_validator(mode="after")
+    def _is_time(self, info: ValidationInfo) -> "TimeColumn":
+        if self.unit is not None and not self.unit.value.same_dimension(_SECOND):
+            findings_of(info).report(errors.no_unit_of_time(self.unit.value.text, self.unit.span))
+        return self
+
+
+_SECOND = parse_unit("s")
+
+
+class Layout(Entry):
+    """What may be said of one set of files, or of all as a default; None where unsaid.
+
+    `first` and `last` (written `from`, `to`) are rows from 0, or times of the time column, both
+    inclusive. `join` makes one record of files that follow each other in time; `filter` keeps the
+    rows for which a comparison of signals holds.
+    """
+
+    first: LengthField | None = Field(default=None, alias="from")
+    last: LengthField | None = Field(default=None, alias="to")
+    every: PositiveCount | None = None
+    columns: BySignal[Column] = Field(default_factory=dict[str, Column])
+    time: TimeColumn | None = None
+    csv: Csv | None = None
+    resample: (
+        Annotated[
+            Literal["error", "none", "linear", "nearest"],
+            choice("error", "none", "linear", "nearest"),
+        ]
+        | None
+    ) = None
+    join: Switch | None = None
+    filter: ConditionField | None = None
+
+
+class Source(Layout):
+    """The files of one set; globs, relative to the spec."""
+
+    noun: ClassVar[str] = "a data source"
+    shorthand: ClassVar[str | None] = "files"
+
+    files: ManyOf[LocatedText]
+
+
+class Data(Layout):
+    """Where the data of each set is, with defaults for all sets."""
+
+    noun: ClassVar[str] = "data"
+
+    source: Named[Source]
+    split: Split | None = None
+    nan: Annotated[Literal["error", "drop", "split"], choice("error", "drop", "split")] = "error"

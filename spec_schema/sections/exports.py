@@ -1,0 +1,97 @@
+"""The `export` section: which targets are written, and of what."""
+
+from typing import Annotated, ClassVar, Literal, TypeAlias
+
+from pydantic import Field
+
+from spec_schema.fields.entry import Entry
+from spec_schema.fields.plain import (
+    CDtype,
+    DifferentOf,
+    Dtype,
+    NewName,
+    NonNegativeCount,
+    References,
+    Switch,
+    choice,
+)
+
+Extra: TypeAlias = Literal["jacobian", "parameter_jacobian"]
+
+
+class Target(Entry):
+    """What every target takes: `outputs` to keep (None: all) and inputs to `close`."""
+
+    outputs: References | None = None
+    close: References = ()
+
+
+class FloatTarget(Target):
+    """A target that computes in floating point of one size, its number type."""
+
+    dtype: Dtype | None = None
+
+
+class TorchExport(FloatTarget):
+    """A torch module."""
+
+    noun: ClassVar[str] = "the torch export"
+
+
+class OnnxExport(FloatTarget):
+    """An ONNX model."""
+
+    noun: ClassVar[str] = "the onnx export"
+
+
+class CasadiExport(FloatTarget):
+    """A CasADi function; names start with `prefix`, by default the name of the spec."""
+
+    noun: ClassVar[str] = "the casadi export"
+
+    prefix: NewName | None = None
+
+
+class CExport(Target):
+    """C sources; names start with `prefix`, by default the name of the spec.
+
+    `params: inline` writes parameters into the code, the others give the step a pointer to them.
+    `ring` says how windows move, `unroll` up to how many elements loops are written out.
+    `constant_time` makes every step take the same instructions, whatever its numbers are.
+    With the `dtype` q15 or q31 the C computes in integers. `with: jacobian` adds a function that
+    linearises a step in states and inputs, `with: parameter_jacobian` in parameters too.
+    """
+
+    noun: ClassVar[str] = "the c export"
+
+    prefix: NewName | None = None
+    dtype: CDtype | None = None
+    params: Annotated[
+        Literal["const", "tunable", "inline"], choice("const", "tunable", "inline")
+    ] = "const"
+    math: Annotated[Literal["own", "libm"], choice("own", "libm")] = "own"
+    ring: Annotated[Literal["auto", "shift", "double"], choice("auto", "shift", "double")] = "auto"
+    unroll: NonNegativeCount = 4
+    constant_time: Switch = False
+    extras: DifferentOf[Annotated[Extra, choice("jacobian", "parameter_jacobian")]] = Field(
+        default=(), alias="with"
+    )
+
+
+class Export(Entry):
+    """The targets that `msnn export` writes; None where not asked for."""
+
+    noun: ClassVar[str] = "export"
+    later: ClassVar[frozenset[str]] = frozenset({"fmu", "mpc", "report"})
+
+    torch: TorchExport | None = None
+    onnx: OnnxExport | None = None
+    casadi: CasadiExport | None = None
+    c: CExport | None = None
+
+    @property
+    def named_outputs(self) -> frozenset[str]:
+        """All that the `outputs:` of any target name."""
+        targets = (self.torch, self.onnx, self.casadi, self.c)
+        wanted = (target.outputs or () for target in targets if target is not None)
+        return frozenset(name.value for names in wanted for name in names)

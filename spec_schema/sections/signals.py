@@ -1,0 +1,85 @@
+"""The signals a spec declares: inputs, targets, states, equations, outputs, losses."""
+
+from typing import Annotated, ClassVar, Literal, TypeAlias
+
+from pydantic import ValidationInfo, model_validator
+
+from spec_schema.errors import states as state_errors
+from spec_schema.fields.entry import Entry, findings_of
+from spec_schema.fields.formulas import ExpressionField, PredictionField
+from spec_schema.fields.plain import NonNegativeNumber, References, Text, choice
+from spec_schema.fields.quantities import RangeField, UnitField
+
+InvalidPolicy: TypeAlias = Literal["clamp", "hold", "flag", "trust"]
+
+
+class Signal(Entry):
+    """An input or a target; `unit` and `dims` are None and () where undeclared.
+
+    `on_invalid` says what a generated controller does with a sample that is NaN or out of range.
+    """
+
+    noun: ClassVar[str] = "a signal"
+    shorthand: ClassVar[str | None] = "unit"
+    unit: UnitField | None = None
+    dims: References = ()
+    range: RangeField | None = None
+    on_invalid: Annotated[InvalidPolicy, choice("clamp", "hold", "flag", "trust")] = "flag"
+    doc: Text | None = None
+
+
+class State(Entry):
+    """A state: `der` is its derivative (continuous), `next` its value at t+1; at least one."""
+
+    noun: ClassVar[str] = "a state"
+
+    unit: UnitField | None = None
+    dims: References = ()
+    der: ExpressionField | None = None
+    next: ExpressionField | None = None
+    init: ExpressionField | None = None
+    history: ExpressionField | None = None
+    range: RangeField | None = None
+    doc: Text | None = None
+
+    @model_validator(mode="after")
+    def _moves(self, info: ValidationInfo) -> "State":
+        if self.der is None and self.next is None:
+            findings_of(info).report(state_errors.state_without_law(self.place.key))
+        return self
+
+
+class Equation(Entry):
+    """A named expression; outside `range` its values are not plausible."""
+
+    noun: ClassVar[str] = "an equation"
+    shorthand: ClassVar[str | None] = "expr"
+
+    expr: ExpressionField
+    unit: UnitField | None = None
+    history: ExpressionField | None = None
+    range: RangeField | None = None
+    doc: Text | None = None
+
+
+class Output(Entry):
+    """A result of the model, and the sample of a logged signal that it predicts."""
+
+    noun: ClassVar[str] = "an output"
+    shorthand: ClassVar[str | None] = "expr"
+
+    expr: ExpressionField
+    predicts: PredictionField | None = None
+    unit: UnitField | None = None
+    history: ExpressionField | None = None
+    doc: Text | None = None
+
+
+class Loss(Entry):
+    """A term of the training loss and its dimensionless weight."""
+
+    noun: ClassVar[str] = "a loss"
+    shorthand: ClassVar[str | None] = "expr"
+
+    expr: ExpressionField
+    weight: NonNegativeNumber = 1.0

@@ -1,0 +1,102 @@
+"""Sub-models: specs that a spec uses as its parts, and what feeds their inputs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar
+
+from pydantic import ValidationInfo
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import schema as errors
+from spec_schema.fields.entry import Entry, RefusedError, findings_of
+from spec_schema.fields.formulas import ExpressionField
+from spec_schema.fields.leaf import Gathering, members
+from spec_schema.fields.located import Located
+from spec_schema.fields.named_tables import read_table
+from spec_schema.fields.plain import LocatedText, Text, reads, scalar
+from spec_schema.names import is_dotted_name
+from spec_schema.yaml_tree.nodes import Listing, Node, Table, kind
+
+
+@dataclass(frozen=True)
+class Freeze:
+    """Which parameters of a sub-model are constants: patterns of names as its own file has them."""
+
+    patterns: tuple[Located[str], ...] = ()
+    span: Span | None = field(default=None, compare=False)
+
+
+_FREEZE = {"type": ["string", "array"], "items": {"type": "string", "minLength": 1}}
+
+
+def _read_freeze(node: Node, findings: Findings) -> Freeze:
+    match node:
+        case Listing(items=items):
+            patterns = tuple(_pattern(item, findings) for item in items)
+        case Table():
+            repair = "write `all`, `none` or a list of names such as `[W, phi.*]`"
+            place = node.key or node.span
+            findings.report(errors.wrong_kind("a list of names", kind(node), place, repair))
+            raise RefusedError
+        case _:
+            pattern = _pattern(node, findings)
+            word = {"all": "*", "none": None}.get(pattern.value, pattern.value)
+            patterns = () if word is None else (Located(word, pattern.span, pattern.key),)
+    return Freeze(patterns, node.span)
+
+
+def _pattern(node: Node, findings: Findings) -> Located[str]:
+    found = scalar(node, findings, "`all`, `none` or a list of names")
+    return Located(found.text, found.span, found.key)
+
+
+class Use(Entry):
+    """Another spec as a part of this one; its members have the name of the part before theirs.
+
+    `weights` are what a training of that spec wrote, its initial values without them. `freeze`
+    makes parameters constants of this model: `all`, `none` or patterns of their names.
+    """
+
+    noun: ClassVar[str] = "a sub-model"
+    shorthand: ClassVar[str | None] = "spec"
+    later: ClassVar[frozenset[str]] = frozenset({"robot"})
+
+    spec: LocatedText
+    weights: LocatedText | None = None
+    freeze: Annotated[Freeze, reads(_read_freeze, _FREEZE)] = Freeze()
+    doc: Text | None = None
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        if isinstance(node, Table) and "robot" in node.entries:
+            place = node.keys["robot"]
+            findings.report(errors.key_not_yet("robot", place, cls.noun, cls.known_keys()))
+            raise RefusedError
+        return super().canonical(node, findings)
+
+
+class Connection(Entry):
+    """The expression that an input of a sub-model is; `history` is its past before the start."""
+
+    noun: ClassVar[str] = "a connection"
+    shorthand: ClassVar[str | None] = "expr"
+
+    expr: ExpressionField
+    history: ExpressionField | None = None
+    doc: Text | None = None
+
+
+def _read_inputs(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
+    """The keys of `connect`: an input of a sub-model has a dot in its name."""
+    table = read_table(node, info)
+    admitted: dict[str, Node] = {}
+    for name, value in table.entries.items():
+        if is_dotted_name(name):
+            admitted[name] = value
+        else:
+            findings_of(info).report(errors.malformed_member(name, table.keys[name]))
+    return admitted
+
+
+Connections = Annotated[Mapping[str, Connection], Gathering(_read_inputs, schema=members)]

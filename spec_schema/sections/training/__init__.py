@@ -1,0 +1,1 @@
+"""The training section: stages, optimizers, schedules."""

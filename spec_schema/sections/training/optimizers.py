@@ -1,0 +1,135 @@
+"""The optimisers of a training stage and their options."""
+
+from typing import Annotated, ClassVar, TypeAlias
+
+from pydantic import Field
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import schema as errors
+from spec_schema.fields.entry import Entry, RefusedError, Variant
+from spec_schema.fields.located import Located
+from spec_schema.fields.named_tables import Keyed
+from spec_schema.fields.plain import (
+    LocatedText,
+    PositiveCount,
+    PositiveNumber,
+    number,
+    reads,
+    scalar,
+)
+from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, kind
+
+_BelowOne = Annotated[float, number(least=0.0, most=1.0)]
+
+
+class Adam(Entry):
+    """Adam (Kingma, Ba 2015); `weight_decay` of the stage is added to the gradient."""
+
+    noun: ClassVar[str] = "the adam optimizer"
+
+    lr: PositiveNumber = 1e-3
+    beta1: _BelowOne = 0.9
+    beta2: _BelowOne = 0.999
+    eps: PositiveNumber = 1e-8
+
+
+class AdamW(Entry):
+    """Adam with decoupled weight decay (Loshchilov, Hutter 2019)."""
+
+    noun: ClassVar[str] = "the adamw optimizer"
+
+    lr: PositiveNumber = 1e-3
+    beta1: _BelowOne = 0.9
+    beta2: _BelowOne = 0.999
+    eps: PositiveNumber = 1e-8
+
+
+class Sgd(Entry):
+    """Stochastic gradient descent with momentum."""
+
+    noun: ClassVar[str] = "the sgd optimizer"
+
+    lr: PositiveNumber = 1e-2
+    momentum: _BelowOne = 0.0
+
+
+class Lbfgs(Entry):
+    """Limited-memory BFGS with a strong-Wolfe line search."""
+
+    noun: ClassVar[str] = "the lbfgs optimizer"
+
+    lr: PositiveNumber = 1.0
+    history: PositiveCount = 10
+    iterations: PositiveCount = 20
+
+
+OptionValue: TypeAlias = bool | int | float | str | tuple[bool | int | float | str | None, ...]
+
+
+def _read_option(node: Node, findings: Findings) -> Located[OptionValue]:
+    if isinstance(node, Listing):
+        items = tuple(_read_item(item, findings) for item in node.items)
+        return Located(items, node.span, node.key)
+    found = scalar(node, findings, "a number, a word, a switch or a list of those")
+    assert found.value is not None
+    return Located(found.value, found.span, found.key)
+
+
+def _read_item(node: Node, findings: Findings) -> bool | int | float | str | None:
+    if isinstance(node, Scalar):
+        return node.value
+    findings.report(errors.wrong_kind("a number", kind(node), node.span))
+    raise RefusedError
+
+
+_ALONE = ["number", "boolean", "string"]
+_OPTION = {"type": [*_ALONE, "array"], "items": {"type": [*_ALONE, "null"]}}
+_Option = Annotated[Located[OptionValue], reads(_read_option, _OPTION)]
+
+
+class TorchOptimizer(Entry):
+    """An optimiser of `torch.optim` by the name of its class, with arguments of that class."""
+
+    noun: ClassVar[str] = "the torch optimizer"
+    shorthand: ClassVar[str | None] = "name"
+
+    name: LocatedText
+    options: Keyed[_Option] = Field(default_factory=dict[str, Located[OptionValue]])
+
+
+class LevenbergMarquardt(Entry):
+    """Levenberg-Marquardt for sums of squares (Marquardt 1963), in float64.
+
+    Each epoch is one step from all starts. `damping` is that of the first step, relative to the
+    curvature in each parameter; the stage ends once a step changes the total by less than
+    `tolerance` of it.
+    """
+
+    noun: ClassVar[str] = "the levenberg_marquardt optimizer"
+
+    damping: PositiveNumber = 1e-3
+    tolerance: PositiveNumber = 1e-9
+
+
+OptimizerChoice: TypeAlias = Adam | AdamW | Sgd | Lbfgs | TorchOptimizer | LevenbergMarquardt
+
+
+class Optimizer(Variant):
+    """The optimiser of a stage."""
+
+    noun: ClassVar[str] = "optimizer"
+
+    adam: Adam | None = None
+    adamw: AdamW | None = None
+    sgd: Sgd | None = None
+    lbfgs: Lbfgs | None = None
+    torch: TorchOptimizer | None = None
+    levenberg_marquardt: LevenbergMarquardt | None = None
+
+    @property
+    def choice(self) -> OptimizerChoice:
+        """The one that is given."""
+        first_order = self.adam or self.adamw or self.sgd or self.torch
+        given = first_order or self.lbfgs or self.levenberg_marquardt
+        assert given is not None
+        return given

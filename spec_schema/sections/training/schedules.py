@@ -1,0 +1,64 @@
+"""How the learning rate of a stage changes from epoch to epoch."""
+
+from typing import Annotated, ClassVar
+
+from spec_schema.fields.entry import Entry, Variant
+from spec_schema.fields.plain import PositiveCount, number
+
+_Share = Annotated[float, number(least=0.0, most=1.0)]
+_Factor = Annotated[float, number(above=0.0, most=1.0)]
+
+
+class Cosine(Entry):
+    """Half a cosine from the whole rate down to `to` times the rate after the last epoch."""
+
+    noun: ClassVar[str] = "the cosine schedule"
+
+    to: _Share = 0.0
+
+
+class Exponential(Entry):
+    """The rate times `factor` after each epoch."""
+
+    noun: ClassVar[str] = "the exponential schedule"
+
+    factor: _Factor = 0.99
+
+
+class Step(Entry):
+    """The rate times `factor` after each `every` epochs."""
+
+    noun: ClassVar[str] = "the step schedule"
+
+    every: PositiveCount
+    factor: _Factor = 0.1
+
+
+class Plateau(Entry):
+    """The rate times `factor` after `patience` epochs without a better monitor, but not below
+    `least` times the rate.
+    """
+
+    noun: ClassVar[str] = "the plateau schedule"
+
+    patience: PositiveCount = 10
+    factor: _Factor = 0.1
+    least: _Share = 0.0
+
+
+class Schedule(Variant):
+    """How the learning rate of a stage goes down, epoch by epoch."""
+
+    noun: ClassVar[str] = "schedule"
+
+    cosine: Cosine | None = None
+    exponential: Exponential | None = None
+    step: Step | None = None
+    plateau: Plateau | None = None
+
+    @property
+    def choice(self) -> Cosine | Exponential | Step | Plateau:
+        """The one that is given."""
+        given = self.cosine or self.exponential or self.step or self.plateau
+        assert given is not None
+        return given

@@ -1,0 +1,124 @@
+"""The `train` section: stages and rollouts; the rollout is used by `validate` too."""
+
+from typing import Annotated, ClassVar, Literal, TypeAlias
+
+from pydantic import Field
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.expressions.tree import Length
+from spec_schema.fields.entry import Entry
+from spec_schema.fields.located import Located
+from spec_schema.fields.named_tables import Keyed
+from spec_schema.fields.plain import (
+    Dtype,
+    LocatedText,
+    ManyOf,
+    NewName,
+    NonNegativeCount,
+    NonNegativeNumber,
+    PositiveCount,
+    PositiveNumber,
+    Reference,
+    References,
+    Weight,
+    choice,
+    reads,
+)
+from spec_schema.fields.quantities import (
+    POSITIVE_LENGTH,
+    LengthField,
+    PositiveLength,
+    read_positive_length,
+)
+from spec_schema.sections.training.curriculum import CurriculumField
+from spec_schema.sections.training.optimizers import Optimizer
+from spec_schema.sections.training.schedules import Schedule
+from spec_schema.yaml_tree.nodes import Node, Scalar, Table
+
+Whole: TypeAlias = Literal["episode", "record"]
+_HORIZON = {
+    **POSITIVE_LENGTH,
+    "pattern": f"{POSITIVE_LENGTH['pattern']}|^(episode|record)$",
+    "examples": ["episode", "record"],
+}
+_WHOLE: dict[str, Whole] = {"episode": "episode", "record": "record"}
+
+
+def _read_horizon(node: Node, findings: Findings) -> Length | Whole:
+    if isinstance(node, Scalar) and node.text in _WHOLE:
+        return _WHOLE[node.text]
+    return read_positive_length(node, findings)
+
+
+class Rollout(Entry):
+    """A run over `horizon` evaluations; the inputs in `close` are fed back, () means all that can.
+
+    Scores count from evaluation `skip` on. `stride` is the distance of starts; None is the default
+    of the section. `curriculum: {epoch: horizon}` trains on shorter rollouts up to those epochs.
+    """
+
+    noun: ClassVar[str] = "rollout"
+    shorthand: ClassVar[str | None] = "horizon"
+
+    horizon: Annotated[Length | Whole, reads(_read_horizon, _HORIZON)]
+    stride: PositiveLength | None = None
+    skip: LengthField | None = None
+    close: References | None = None
+    curriculum: CurriculumField | None = None
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        node = super().canonical(node, findings)
+        close = node.entries.get("close") if isinstance(node, Table) else None
+        if isinstance(node, Table) and isinstance(close, Scalar) and close.text == "all":
+            entries = {key: value for key, value in node.entries.items() if key != "close"}
+            return Table(entries, node.keys, node.span, node.key)
+        return node
+
+
+class EarlyStop(Entry):
+    """Ends a stage after `patience` epochs without a better `monitor` (default: total loss)."""
+
+    noun: ClassVar[str] = "early_stop"
+
+    monitor: Reference | None = None
+    patience: PositiveCount = 10
+
+
+EngineName: TypeAlias = Annotated[
+    Literal["auto", "native", "torch"], choice("auto", "native", "torch")
+]
+
+
+class Stage(Entry):
+    """One stage of training; each starts from the best weights of the one before."""
+
+    noun: ClassVar[str] = "a training stage"
+
+    name: NewName | None = None
+    epochs: PositiveCount = 100
+    batch: PositiveCount = 128
+    optimizer: Optimizer
+    losses: Keyed[Weight] = Field(default_factory=dict[str, Located[float]])
+    freeze: ManyOf[LocatedText] = ()
+    lr: Keyed[Weight] = Field(default_factory=dict[str, Located[float]])
+    schedule: Schedule | None = None
+    clip: PositiveNumber | None = None
+    rollout: Rollout | None = None
+    early_stop: EarlyStop | None = None
+    seed: NonNegativeCount = 0
+    dtype: Dtype = "float32"
+    engine: EngineName = "auto"
+    threads: PositiveCount = 1
+    starts: PositiveCount = 1
+    weight_decay: NonNegativeNumber = 0.0
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        node = super().canonical(node, findings)
+        if not isinstance(node, Table) or "optimizer" in node.entries:
+            return node
+        key = node.key or node.span
+        adam = Table({}, {}, key, key)
+        optimizer = Table({"adam": adam}, {"adam": key}, key, key)
+        return Table({**node.entries, "optimizer": optimizer}, node.keys, node.span, node.key)

@@ -1,0 +1,41 @@
+"""The `validate` section: what is measured of a trained model, and the limits it must keep."""
+
+from typing import Annotated, ClassVar, Literal, TypeAlias
+
+from pydantic import ValidationInfo, model_validator
+
+from spec_schema.errors import schema as errors
+from spec_schema.fields.entry import Entry, findings_of
+from spec_schema.fields.formulas import ExpressionField
+from spec_schema.fields.plain import Reference, choice
+from spec_schema.fields.quantities import QuantityField
+from spec_schema.sections.data.data import Source
+from spec_schema.sections.training.training import Rollout
+
+Metric: TypeAlias = Literal["rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic"]
+
+
+class Check(Entry):
+    """A metric of an output or loss; `max` and `min` are its limits.
+
+    It is measured over a set of the data, `data`, or over `files` of its own, for which the
+    defaults of `data:` hold.
+    """
+
+    noun: ClassVar[str] = "a validate entry"
+
+    of: Reference
+    metric: Annotated[Metric, choice("rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic")] = "rmse"
+    target: ExpressionField | None = None
+    rollout: Rollout | None = None
+    data: Reference | None = None
+    files: Source | None = None
+    max: QuantityField | None = None
+    min: QuantityField | None = None
+
+    @model_validator(mode="after")
+    def _has_one_set(self, info: ValidationInfo) -> "Check":
+        if self.data is not None and self.files is not None:
+            place = self.files.place.key
+            findings_of(info).report(errors.excluded_key("files", "data", place, self.noun))
+        return self

@@ -1,0 +1,190 @@
+"""The values a spec names: constants, parameters with their initial values, functions."""
+
+from typing import Annotated, ClassVar, TypeAlias
+
+from pydantic import ValidationInfo, model_validator
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import schema as errors
+from spec_schema.errors import units as unit_errors
+from spec_schema.expressions.tree import Expression
+from spec_schema.fields.entry import Entry, Variant, findings_of, single_key
+from spec_schema.fields.formulas import ArrayField, ExpressionField
+from spec_schema.fields.located import Located
+from spec_schema.fields.plain import (
+    DifferentOf,
+    LocatedText,
+    NewName,
+    NonNegativeNumber,
+    PositiveNumber,
+    Reference,
+    References,
+    Switch,
+    Text,
+    number,
+)
+from spec_schema.fields.quantities import QuantityField, UnitField, split_quantity
+from spec_schema.yaml_tree.nodes import Node, Scalar, Table
+
+
+class NormalInitializer(Entry):
+    """Draws from a normal distribution, in the unit of the parameter."""
+
+    noun: ClassVar[str] = "a normal initialiser"
+
+    mean: Annotated[float, number()] = 0.0
+    std: NonNegativeNumber = 1.0
+
+
+class UniformInitializer(Entry):
+    """Draws from a uniform distribution on [min, max], in the unit of the parameter."""
+
+    noun: ClassVar[str] = "a uniform initialiser"
+
+    min: Annotated[float, number()] = 0.0
+    max: Annotated[float, number()] = 1.0
+
+    @model_validator(mode="after")
+    def _is_ordered(self, info: ValidationInfo) -> "UniformInitializer":
+        if self.min >= self.max:
+            report = errors.reversed_range(f"{self.min:g}", f"{self.max:g}", self.place.value)
+            findings_of(info).report(report)
+        return self
+
+
+class ExpInitializer(Entry):
+    """`first` · e^(−`rate` · x): falls off along an axis, x = 0 … 1 from first to last."""
+
+    noun: ClassVar[str] = "an exp initialiser"
+
+    first: Annotated[float, number()] = 1.0
+    rate: Annotated[float, number()] = 3.0
+    along: Reference | None = None
+
+
+class NegexpInitializer(Entry):
+    """`last` · e^(−`rate` · (1 − x)): grows along an axis, as the weights of newer samples do."""
+
+    noun: ClassVar[str] = "a negexp initialiser"
+
+    last: Annotated[float, number()] = 1.0
+    rate: Annotated[float, number()] = 3.0
+    along: Reference | None = None
+
+
+class LinInitializer(Entry):
+    """A straight line from `first` to `last` along an axis."""
+
+    noun: ClassVar[str] = "a lin initialiser"
+
+    first: Annotated[float, number()] = 1.0
+    last: Annotated[float, number()] = 0.0
+    along: Reference | None = None
+
+
+Shaped: TypeAlias = ExpInitializer | NegexpInitializer | LinInitializer
+"""Initialisers whose values depend on the index along one axis, by default the last."""
+
+InitialValue: TypeAlias = (
+    Expression | NormalInitializer | UniformInitializer | Shaped | Located[str]
+)
+"""What `init:` can be; a text is the name of a file, relative to that of the spec."""
+
+
+class Initializer(Variant):
+    """How the initial values of an array come about; a lone expression is `value`.
+
+    The expression may use the indices `i`, `j`, … of the array's axes and the length `n` of the
+    last one.
+    """
+
+    noun: ClassVar[str] = "an initial value"
+
+    value: ArrayField | None = None
+    normal: NormalInitializer | None = None
+    uniform: UniformInitializer | None = None
+    exp: ExpInitializer | None = None
+    negexp: NegexpInitializer | None = None
+    lin: LinInitializer | None = None
+    file: LocatedText | None = None
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        is_variant = isinstance(node, Table) and "linspace" not in node.entries
+        return super().canonical(node if is_variant else single_key(node, "value"), findings)
+
+    @property
+    def choice(self) -> InitialValue:
+        """The one that is given."""
+        random = self.normal or self.uniform
+        given = self.value or random or self.exp or self.negexp or self.lin or self.file
+        assert given is not None
+        return given
+
+
+class Constant(Entry):
+    """A value folded at compile time."""
+
+    noun: ClassVar[str] = "a constant"
+    shorthand: ClassVar[str | None] = "value"
+
+    value: ArrayField
+    dims: References = ()
+    unit: UnitField | None = None
+    doc: Text | None = None
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        if isinstance(node, Table) and set(node.entries) == {"linspace"}:
+            node = single_key(node, "value")
+        return _with_split_unit(super().canonical(node, findings), "value", findings)
+
+
+class Parameter(Entry):
+    """A learnable value; `scale` is what the optimiser divides it by."""
+
+    noun: ClassVar[str] = "a parameter"
+    shorthand: ClassVar[str | None] = "init"
+
+    init: Initializer
+    min: QuantityField | None = None
+    max: QuantityField | None = None
+    unit: UnitField | None = None
+    dims: References = ()
+    scale: PositiveNumber | None = None
+    learn: Switch = True
+    doc: Text | None = None
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        return _with_split_unit(super().canonical(node, findings), "init", findings)
+
+
+def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
+    """`{init: 5 N/m}` as `{init: 5, unit: N/m}`."""
+    value = node.entries.get(key) if isinstance(node, Table) else None
+    parts = split_quantity(value) if isinstance(value, Scalar) else None
+    if not isinstance(node, Table) or parts is None:
+        return node
+    amount, unit = parts
+    declared = node.entries.get("unit")
+    if isinstance(declared, Scalar) and declared.text.strip() != unit.text:
+        report = unit_errors.two_units(unit.text, declared.text, unit.span, declared.span)
+        findings.report(report)
+        unit = declared
+    entries = {**node.entries, key: amount, "unit": unit}
+    keys = {"unit": unit.span, **node.keys}
+    return Table(entries, keys, node.span, node.key)
+
+
+Arguments: TypeAlias = DifferentOf[NewName]
+
+
+class Function(Entry):
+    """A named formula, inlined where it is called."""
+
+    noun: ClassVar[str] = "a function"
+
+    args: Arguments
+    expr: ExpressionField
+    doc: Text | None = None

@@ -1,0 +1,127 @@
+"""Reads unit texts such as `m/s^2`, `N*m/rad`, `1/m` and `1`."""
+
+import re
+import unicodedata
+
+from spec_schema.diagnostics.suggest import nearest
+from spec_schema.units.table import UNIT_ROWS
+from spec_schema.units.unit import ONE, Unit, UnitError, unit_symbol
+
+_LONGEST = 100
+_LARGEST_POWER = 24
+_TOKEN = re.compile(
+    r"\s*(?:(?P<symbol>[A-Za-zͰ-ϿΩ%°][A-Za-z0-9Ͱ-Ͽ%]*)|(?P<power>\^|\*\*)\s*(?P<exponent>[+-]?[0-9]+)?"
+    r"|(?P<operator>[*/·])|(?P<one>1)(?![0-9.]))"
+)
+# What people write, and what it is called here.
+_SPELLINGS = {
+    "°": "deg",
+    "°C": "degC",
+    "°F": "degF",
+    "Nm": "N*m",
+    "hr": "h",
+    "kmh": "km/h",
+    "kph": "km/h",
+    "sec": "s",
+} | {
+    word: unit
+    for words, unit in (
+        ("metre meter metres meters", "m"),
+        ("second seconds", "s"),
+        ("minute minutes", "min"),
+        ("hour hours", "h"),
+        ("degree degrees", "deg"),
+        ("radian radians", "rad"),
+        ("celsius Celsius", "degC"),
+        ("kelvin Kelvin", "K"),
+        ("newton Newton newtons", "N"),
+        ("volt Volt volts", "V"),
+        ("amp ampere Ampere amps", "A"),
+        ("watt Watt watts", "W"),
+        ("joule Joule joules", "J"),
+        ("pascal Pascal", "Pa"),
+        ("gram grams", "g"),
+        ("kilogram kilograms", "kg"),
+        ("hertz Hertz", "Hz"),
+        ("percent", "%"),
+    )
+    for word in words.split()
+}
+
+
+def parse_unit(text: str) -> Unit:
+    """The unit a text means; UnitError with offsets into `text` when it is not one.
+
+    Factors are joined by `*` and `/`, read from left to right; `^` is followed by an integer.
+    """
+    text = _normalised(text)
+    if not text.strip() or len(text) > _LONGEST:
+        raise UnitError("a unit looks like `m/s^2`, or `1` for none", 0, len(text))
+    unit, position, divide = ONE, 0, False
+    expects_factor = True
+    while text[position:].strip():
+        found = _TOKEN.match(text, position)
+        if found is None:
+            raise _unreadable(text, position)
+        start = found.end() - len(found.group().lstrip())
+        if found["operator"] and not expects_factor:
+            divide, expects_factor = found["operator"] == "/", True
+            position = found.end()
+            continue
+        if found["power"] or found["operator"] or not expects_factor:
+            raise _misplaced(found, start)
+        factor = ONE if found["one"] else _factor(found["symbol"], start)
+        position = found.end()
+        power = _TOKEN.match(text, position)
+        if power is not None and power["power"]:
+            factor = factor.power(_exponent(power, position))
+            position = power.end()
+        unit = _joined(unit, factor, divide)
+        divide, expects_factor = False, False
+    if expects_factor:
+        raise UnitError("a unit is missing after the last `*` or `/`", len(text) - 1, len(text))
+    return unit
+
+
+def _joined(unit: Unit, factor: Unit, divide: bool) -> Unit:
+    if divide:
+        return unit / factor
+    # A lone `degC` keeps its offset; in a product only differences of temperature make sense.
+    return factor if unit == ONE else unit * factor
+
+
+def _factor(symbol: str, start: int) -> Unit:
+    unit = unit_symbol(symbol)
+    if unit is not None:
+        return unit
+    near = nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
+    repair = _SPELLINGS.get(symbol) or near
+    raise UnitError(f"unknown unit `{symbol}`", start, start + len(symbol), repair)
+
+
+def _exponent(power: re.Match[str], position: int) -> int:
+    text = power["exponent"]
+    if text is None or len(text) > 3 or abs(int(text)) > _LARGEST_POWER:
+        message = f"a power of a unit is an integer of at most {_LARGEST_POWER}"
+        raise UnitError(message, position, power.end())
+    return int(text)
+
+
+def _misplaced(found: re.Match[str], start: int) -> UnitError:
+    if found["symbol"] or found["one"]:
+        return UnitError("two units stand side by side; join them by `*`", start, found.end())
+    return UnitError(f"`{found.group().strip()}` has no unit before it", start, found.end())
+
+
+def _unreadable(text: str, position: int) -> UnitError:
+    start = position + len(text[position:]) - len(text[position:].lstrip())
+    if text[start] in "()":
+        message = "units have no parentheses: each `/` divides by one"
+        return UnitError(message, start, start + 1, "J/kg/K")
+    return UnitError(f"`{text[start]}` does not belong in a unit", start, start + 1)
+
+
+def _normalised(text: str) -> str:
+    """NFKC for each character alone, so that offsets stay; `µ` becomes `μ`, the ohm sign `Ω`."""
+    normal = (unicodedata.normalize("NFKC", character) for character in text)
+    return "".join(new if len(new) == 1 else old for old, new in zip(text, normal, strict=True))

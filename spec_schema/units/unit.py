@@ -1,0 +1,163 @@
+"""Units of measurement: exponents of SI base units and of angle, scale, canonical text."""
+
+import math
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TypeAlias
+
+from spec_schema.units.table import BASE_SYMBOLS, PREFIXES, UNIT_ROWS, UnitRow
+
+Rational: TypeAlias = int | Fraction
+"""An integer where it is one: adding these is far faster."""
+
+Exponents: TypeAlias = tuple[Rational, ...]
+_ANGLE = BASE_SYMBOLS.index("rad")
+_NO_EXPONENTS: Exponents = (0,) * len(BASE_SYMBOLS)
+# Products of float scales reach the same unit by different roads (km/h, m/s); one part in 1e12 is
+# far above their rounding and far below any two units that differ.
+_SCALE_TOLERANCE = 1e-12
+_LARGEST_SCALE = 1e300
+
+
+class UnitError(ValueError):
+    """A unit text that cannot be read; `start` and `end` are offsets into the text."""
+
+    def __init__(self, message: str, start: int, end: int, repair: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.start = start
+        self.end = end
+        self.repair = repair
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: value_in_SI = scale * value + offset.
+
+    `exponents` are those of m, kg, s, A, K, mol, cd and of rad, which is tagged but counts as 1 in
+    dimension checks. `factors` are (symbol, exponent) pairs from which the text is made.
+    """
+
+    exponents: Exponents
+    scale: float
+    offset: float = 0.0
+    factors: tuple[tuple[str, Rational], ...] = field(default=(), compare=False)
+
+    @property
+    def text(self) -> str:
+        """Canonical text: `N*m/rad`, `m/s^2`, `1/s`; dimensionless is `1`."""
+        above = [_power_text(symbol, power) for symbol, power in self.factors if power > 0]
+        below = [_power_text(symbol, -power) for symbol, power in self.factors if power < 0]
+        return "/".join(["*".join(above) or "1", *below])
+
+    def __str__(self) -> str:
+        return self.text
+
+    def __hash__(self) -> int:
+        # every node's type is hashed when a graph is built, and hashing a Fraction is slow
+        return hash((self.scale, self.offset))
+
+    def __mul__(self, other: "Unit") -> "Unit":
+        both = zip(self.exponents, other.exponents, strict=True)
+        exponents = tuple(_reduced(a + b) for a, b in both)
+        factors = _merge(self.factors + other.factors)
+        return Unit(exponents, _within_floats(self.scale * other.scale), 0.0, factors)
+
+    def __truediv__(self, other: "Unit") -> "Unit":
+        return self * other.power(-1)
+
+    def power(self, exponent: Rational) -> "Unit":
+        """The unit raised to a rational power; a temperature loses its offset (degC^2 is K^2)."""
+        exponents = tuple(_reduced(e * exponent) for e in self.exponents)
+        factors = _merge(
+            tuple((symbol, _reduced(power * exponent)) for symbol, power in self.factors)
+        )
+        return Unit(exponents, _power(self.scale, float(exponent)), 0.0, factors)
+
+    def root(self, degree: int) -> "Unit":
+        """The unit whose `degree`-th power is this one."""
+        return self.power(Fraction(1, degree))
+
+    @property
+    def is_dimensionless(self) -> bool:
+        """Whether it counts as a pure number or an angle; `deg` and `%` do, with their scale."""
+        return self.same_dimension(ONE)
+
+    def same_dimension(self, other: "Unit") -> bool:
+        """Whether the SI exponents agree; the tag of angle is left out, so `1/s` is `rad/s`."""
+        return _without_angle(self.exponents) == _without_angle(other.exponents)
+
+    def same_as(self, other: "Unit") -> bool:
+        """Whether numbers in both mean the same: `N*m` and `J`, `rad/s` and `1/s`."""
+        return (
+            self.same_dimension(other)
+            and math.isclose(self.scale, other.scale, rel_tol=_SCALE_TOLERANCE)
+            and math.isclose(self.offset, other.offset, rel_tol=_SCALE_TOLERANCE)
+        )
+
+    def convert(self, value: float, target: "Unit") -> float:
+        """The number in `target` that means `value` in this unit; ValueError if not comparable."""
+        if not self.same_dimension(target):
+            message = f"{self.text} does not convert to {target.text}"
+            raise ValueError(message)
+        if self.same_as(target):
+            return value
+        return (value * self.scale + self.offset - target.offset) / target.scale
+
+    def factor_to(self, target: "Unit") -> float:
+        """The factor from differences in this unit to differences in `target`."""
+        if not self.same_dimension(target):
+            message = f"{self.text} does not convert to {target.text}"
+            raise ValueError(message)
+        return self.scale / target.scale
+
+
+ONE = Unit(_NO_EXPONENTS, 1.0)
+
+
+def unit_symbol(symbol: str) -> Unit | None:
+    """The unit of one symbol, with a prefix where its row allows one; None if there is no such."""
+    row = UNIT_ROWS.get(symbol)
+    if row is not None:
+        return _unit_of_row(symbol, row, 1.0)
+    for prefix, scale in PREFIXES.items():
+        row = UNIT_ROWS.get(symbol.removeprefix(prefix)) if symbol.startswith(prefix) else None
+        if row is not None and row.prefixes:
+            return _unit_of_row(symbol, row, scale)
+    return None
+
+
+def _unit_of_row(symbol: str, row: UnitRow, prefix_scale: float) -> Unit:
+    exponents = tuple(row.exponents.get(base, 0) for base in BASE_SYMBOLS)
+    return Unit(exponents, prefix_scale * row.scale, row.offset, ((symbol, 1),))
+
+
+def _without_angle(exponents: Exponents) -> Exponents:
+    return exponents[:_ANGLE] + exponents[_ANGLE + 1 :]
+
+
+def _reduced(number: Rational) -> Rational:
+    return number.numerator if number.denominator == 1 else number
+
+
+def _merge(factors: tuple[tuple[str, Rational], ...]) -> tuple[tuple[str, Rational], ...]:
+    powers: dict[str, Rational] = {}
+    for symbol, power in factors:
+        powers[symbol] = _reduced(powers.get(symbol, 0) + power)
+    return tuple((symbol, power) for symbol, power in powers.items() if power)
+
+
+def _power(scale: float, exponent: float) -> float:
+    try:
+        return _within_floats(scale**exponent)
+    except OverflowError:
+        return _LARGEST_SCALE
+
+
+def _within_floats(scale: float) -> float:
+    """Keeps absurd units (eV^-30) positive and finite, so that algebra with them cannot fail."""
+    return min(max(scale, 1 / _LARGEST_SCALE), _LARGEST_SCALE)
+
+
+def _power_text(symbol: str, power: Rational) -> str:
+    return symbol if power == 1 else f"{symbol}^{power}"

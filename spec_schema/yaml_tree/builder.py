@@ -1,0 +1,206 @@
+"""Builds the tree of nodes from PyYAML's events, without recursion and within fixed budgets."""
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.errors import yaml_text as errors
+from spec_schema.names import normalised
+from spec_schema.yaml_tree.nodes import Listing, Node, Positions, Scalar, Table, kind, with_key
+from spec_schema.yaml_tree.scalar_positions import Style, scalar_offsets
+from spec_schema.yaml_tree.scalars import core_value
+
+DEEPEST = 64
+MOST_VALUES = 50_000
+
+_TAB_OR_COMMENT = re.compile(r"\t|#[^\r\n]*")
+_COMMA = re.compile(r"\s*,")
+_ANCHOR = re.compile(r"&\S*\s*")
+_STYLES: dict[str | None, Style] = {"'": "'", '"': '"', "|": "|", ">": ">"}
+
+
+class StoppedError(Exception):
+    """The rest of the file is not worth reading; the reason is reported."""
+
+
+@dataclass
+class _Open:
+    """A list or mapping whose end has not come yet."""
+
+    start: int
+    is_table: bool
+    is_flow: bool
+    anchor: str | None
+    items: list[Node] = field(default_factory=list[Node])
+    entries: dict[str, Node] = field(default_factory=dict[str, Node])
+    keys: dict[str, Span] = field(default_factory=dict[str, Span])
+    key: Scalar | None = None
+    expects_value: bool = False
+    is_split: bool = False
+    size: int = 1
+
+
+class TreeBuilder:
+    """Takes the events of one document in order; `root` is its tree.
+
+    `text` is that of the source, character for character, as the parser saw it.
+    """
+
+    def __init__(self, source: SourceText, text: str, findings: Findings) -> None:
+        self.root: Node | None = None
+        self._source = source
+        self._text = text
+        self._read = 0
+        self._findings = findings
+        self._open: list[_Open] = []
+        self._anchors: dict[str, tuple[Node, int]] = {}
+        self._documents = 0
+
+    def take(self, event: Any) -> None:
+        """Takes one event; StoppedError when a budget is spent."""
+        start, end = event.start_mark.index, event.end_mark.index
+        self._check_tabs(start)
+        if isinstance(event, yaml.ScalarEvent) and end == start:
+            # The parsers place nothing differently: behind the token before it, or before the next.
+            start = end = min(self._read, start)
+        self._read = max(self._read, end if isinstance(event, yaml.NodeEvent) else start)
+        self._check_tag(event, start)
+        match event:
+            case yaml.DocumentStartEvent():
+                self._documents += 1
+                if self._documents > 1:
+                    self._stop(errors.second_document(self._source.span(start, start + 3)))
+            case yaml.ScalarEvent():
+                self._add(self._scalar(event, start, end), 1, event.anchor)
+            case yaml.AliasEvent():
+                self._alias(event.anchor, start, end)
+            case yaml.CollectionStartEvent():
+                is_table = isinstance(event, yaml.MappingStartEvent)
+                self._open.append(_Open(start, is_table, bool(event.flow_style), event.anchor))
+                if len(self._open) > DEEPEST:
+                    self._stop(errors.too_deep(DEEPEST, self._source.span(start, start + 1)))
+            case yaml.CollectionEndEvent():
+                self._close(end)
+            case _:
+                pass
+
+    def _check_tabs(self, start: int) -> None:
+        """Stops at a tab between tokens, which one of PyYAML's parsers takes and the other not."""
+        for found in _TAB_OR_COMMENT.finditer(self._text, self._read, max(start, self._read)):
+            if found.group() == "\t":
+                self._stop(errors.tab(self._source.span(found.start(), found.end())))
+
+    def _check_tag(self, event: Any, start: int) -> None:
+        tag = getattr(event, "tag", None)
+        if tag is not None:
+            written = self._text[start:].split(maxsplit=1)[0]
+            span = self._source.span(start, start + len(written))
+            self._findings.report(errors.tagged(written, span))
+
+    def _scalar(self, event: Any, start: int, end: int) -> Scalar:
+        text = self._text
+        if event.anchor:
+            anchor = _ANCHOR.match(text, start, end)
+            start = anchor.end() if anchor else start
+        style = _STYLES.get(event.style, "plain")
+        if style == "plain" and "\t" in text[start:end]:
+            tab = text.index("\t", start)
+            self._stop(errors.tab(self._source.span(tab, tab + 1)))
+        value: str = event.value
+        offsets = scalar_offsets(text, start, end, style, value)
+        # PyYAML counts the blank lines below a block scalar, which nobody wants underlined.
+        end = max(start, start + len(text[start:end].rstrip()))
+        positions = Positions(self._source, offsets)
+        meaning = core_value(value) if style == "plain" else value
+        return Scalar(value, meaning, style != "plain", positions, self._source.span(start, end))
+
+    def _alias(self, name: str, start: int, end: int) -> None:
+        span = self._source.span(start, end)
+        if any(frame.anchor == name for frame in self._open):
+            self._stop(errors.own_alias(name, span))
+        if name not in self._anchors:
+            self._stop(errors.stray_alias(f"*{name}", span))
+        node, size = self._anchors[name]
+        self._add(node, size, None, span)
+
+    def _add(self, node: Node, size: int, anchor: str | None, place: Span | None = None) -> None:
+        """Puts a finished node into what contains it; `place` is where an alias of it stands."""
+        place = place or node.span
+        if anchor is not None:
+            self._anchors[anchor] = (node, size)
+        if not self._open:
+            self.root = node
+            return
+        frame = self._open[-1]
+        frame.size += size
+        if frame.size > MOST_VALUES:
+            self._stop(errors.too_many_values(MOST_VALUES, place))
+        if frame.is_flow and isinstance(node, Scalar) and not node.quoted:
+            self._check_split(frame, node)
+        if not frame.is_table:
+            frame.items.append(node)
+        elif frame.expects_value:
+            self._entry(frame, node)
+        else:
+            frame.key = self._key(node, place)
+            frame.expects_value = True
+
+    def _check_split(self, frame: _Open, node: Scalar) -> None:
+        """A comma within the parentheses of an unquoted value has cut it."""
+        is_open = node.text.count("(") > node.text.count(")")
+        if is_open and not frame.is_split and _COMMA.match(self._text, self._read):
+            frame.is_split = True
+            self._findings.report(errors.comma_splits(node.text, node.span))
+
+    def _key(self, node: Node, place: Span) -> Scalar | None:
+        if not isinstance(node, Scalar) or node.text == "" or not node.text.isprintable():
+            found = kind(node) if not isinstance(node, Scalar) or node.text == "" else "another"
+            self._findings.report(errors.key_is_not_text(found, place))
+            return None
+        if node.text == "<<" and not node.quoted:
+            self._findings.report(errors.merge_key(place))
+            return None
+        return node
+
+    def _entry(self, frame: _Open, node: Node) -> None:
+        frame.expects_value = False
+        key = frame.key
+        if key is None or (frame.is_split and self._is_lone(key, node)):
+            return
+        name = normalised(key.text)
+        if frame.is_flow and self._is_lone(key, node):
+            self._findings.report(errors.key_without_value(name, key.span))
+        elif name in frame.entries:
+            self._findings.report(errors.duplicate_key(name, key.span, frame.keys[name]))
+        else:
+            frame.entries[name] = with_key(node, key.span)
+            frame.keys[name] = key.span
+
+    def _is_lone(self, key: Scalar, node: Node) -> bool:
+        """Whether `key` stands between commas without a colon."""
+        if not isinstance(node, Scalar) or not node.is_empty:
+            return False
+        line, column = key.span.end_line, key.span.end_column
+        return not self._source.line(line)[column - 1 :].lstrip().startswith(":")
+
+    def _close(self, end: int) -> None:
+        frame = self._open.pop()
+        span = self._source.span(frame.start, end)
+        last = [*frame.items, *frame.entries.values()][-1:]
+        if not frame.is_flow and last:
+            # PyYAML ends a block where the next thing starts, maybe lines below.
+            span = self._source.span(frame.start, frame.start).to(last[0].span)
+        node: Node = (
+            Table(frame.entries, frame.keys, span)
+            if frame.is_table
+            else Listing(tuple(frame.items), span)
+        )
+        self._add(node, frame.size, frame.anchor)
+
+    def _stop(self, diagnostic: Diagnostic) -> None:
+        self._findings.report(diagnostic)
+        raise StoppedError

@@ -1,0 +1,94 @@
+"""A spec file as a tree of nodes that know their places; what `yaml_reader` makes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+from spec_schema.diagnostics.source import SourceText, Span
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Where each character of a scalar's value stands in its file.
+
+    `offsets` has one file offset for each character and one more for the end.
+    """
+
+    source: SourceText
+    offsets: Sequence[int]
+
+    def span(self, first: int, last: int) -> Span:
+        """The span of `value[first:last]`."""
+        end = len(self.offsets) - 1
+        return self.source.span(self.offsets[min(first, end)], self.offsets[min(last, end)])
+
+    def part(self, first: int, last: int) -> "Positions":
+        """The positions of `value[first:last]`."""
+        return Positions(self.source, self.offsets[first : last + 1])
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A scalar: its text, and the value that YAML 1.2 core gives a plain scalar of that text."""
+
+    text: str
+    value: bool | int | float | str | None
+    quoted: bool
+    positions: Positions
+    span: Span
+    key: Span | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing, or null, is written."""
+        return self.value is None
+
+    def part(self, first: int, last: int) -> "Scalar":
+        """The text `text[first:last]` as a scalar of its own, always read as a string."""
+        text = self.text[first:last]
+        positions = self.positions.part(first, last)
+        return Scalar(text, text, True, positions, positions.span(0, len(text)), self.key)
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A sequence."""
+
+    items: tuple["Node", ...]
+    span: Span
+    key: Span | None = None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A mapping; `keys` holds the place of each key. Keys are NFKC-normalised text."""
+
+    entries: Mapping[str, "Node"]
+    keys: Mapping[str, Span]
+    span: Span
+    key: Span | None = None
+
+
+Node: TypeAlias = Scalar | Listing | Table
+
+
+def with_key(node: Node, key: Span) -> Node:
+    """The node as the value of a key; an aliased node has a different key at each use."""
+    return replace(node, key=key)
+
+
+def kind(node: Node) -> str:
+    """What a user calls such a node."""
+    match node:
+        case Listing():
+            return "a list"
+        case Table():
+            return "a mapping"
+        case Scalar(value=None):
+            return "empty"
+        case Scalar(value=bool()):
+            return "true or false"
+        case Scalar(value=int() | float()):
+            return "a number"
+        case Scalar():
+            return "text"
