@@ -5,31 +5,72 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.kernels.definitions import (
-    by_kernel,
+from compiler.ir.arithmetic import Arithmetic, V
+from compiler.ir.scalar_formulas import (
     hyperbolic_cosine,
     hyperbolic_sine,
-    inverse,
     logistic,
-    one_minus_square,
-    one_plus_square,
     soft_plus,
-    sum_of_squares,
     tangent,
 )
-
-if TYPE_CHECKING:
-    from compiler.ir.builder import GraphBuilder
-    from compiler.ir.program import NodeId
+from compiler.ir.slopes import (
+    slope_of_angle_in_x,
+    slope_of_angle_in_y,
+    slope_of_arc_cosine,
+    slope_of_arc_sine,
+    slope_of_arc_tangent,
+    slope_of_cosine,
+    slope_of_exponential,
+    slope_of_hyperbolic_cosine,
+    slope_of_hyperbolic_sine,
+    slope_of_hyperbolic_tangent,
+    slope_of_logarithm,
+    slope_of_logistic,
+    slope_of_magnitude,
+    slope_of_power_in_base,
+    slope_of_power_in_exponent,
+    slope_of_sign,
+    slope_of_sine,
+    slope_of_soft_plus,
+    slope_of_square_root,
+    slope_of_tangent,
+)
 
 Array = NDArray[Any]
-Derivative = Callable[["GraphBuilder", "tuple[NodeId, ...]", "NodeId"], "NodeId"]
-Definition = Callable[["GraphBuilder", "tuple[NodeId, ...]"], "NodeId"]
+
+
+class Derivative(Protocol):
+    """∂f/∂argument, from the arguments `a` and the function's value `v`."""
+
+    def __call__(self, b: Arithmetic[V], a: tuple[V, ...], v: V, /) -> V: ...
+
+
+class Formula(Protocol):
+    """A function in terms of others, from its arguments `a`."""
+
+    def __call__(self, b: Arithmetic[V], a: tuple[V, ...], /) -> V: ...
+
+
+@dataclass(frozen=True, slots=True)
+class ByFormula:
+    """A definition in terms of other functions."""
+
+    formula: Formula
+
+
+@dataclass(frozen=True, slots=True)
+class ByKernel:
+    """A definition by the project's own kernel of that name, written out in core operations."""
+
+    name: str
+
+
+Definition = ByFormula | ByKernel
 
 
 class UnitRule(Enum):
@@ -57,7 +98,7 @@ class ScalarFunction:
     name: str
     numpy: Callable[..., Array]
     derivatives: tuple[Derivative, ...]
-    """∂f/∂argument for each argument, from the builder, the arguments and the value."""
+    """One for each argument."""
     units: UnitRule
     torch: str
     casadi: str
@@ -89,104 +130,102 @@ _WIDE = ((-30.0, 30.0),)
 # fmt: off
 _ROWS = (
     ScalarFunction(
-        "sin", np.sin, (lambda b, a, v: b.apply("cos", a[0]),),
+        "sin", np.sin, (slope_of_sine,),
         _ANGLE, "sin", "sin", "Sin", "sin", None, ((-100.0, 100.0),),
         "Sine of an angle in rad.",
     ),
     ScalarFunction(
-        "cos", np.cos, (lambda b, a, v: b.negate(b.apply("sin", a[0])),),
+        "cos", np.cos, (slope_of_cosine,),
         _ANGLE, "cos", "cos", "Cos", "cos", None, ((-100.0, 100.0),),
         "Cosine of an angle in rad.",
     ),
     ScalarFunction(
-        "tan", np.tan, (lambda b, a, v: one_plus_square(b, v),),
-        _ANGLE, "tan", "tan", None, "tan", tangent, ((-1.5, 1.5),),
+        "tan", np.tan, (slope_of_tangent,),
+        _ANGLE, "tan", "tan", None, "tan", ByFormula(tangent), ((-1.5, 1.5),),
         "Tangent of an angle in rad.",
     ),
     ScalarFunction(
         "asin", np.arcsin,
-        (lambda b, a, v: inverse(b, b.apply("sqrt", one_minus_square(b, a[0]))),),
-        _TO_ANGLE, "asin", "asin", None, "asin", by_kernel("asin"), ((-0.99, 0.99),),
+        (slope_of_arc_sine,),
+        _TO_ANGLE, "asin", "asin", None, "asin", ByKernel("asin"), ((-0.99, 0.99),),
         "Arc sine in rad, −π/2 … π/2.",
     ),
     ScalarFunction(
         "acos", np.arccos,
-        (lambda b, a, v: b.negate(inverse(b, b.apply("sqrt", one_minus_square(b, a[0])))),),
-        _TO_ANGLE, "acos", "acos", None, "acos", by_kernel("acos"), ((-0.99, 0.99),),
+        (slope_of_arc_cosine,),
+        _TO_ANGLE, "acos", "acos", None, "acos", ByKernel("acos"), ((-0.99, 0.99),),
         "Arc cosine in rad, 0 … π.",
     ),
     ScalarFunction(
-        "atan", np.arctan, (lambda b, a, v: inverse(b, one_plus_square(b, a[0])),),
-        _TO_ANGLE, "atan", "atan", None, "atan", by_kernel("atan"), ((-50.0, 50.0),),
+        "atan", np.arctan, (slope_of_arc_tangent,),
+        _TO_ANGLE, "atan", "atan", None, "atan", ByKernel("atan"), ((-50.0, 50.0),),
         "Arc tangent in rad, −π/2 … π/2.",
     ),
     ScalarFunction(
         "atan2", np.arctan2,
         (
-            lambda b, a, v: b.divide(a[1], sum_of_squares(b, a)),
-            lambda b, a, v: b.negate(b.divide(a[0], sum_of_squares(b, a))),
+            slope_of_angle_in_y,
+            slope_of_angle_in_x,
         ),
-        UnitRule.RATIO_TO_ANGLE, "atan2", "atan2", None, "atan2", by_kernel("atan2"),
+        UnitRule.RATIO_TO_ANGLE, "atan2", "atan2", None, "atan2", ByKernel("atan2"),
         ((-5.0, 5.0), (-5.0, 5.0)),
         "Angle of the point (x, y) = (second, first) in rad, −π … π.",
     ),
     ScalarFunction(
-        "sinh", np.sinh, (lambda b, a, v: b.apply("cosh", a[0]),),
-        _NUMBER, "sinh", "sinh", None, "sinh", hyperbolic_sine, ((-10.0, 10.0),),
+        "sinh", np.sinh, (slope_of_hyperbolic_sine,),
+        _NUMBER, "sinh", "sinh", None, "sinh", ByFormula(hyperbolic_sine), ((-10.0, 10.0),),
         "Hyperbolic sine.",
     ),
     ScalarFunction(
-        "cosh", np.cosh, (lambda b, a, v: b.apply("sinh", a[0]),),
-        _NUMBER, "cosh", "cosh", None, "cosh", hyperbolic_cosine, ((-10.0, 10.0),),
+        "cosh", np.cosh, (slope_of_hyperbolic_cosine,),
+        _NUMBER, "cosh", "cosh", None, "cosh", ByFormula(hyperbolic_cosine), ((-10.0, 10.0),),
         "Hyperbolic cosine.",
     ),
     ScalarFunction(
-        "tanh", np.tanh, (lambda b, a, v: one_minus_square(b, v),),
+        "tanh", np.tanh, (slope_of_hyperbolic_tangent,),
         _NUMBER, "tanh", "tanh", "Tanh", "tanh", None, _WIDE,
         "Hyperbolic tangent.",
     ),
     ScalarFunction(
-        "exp", np.exp, (lambda b, a, v: v,),
+        "exp", np.exp, (slope_of_exponential,),
         _NUMBER, "exp", "exp", "Exp", "exp", None, ((-20.0, 20.0),),
         "Exponential.",
     ),
     ScalarFunction(
-        "log", np.log, (lambda b, a, v: inverse(b, a[0]),),
+        "log", np.log, (slope_of_logarithm,),
         _NUMBER, "log", "log", "Log", "log", None, ((1e-3, 1e3),),
         "Natural logarithm; NaN below 0.",
     ),
     ScalarFunction(
-        "sqrt", np.sqrt, (lambda b, a, v: b.divide(b.constant(0.5), v),),
+        "sqrt", np.sqrt, (slope_of_square_root,),
         UnitRule.ROOT, "sqrt", "sqrt", "Sqrt", None, None, ((1e-3, 1e3),),
         "Square root; NaN below 0.",
     ),
     ScalarFunction(
-        "abs", np.abs, (lambda b, a, v: b.apply("sign", a[0]),),
+        "abs", np.abs, (slope_of_magnitude,),
         UnitRule.SAME, "abs", "fabs", "Abs", None, None, _WIDE,
         "Magnitude; slope 0 at 0.",
     ),
     ScalarFunction(
-        "sign", np.sign, (lambda b, a, v: b.multiply(b.constant(0.0), a[0]),),
+        "sign", np.sign, (slope_of_sign,),
         UnitRule.SIGN, "sign", "sign", "Sign", None, None, _WIDE,
         "−1, 0 or 1; slope 0 everywhere.",
     ),
     ScalarFunction(
-        "sigmoid", _sigmoid, (lambda b, a, v: b.multiply(v, b.subtract(b.constant(1.0), v)),),
-        _NUMBER, "sigmoid", "", None, "sigmoid", logistic, _WIDE,
+        "sigmoid", _sigmoid, (slope_of_logistic,),
+        _NUMBER, "sigmoid", "", None, "sigmoid", ByFormula(logistic), _WIDE,
         "1 / (1 + exp(−x)).",
     ),
     ScalarFunction(
-        "softplus", _softplus, (lambda b, a, v: b.apply("sigmoid", a[0]),),
-        _NUMBER, "", "", None, "softplus", soft_plus, _WIDE,
+        "softplus", _softplus, (slope_of_soft_plus,),
+        _NUMBER, "", "", None, "softplus", ByFormula(soft_plus), _WIDE,
         "log(1 + exp(x)), smooth max(x, 0).",
     ),
     ScalarFunction(
         "pow", np.power,
         (
-            lambda b, a, v: b.multiply(
-                a[1], b.apply("pow", a[0], b.subtract(a[1], b.constant(1.0)))
-            ),
-            lambda b, a, v: b.multiply(v, b.apply("log", a[0])),
+            slope_of_power_in_base,
+            slope_of_power_in_exponent,
         ),
         _NUMBER, "pow", "power", "Pow", "pow", None, ((0.1, 10.0), (-3.0, 3.0)),
         "x to a real power; NaN for a negative x and a power that is no integer.",

@@ -6,7 +6,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_start, with_step
 from compiler.ir.ops import Apply
 from compiler.ir.program import Graph, NodeId, Program
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS, ByFormula, ByKernel
 
 
 def expand_functions(program: Program, native: frozenset[str]) -> Program:
@@ -46,8 +46,14 @@ def _expanded(graph: Graph, native: frozenset[str]) -> tuple[Graph, dict[NodeId,
 
 
 def _definition(builder: GraphBuilder, function: str, args: tuple[NodeId, ...]) -> NodeId:
-    definition = SCALAR_FUNCTIONS[function].definition
-    if definition is None:
-        message = f"`{function}` has no definition in other functions"
-        raise ValueError(message)
-    return definition(builder, args)
+    match SCALAR_FUNCTIONS[function].definition:
+        case ByFormula(formula):
+            return formula(builder, args)
+        case ByKernel(name):
+            # the kernels are large and most programs need none of them as operations
+            from compiler.kernels.expand import expand_kernel
+
+            return expand_kernel(builder, name, args)
+        case None:
+            message = f"`{function}` has no definition in other functions"
+            raise ValueError(message)

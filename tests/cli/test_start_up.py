@@ -87,7 +87,6 @@ _NOT_WHOLE = {
     "compiler.differentiation": {"gradient_nodes", "reverse_mode", "sums_of_squares"},
     "compiler.interpreter": {"constant_value", "never_finite", "operations"},
     "compiler.jacobian": {"sparsity_pattern"},
-    "compiler.kernels": {"definitions"},
     "msnn.data": {"dataset", "reads", "starts"},
     "msnn.data.formats": {"table_of_formats"},
     "msnn.data.reading": {"file_sets"},
