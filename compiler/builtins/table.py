@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from compiler.builtins.derivatives import lower_derivative
@@ -16,6 +15,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
 from compiler.ir.program import NodeId
 from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.signatures import SIGNATURES
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import aligning, lower, lower_all
@@ -27,50 +27,32 @@ if TYPE_CHECKING:
     from compiler.elaboration.names import Model
 
 
-@dataclass(frozen=True)
-class Builtin:
-    """A builtin function: how many arguments, which keywords, and what it makes of them."""
-
-    least: int
-    most: int | None
-    lower: Callable[[Model, Call, Environment], NodeId]
-    keywords: tuple[str, ...] = ()
-    doc: str = ""
-
-    @property
-    def wanted(self) -> str:
-        """The number of arguments in words."""
-        if self.most is None:
-            return f"{self.least} or more arguments"
-        if self.least == self.most:
-            return f"{self.least} argument{'s' if self.least > 1 else ''}"
-        return f"{self.least} to {self.most} arguments"
+Lower = Callable[["Model", Call, Environment], NodeId]
 
 
-def lower_builtin(
-    model: Model, name: str, builtin: Builtin, call: Call, environment: Environment
-) -> NodeId:
+def lower_builtin(model: Model, name: str, call: Call, environment: Environment) -> NodeId:
     """The node of a call of a builtin, after its arguments are counted and its keywords known."""
+    signature = SIGNATURES[name]
     for keyword in call.keywords:
-        if keyword.name not in builtin.keywords:
+        if keyword.name not in signature.keywords:
             model.findings.report(
-                names.unknown_keyword(name, keyword.name, keyword.span, builtin.keywords)
+                names.unknown_keyword(name, keyword.name, keyword.span, signature.keywords)
             )
             raise LoweringFailed
     found = len(call.arguments)
-    if found < builtin.least or (builtin.most is not None and found > builtin.most):
+    if not signature.takes(found):
         model.findings.report(
-            names.wrong_argument_count(name, builtin.wanted, found, call.function.span)
+            names.wrong_argument_count(name, signature.wanted, found, call.function.span)
         )
         raise LoweringFailed
-    return builtin.lower(model, call, environment)
+    return LOWERINGS[name](model, call, environment)
 
 
 def _keyword(call: Call, name: str) -> Expression | None:
     return next((k.value for k in call.keywords if k.name == name), None)
 
 
-def _scalar(name: str) -> Callable[[Model, Call, Environment], NodeId]:
+def _scalar(name: str) -> Lower:
     def lower_scalar(model: Model, call: Call, environment: Environment) -> NodeId:
         builder = model.builder(environment)
         nodes = lower_all(model, call.arguments, environment)
@@ -104,7 +86,7 @@ def _sech(builder: GraphBuilder, x: NodeId) -> NodeId:
     return builder.divide(builder.constant(1.0), builder.apply("cosh", x))
 
 
-def _extreme(name: str) -> Callable[[Model, Call, Environment], NodeId]:
+def _extreme(name: str) -> Lower:
     def lower_extreme(model: Model, call: Call, environment: Environment) -> NodeId:
         builder = model.builder(environment)
         nodes = lower_all(model, call.arguments, environment)
@@ -232,39 +214,30 @@ def _dropout(model: Model, call: Call, environment: Environment) -> NodeId:
     return model.builder(environment).dropout(node, rate, "")
 
 
-BUILTINS: dict[str, Builtin] = {
-    row.name: Builtin(row.arity, row.arity, _scalar(row.name), doc=row.doc)
-    for row in SCALAR_FUNCTIONS.values()
-} | {
-    "relu": Builtin(1, 1, _unary(_relu), doc="max(x, 0); slope 0 at 0."),
-    "elu": Builtin(1, 1, _unary(_elu), doc="x above 0, exp(x) − 1 below."),
-    "sech": Builtin(1, 1, _unary(_sech), doc="1 / cosh(x)."),
-    "min": Builtin(2, None, _extreme("min"), doc="The smallest argument, element by element."),
-    "max": Builtin(2, None, _extreme("max"), doc="The largest argument, element by element."),
-    "clip": Builtin(3, 3, _clip, doc="clip(x, low, high)."),
-    "where": Builtin(3, 3, _where, doc="where(condition, then, otherwise)."),
-    "sum": Builtin(1, 1, lower_sum, ("over",), "Sum of everything, or over the axes of `over=`."),
-    "mean": Builtin(
-        1, 1, lower_mean, ("over",), "Mean of everything, or over the axes of `over=`."
-    ),
-    "concat": Builtin(1, None, _concat, doc="Scalars, lists and windows one after the other."),
-    "stack": Builtin(1, None, _stack, ("dim",), "The arguments side by side along a new axis."),
-    "part": Builtin(2, 2, _part, doc="One element of an axis, by label or index."),
-    "softmax": Builtin(1, 1, lower_softmax, ("over",), "Shares that sum to 1 along an axis."),
-    "outer": Builtin(2, 2, lower_outer, doc="outer(a, b): all products of an element of each."),
-    "eye": Builtin(1, 2, lower_eye, doc="eye(a, b) of two dims; eye(3) in `constants:`."),
-    "smooth_sign": Builtin(1, 2, lower_smooth_sign, doc="smooth_sign(x, width) = tanh(x / width)."),
-    "dropout": Builtin(
-        2, 2, _dropout, doc="dropout(x, share): x, of which training leaves out a share."
-    ),
-    "linspace": Builtin(3, 3, number_list("linspace"), doc="linspace(first, last, count)."),
-    "arange": Builtin(1, 3, number_list("arange"), doc="arange(start, stop, step), stop excluded."),
-    "integral": Builtin(
-        1, 1, lower_integral, ("method", "init"), "Integral over time since the start of a run."
-    ),
-    "der": Builtin(1, 1, lower_derivative, ("method",), "Derivative with respect to time."),
-    "grad": Builtin(2, 2, lower_gradient, doc="grad(y, x): Σ ∂y/∂x in one sample, shape of x."),
-    "zeros": Builtin(1, 1, number_list("zeros"), doc="zeros(count)."),
-    "ones": Builtin(1, 1, number_list("ones"), doc="ones(count)."),
+LOWERINGS: dict[str, Lower] = {name: _scalar(name) for name in SCALAR_FUNCTIONS} | {
+    "relu": _unary(_relu),
+    "elu": _unary(_elu),
+    "sech": _unary(_sech),
+    "min": _extreme("min"),
+    "max": _extreme("max"),
+    "clip": _clip,
+    "where": _where,
+    "sum": lower_sum,
+    "mean": lower_mean,
+    "concat": _concat,
+    "stack": _stack,
+    "part": _part,
+    "softmax": lower_softmax,
+    "outer": lower_outer,
+    "eye": lower_eye,
+    "smooth_sign": lower_smooth_sign,
+    "dropout": _dropout,
+    "linspace": number_list("linspace"),
+    "arange": number_list("arange"),
+    "integral": lower_integral,
+    "der": lower_derivative,
+    "grad": lower_gradient,
+    "zeros": number_list("zeros"),
+    "ones": number_list("ones"),
 }
-"""By name; `next` and `flow` are in `states.py`, losses in `losses.py`."""
+"""What each name of `SIGNATURES` is lowered by; a test holds both equal."""

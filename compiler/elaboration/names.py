@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from compiler.builtins.gradients import Gradients
-from compiler.builtins.table import BUILTINS, lower_builtin
+from compiler.builtins.table import lower_builtin
 from compiler.elaboration.entries import Entries
 from compiler.elaboration.functions import argument_value, inlined
 from compiler.elaboration.histories import Histories, Known
 from compiler.elaboration.layer_calls import lower_layer
-from compiler.elaboration.losses.losses import LOSS_FUNCTIONS
 from compiler.elaboration.states import States
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.fit import Fit
 from compiler.ir.program import NodeId
+from compiler.ir.signatures import SIGNATURES
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.linking.connected import Connected
 from compiler.linking.given_weights import GivenWeights
@@ -28,6 +28,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, submodels, time
 from spec_schema.errors import shapes as shape_errors
+from spec_schema.expressions.language import LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
 from spec_schema.expressions.tree import Call, Expression, LanguageName, Member, Name
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers import Layer
@@ -37,7 +38,6 @@ from spec_schema.sections.values import Constant, Function, Parameter
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
-_PI = 3.141592653589793
 _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 
 
@@ -98,8 +98,8 @@ class Model:
         if argument is not None:
             return argument_value(self, argument, environment)
         builder = self.builder(environment)
-        if name.name == "pi":
-            return builder.constant(_PI)
+        if name.name in NUMBERS:
+            return builder.constant(NUMBERS[name.name])
         if name.name == "dt":
             return builder.constant(self.sample_time("`dt`", name.span), unit=_SECOND)
         declared = self.declared(name.name, name.span)
@@ -126,10 +126,10 @@ class Model:
         """The declaration of a name; reports an unknown one."""
         found = self.scope.get(name)
         if found is None:
-            if name in BUILTINS:
+            if name in SIGNATURES:
                 self.findings.report(names.not_a_value(name, "a builtin", span))
             else:
-                known = (*self.scope, "dt", "pi")
+                known = (*self.scope, "dt", *NUMBERS)
                 self.findings.report(names.unknown_name(name, span, known))
             raise LoweringFailed
         self.used.add(name)
@@ -177,12 +177,11 @@ class Model:
         if name in environment.arguments:
             self.findings.report(names.not_callable(name, "an argument", function.span))
             raise LoweringFailed
-        if name in ("next", "flow"):
+        if name in STATE_FUNCTIONS:
             return self.states.call(name, call, environment)
-        builtin = BUILTINS.get(name)
         is_declared = name in self.scope and not isinstance(function, LanguageName)
-        if builtin is not None and not is_declared:
-            return lower_builtin(self, name, builtin, call, environment)
+        if name in SIGNATURES and not is_declared:
+            return lower_builtin(self, name, call, environment)
         if name in LOSS_FUNCTIONS and not is_declared:
             repair = "it belongs in `losses:`"
             self.findings.report(names.misplaced(name, "an expression", function.span, repair))
@@ -191,7 +190,7 @@ class Model:
         if declared is None:
             known = [n for n, d in self.scope.items() if d.kind in _CALLABLE]
             report = names.unknown_name(
-                name, function.span, (*known, *BUILTINS), "a layer or function"
+                name, function.span, (*known, *SIGNATURES), "a layer or function"
             )
             self.findings.report(report)
             raise LoweringFailed

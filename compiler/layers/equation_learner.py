@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from compiler.builtins.table import BUILTINS
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
+from compiler.ir.signatures import SIGNATURES
 from compiler.ir.types import UNNAMED, Axis, describe_axes
 from compiler.layers.affine import Affine
 from compiler.layers.rules.arguments import read_elements
@@ -84,10 +84,10 @@ def _arity(context: LayerContext, function: Located[str]) -> int:
         context.refuse(names.not_callable(name, scope[name].kind.value, function.span))
     if name in _OPERATORS:
         return _OPERATORS[name][0]
-    if name not in BUILTINS:
-        known = (*_OPERATORS, *BUILTINS)
+    if name not in SIGNATURES:
+        known = (*_OPERATORS, *SIGNATURES)
         context.refuse(names.unknown_name(name, function.span, known, "a function"))
-    return BUILTINS[name].least
+    return SIGNATURES[name].least
 
 
 def _read(context: LayerContext, settings: EquationLearner) -> Arguments:

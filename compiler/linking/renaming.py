@@ -7,19 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar, cast
 
-from compiler.builtins.table import BUILTINS
-from compiler.elaboration.losses.losses import LOSS_FUNCTIONS
-from compiler.lowering.arrays.initial_values import INDICES, LENGTH
+from compiler.ir.signatures import OF_THE_LANGUAGE
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.language import INDICES, LENGTH
 from spec_schema.expressions.tree import Call, Expression, Keyword, LanguageName, Member, Name
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.located import Located
 from spec_schema.sections.values import Function, Initializer
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit
-
-OF_THE_LANGUAGE = frozenset({"t", "dt", "pi", "next", "flow", "der", *BUILTINS, *LOSS_FUNCTIONS})
-"""Names that mean the same in every spec unless it declares them."""
 
 T = TypeVar("T")
 

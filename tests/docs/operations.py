@@ -9,9 +9,9 @@ from typing import get_args
 from backends.casadi_function import function as casadi_function
 from backends.onnx_model import draft as onnx_draft
 from backends.torch_module.operations import NATIVE_FUNCTIONS
-from compiler.builtins.table import BUILTINS
 from compiler.ir.ops import Op
 from compiler.ir.scalar_functions import SCALAR_FUNCTIONS, ScalarFunction
+from compiler.ir.signatures import SIGNATURES
 from tests.docs.markdown import paragraph, table
 from tests.every_op.records import OP_RECORDS, RECORDS
 
@@ -65,6 +65,6 @@ def builtins() -> str:
     """A row a builtin of the language."""
     rows = [
         (f"`{name}`", builtin.wanted, ", ".join(f"`{k}=`" for k in builtin.keywords), builtin.doc)
-        for name, builtin in BUILTINS.items()
+        for name, builtin in SIGNATURES.items()
     ]
     return table(("builtin", "takes", "keywords", "meaning"), rows)

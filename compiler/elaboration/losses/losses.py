@@ -15,6 +15,7 @@ from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names
+from spec_schema.expressions.language import LOSS_FUNCTIONS
 from spec_schema.expressions.tree import Call, Expression
 from spec_schema.sections.signals import Loss as LossEntry
 
@@ -29,14 +30,6 @@ _COMPARING = {
     "huber": Measure.HUBER,
 }
 _PENALTIES = ("l1", "l2")
-_ARGUMENTS = (
-    dict.fromkeys(_COMPARING, (1, 2))
-    | dict.fromkeys(_PENALTIES, (1, 1))
-    | {"cross_entropy": (2, 2)}
-)
-"""Fewest and most arguments; a value that is compared with nothing is compared with 0."""
-LOSS_FUNCTIONS = frozenset(_ARGUMENTS)
-"""Names that stand in the sum of a loss and nowhere else."""
 
 
 def lower_loss(model: Model, name: str, entry: LossEntry) -> list[Loss]:
@@ -44,7 +37,7 @@ def lower_loss(model: Model, name: str, entry: LossEntry) -> list[Loss]:
 
     Each term has the entry's weight, which a stage can replace, and its own share of the entry.
     """
-    terms = terms_of(model, entry.expr, LOSS_FUNCTIONS)
+    terms = terms_of(model, entry.expr)
     losses: list[Loss] = []
     taken = Counter[str]()
     for term in terms:
@@ -74,12 +67,11 @@ def default_loss(model: Model, output: Output) -> Loss:
 
 
 def _measured(model: Model, function: str, call: Call) -> tuple[Measure, NodeId, NodeId | None]:
-    least, most = _ARGUMENTS[function]
-    if not least <= len(call.arguments) <= most or call.keywords:
+    signature = LOSS_FUNCTIONS[function]
+    if not signature.takes(len(call.arguments)) or call.keywords:
         found = len(call.arguments) + len(call.keywords)
-        wanted = f"{least} or {most} arguments" if least < most else _counted(least)
         model.findings.report(
-            names.wrong_argument_count(function, wanted, found, call.function.span)
+            names.wrong_argument_count(function, signature.wanted, found, call.function.span)
         )
         raise LoweringFailed
     builder = model.builder(_LOSS)
@@ -89,7 +81,7 @@ def _measured(model: Model, function: str, call: Call) -> tuple[Measure, NodeId,
         cost, missing = lower_cross_entropy(model, call, _LOSS)
         # only what was recorded can be missing
         return Measure.MEAN, cost, None if reads_simulation(builder.graph(), missing) else missing
-    if len(call.arguments) == 1:
+    if len(call.arguments) == 1:  # what is compared with nothing is compared with 0
         value = lower(model, call.arguments[0], _LOSS)
         type = builder.type(value)
         zero = builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
@@ -99,10 +91,6 @@ def _measured(model: Model, function: str, call: Call) -> tuple[Measure, NodeId,
         builder.subtract(prediction, target)  # compares the units of the two
         prediction, target, _ = builder.aligned(prediction, target)
     return _COMPARING[function], *_scored(builder, prediction, target)
-
-
-def _counted(count: int) -> str:
-    return f"{count} argument{'s' if count > 1 else ''}"
 
 
 def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[NodeId, NodeId]:

@@ -14,6 +14,7 @@ from compiler.lowering.environment import Argument, Environment, Part
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, shapes
+from spec_schema.expressions.language import INDICES, LENGTH
 from spec_schema.expressions.tree import Expression, Name
 from spec_schema.fields.located import Located
 from spec_schema.sections.values import (
@@ -28,13 +29,6 @@ from spec_schema.sections.values import (
 
 if TYPE_CHECKING:
     from compiler.elaboration.names import Model
-
-
-INDICES = ("i", "j", "k", "l", "m")
-"""What a formula calls the indices of the array's axes, from the first axis on, counted from 0."""
-
-LENGTH = "n"
-"""What a formula calls the length of the last axis."""
 
 
 def initial_values(

@@ -1,0 +1,21 @@
+"""Joins the scalar functions of the table to the other builtins of the language."""
+
+from __future__ import annotations
+
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from spec_schema.expressions.language import (
+    BUILTINS,
+    LOSS_FUNCTIONS,
+    NUMBERS,
+    STATE_FUNCTIONS,
+    TIME_NAMES,
+    Signature,
+)
+
+SIGNATURES: dict[str, Signature] = {
+    row.name: Signature(row.arity, row.arity, doc=row.doc) for row in SCALAR_FUNCTIONS.values()
+} | BUILTINS
+"""Every builtin function by name."""
+
+OF_THE_LANGUAGE = frozenset({*TIME_NAMES, *NUMBERS, *STATE_FUNCTIONS, *SIGNATURES, *LOSS_FUNCTIONS})
+"""Names that mean the same in every spec unless it declares them."""

@@ -1,0 +1,81 @@
+"""Names that the language itself gives meaning to: builtins, loss functions, indices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """How a function of the language is called, and what it does in a line."""
+
+    least: int
+    most: int | None
+    keywords: tuple[str, ...] = ()
+    doc: str = ""
+
+    def takes(self, count: int) -> bool:
+        """Whether that many arguments are right."""
+        return self.least <= count and (self.most is None or count <= self.most)
+
+    @property
+    def wanted(self) -> str:
+        """The number of arguments in words."""
+        if self.most is None:
+            return f"{self.least} or more arguments"
+        if self.least == self.most:
+            return f"{self.least} argument{'s' if self.least > 1 else ''}"
+        between = "or" if self.most == self.least + 1 else "to"
+        return f"{self.least} {between} {self.most} arguments"
+
+
+BUILTINS: dict[str, Signature] = {
+    "relu": Signature(1, 1, doc="max(x, 0); slope 0 at 0."),
+    "elu": Signature(1, 1, doc="x above 0, exp(x) − 1 below."),
+    "sech": Signature(1, 1, doc="1 / cosh(x)."),
+    "min": Signature(2, None, doc="The smallest argument, element by element."),
+    "max": Signature(2, None, doc="The largest argument, element by element."),
+    "clip": Signature(3, 3, doc="clip(x, low, high)."),
+    "where": Signature(3, 3, doc="where(condition, then, otherwise)."),
+    "sum": Signature(1, 1, ("over",), "Sum of everything, or over the axes of `over=`."),
+    "mean": Signature(1, 1, ("over",), "Mean of everything, or over the axes of `over=`."),
+    "concat": Signature(1, None, doc="Scalars, lists and windows one after the other."),
+    "stack": Signature(1, None, ("dim",), "The arguments side by side along a new axis."),
+    "part": Signature(2, 2, doc="One element of an axis, by label or index."),
+    "softmax": Signature(1, 1, ("over",), "Shares that sum to 1 along an axis."),
+    "outer": Signature(2, 2, doc="outer(a, b): all products of an element of each."),
+    "eye": Signature(1, 2, doc="eye(a, b) of two dims; eye(3) in `constants:`."),
+    "smooth_sign": Signature(1, 2, doc="smooth_sign(x, width) = tanh(x / width)."),
+    "dropout": Signature(2, 2, doc="dropout(x, share): x, of which training leaves out a share."),
+    "linspace": Signature(3, 3, doc="linspace(first, last, count)."),
+    "arange": Signature(1, 3, doc="arange(start, stop, step), stop excluded."),
+    "integral": Signature(1, 1, ("method", "init"), "Integral over time since the start of a run."),
+    "der": Signature(1, 1, ("method",), "Derivative with respect to time."),
+    "grad": Signature(2, 2, doc="grad(y, x): Σ ∂y/∂x in one sample, shape of x."),
+    "zeros": Signature(1, 1, doc="zeros(count)."),
+    "ones": Signature(1, 1, doc="ones(count)."),
+}
+"""Functions of every expression, beside the scalar functions of the compiler's table."""
+
+LOSS_FUNCTIONS: dict[str, Signature] = {
+    "mse": Signature(1, 2, doc="Mean of squared differences."),
+    "rmse": Signature(1, 2, doc="Root of the mean of squared differences."),
+    "mae": Signature(1, 2, doc="Mean of absolute differences."),
+    "huber": Signature(1, 2, doc="Squares of small differences, magnitudes of large ones."),
+    "l1": Signature(1, 1, doc="Mean magnitude of parameters."),
+    "l2": Signature(1, 1, doc="Mean square of parameters."),
+    "cross_entropy": Signature(2, 2, doc="How improbable the model finds the recorded class."),
+}
+"""Functions that stand in the sum of a loss and nowhere else."""
+
+STATE_FUNCTIONS = ("next", "flow")
+"""What is asked of a state: its value after the step, its derivative."""
+
+TIME_NAMES = ("t", "dt")
+NUMBERS = {"pi": 3.141592653589793}
+
+INDICES = ("i", "j", "k", "l", "m")
+"""What a formula calls the indices of an array's axes, from the first axis on, counted from 0."""
+
+LENGTH = "n"
+"""What a formula calls the length of the last axis."""
