@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import calculus
 from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call, Expression, Name
-
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
 
 def option(call: Call, name: str) -> Expression | None:
@@ -19,7 +15,7 @@ def option(call: Call, name: str) -> Expression | None:
     return next((keyword.value for keyword in call.keywords if keyword.name == name), None)
 
 
-def method_of(model: Model, call: Call, methods: tuple[str, ...]) -> str:
+def method_of(context: Context, call: Call, methods: tuple[str, ...]) -> str:
     """The word after `method=`, the first one without it."""
     given = option(call, "method")
     if given is None:
@@ -27,7 +23,7 @@ def method_of(model: Model, call: Call, methods: tuple[str, ...]) -> str:
     word = expression_text(given)
     if not isinstance(given, Name) or word not in methods:
         function = expression_text(call.function)
-        model.findings.report(calculus.unknown_method(function, word, methods, given.span))
+        context.findings.report(calculus.unknown_method(function, word, methods, given.span))
         raise LoweringFailed
     return word
 

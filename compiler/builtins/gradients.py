@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from compiler.builtins.call_options import resolved
 from compiler.differentiation.gradient_nodes import gradient_nodes
@@ -12,17 +11,16 @@ from compiler.ir.ops import ReadLog, ReadSignal
 from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import quotient_unit
 from compiler.ir.types import WINDOW, Axis
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import calculus, names
+from spec_schema.expressions.language import NUMBERS
 from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call, Expression, Future, Member, Name, Past, Window
 from spec_schema.sections.signals import Equation, Output, Signal, State
 from spec_schema.sections.values import Parameter
-
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
 
 @dataclass(frozen=True)
@@ -34,20 +32,20 @@ class _Read:
     last: int
 
 
-def lower_gradient(model: Model, call: Call, environment: Environment) -> NodeId:
+def lower_gradient(context: Context, call: Call, environment: Environment) -> NodeId:
     """Σ ∂y/∂x[t] over all elements of y, with the axes of x.
 
     Whatever y computes from x[t] counts, through equations, layers, windows and gradients. The
     past, in states and buffers, is taken as given.
     """
     if environment.part is Part.CONSTANT:
-        model.findings.report(names.misplaced("grad", environment.part.value, call.function.span))
+        context.findings.report(names.misplaced("grad", environment.part.value, call.function.span))
         raise LoweringFailed
     y_argument, x_argument = call.arguments
-    y = lower(model, y_argument, environment)
-    builder = model.builder(environment)
-    whole, reads = _reads(model, x_argument, environment)
-    used = model.gradients.made_of(builder, y)
+    y = lower(context, y_argument, environment)
+    builder = context.builder(environment)
+    whole, reads = _reads(context, x_argument, environment)
+    used = context.gradients.made_of(builder, y)
     overlapping = [
         read
         for read in reads
@@ -55,7 +53,7 @@ def lower_gradient(model: Model, call: Call, environment: Environment) -> NodeId
     ]
     if not overlapping:
         text = expression_text(x_argument)
-        model.findings.report(
+        context.findings.report(
             calculus.gradient_of_unrelated(text, x_argument.span, y_argument.span)
         )
         raise LoweringFailed
@@ -67,37 +65,12 @@ def lower_gradient(model: Model, call: Call, environment: Environment) -> NodeId
     result = parts[0] if parts else _zero(builder, y, whole.node)
     for part in parts[1:]:
         result = builder.add(result, part)
-    model.gradients.remember(builder, result, y)
+    context.gradients.remember(builder, result, y)
     return result
 
 
-class Gradients:
-    """Which value each gradient was taken of: of 3·x it is a number, and yet x was used."""
-
-    def __init__(self) -> None:
-        self.variables: set[str] = set()
-        """Equations and outputs with respect to which gradients are taken."""
-        self._sources: dict[tuple[int, NodeId], list[NodeId]] = {}
-
-    def remember(self, builder: GraphBuilder, result: NodeId, value: NodeId) -> None:
-        """`result` is a gradient of `value`."""
-        self._sources.setdefault((id(builder), result), []).append(value)
-
-    def made_of(self, builder: GraphBuilder, value: NodeId) -> set[NodeId]:
-        """The nodes that a value is made of, those included that a gradient in it cancelled."""
-        found: set[NodeId] = set()
-        waiting = [value]
-        while waiting:
-            node = waiting.pop()
-            if node not in found:
-                found.add(node)
-                waiting += builder.node(node).args
-                waiting += self._sources.get((id(builder), node), ())
-        return found
-
-
 def _reads(
-    model: Model, expression: Expression, environment: Environment
+    context: Context, expression: Expression, environment: Environment
 ) -> tuple[_Read, list[_Read]]:
     """x as it is asked for, and every node that has some of its samples."""
     named, there = resolved(expression, environment)
@@ -105,35 +78,35 @@ def _reads(
     operand, _ = resolved(operand, there)
     entry = None
     if isinstance(operand, Member):
-        entry = model.declared(operand.base, operand.span).entry
-    elif isinstance(operand, Name) and operand.name not in ("dt", "pi"):
-        entry = model.declared(operand.name, operand.span).entry
+        entry = context.names.declared(operand.base, operand.span).entry
+    elif isinstance(operand, Name) and operand.name not in ("dt", *NUMBERS):
+        entry = context.names.declared(operand.name, operand.span).entry
     match entry:
         case Signal():
-            return _of_signal(model, expression, environment)
+            return _of_signal(context, expression, environment)
         case State() if isinstance(operand, Member):
-            return _of_signal(model, expression, environment)
+            return _of_signal(context, expression, environment)
         case State() | Equation() | Output() if named is operand:
             assert isinstance(operand, Name)
             if not isinstance(entry, State):
-                model.gradients.variables.add(operand.name)
-            return _of_value(model, operand.name, expression, environment)
+                context.gradients.variables.add(operand.name)
+            return _of_value(context, operand.name, expression, environment)
         case Parameter():
             repair = "training differentiates the losses with respect to parameters by itself"
             what = f"the parameter `{expression_text(operand)}`"
-            model.findings.report(calculus.not_a_variable(what, expression.span, repair))
+            context.findings.report(calculus.not_a_variable(what, expression.span, repair))
         case _:
             what = f"`{expression_text(expression)}`"
-            model.findings.report(calculus.not_a_variable(what, expression.span))
+            context.findings.report(calculus.not_a_variable(what, expression.span))
     raise LoweringFailed
 
 
 def _of_signal(
-    model: Model, expression: Expression, environment: Environment
+    context: Context, expression: Expression, environment: Environment
 ) -> tuple[_Read, list[_Read]]:
     """A signal, or a window of one: every read of it, of the log too where x is the log."""
-    node = lower(model, expression, environment)
-    builder = model.builder(environment)
+    node = lower(context, expression, environment)
+    builder = context.builder(environment)
     op = builder.node(node).op
     assert isinstance(op, ReadSignal | ReadLog)
     whole = _Read(node, op.first, op.last)
@@ -152,16 +125,16 @@ def _alike(op: ReadSignal | ReadLog) -> tuple[ReadSignal, ReadLog]:
 
 
 def _of_value(
-    model: Model, name: str, expression: Expression, environment: Environment
+    context: Context, name: str, expression: Expression, environment: Environment
 ) -> tuple[_Read, list[_Read]]:
     """A state or an equation: its node, and the windows of it that are evaluated anew."""
-    node = lower(model, expression, environment)
-    builder = model.builder(environment)
+    node = lower(context, expression, environment)
+    builder = context.builder(environment)
     first, last = environment.window or (0, 0)
     whole = _Read(node, first + environment.shift, last + environment.shift)
     reads = [whole]
     if environment.window is None:
-        for (shift, window), other in model.entries.lowerings(name, environment):
+        for (shift, window), other in context.names.lowerings(name, environment):
             if window is not None and builder.type(other).window is not None:
                 reads.append(_Read(other, window[0] + shift, window[1] + shift))
     return whole, reads

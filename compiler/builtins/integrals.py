@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from compiler.builtins.call_options import method_of, option
 from compiler.builtins.earlier import earlier, in_the_step, keep, one_sample
 from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import product_unit
 from compiler.ir.types import Type
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.fitted import fitted
@@ -16,56 +15,53 @@ from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.expressions.tree import Call
 from spec_schema.units.parser import parse_unit
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 _SECOND = parse_unit("s")
 _START = Environment(Part.START)
 _METHODS = ("euler", "trapezoidal")
 
 
-def lower_integral(model: Model, call: Call, environment: Environment) -> NodeId:
+def lower_integral(context: Context, call: Call, environment: Environment) -> NodeId:
     """I[t] = I[t−1] + dt·e[t], or I[t−1] + dt/2·(e[t] + e[t−1]); I[t0−1] is `init=`, else 0."""
-    method = method_of(model, call, _METHODS)
+    method = method_of(context, call, _METHODS)
     if environment.part is Part.START and environment.time == (-1, None):
-        return _start(model, call, None)
+        return _start(context, call, None)
     is_last = environment.time == (-1, None)
-    now = in_the_step(model, call, environment.shifted(1) if is_last else environment)
-    builder = model.builder(now)
-    rate = one_sample(model, call, now)
+    now = in_the_step(context, call, environment.shifted(1) if is_last else environment)
+    builder = context.builder(now)
+    rate = one_sample(context, call, now)
     unit = product_unit(builder.type(rate).unit, _SECOND)
     type = Type(builder.type(rate).axes, unit)
-    start = _start(model, call, type)
+    start = _start(context, call, type)
     if option(call, "init") is not None and unit is None:
-        type = type.with_unit(model.builder(_START).type(start).unit)
-    name = model.memories.name("integral", (method, rate, start))
+        type = type.with_unit(context.builder(_START).type(start).unit)
+    name = context.memories.name("integral", (method, rate, start))
     last = builder.state(name, type)
     if method == "trapezoidal":
-        before = earlier(model, call, now)
+        before = earlier(context, call, now)
         both = builder.add(rate, before)
-        increment = builder.multiply(_seconds(model, call, now, 0.5), both)
+        increment = builder.multiply(_seconds(context, call, now, 0.5), both)
     else:
-        increment = builder.multiply(_seconds(model, call, now, 1.0), rate)
+        increment = builder.multiply(_seconds(context, call, now, 1.0), rate)
     result = builder.add(last, increment)
-    report_unit_conflicts(model, builder, call)
+    report_unit_conflicts(context, builder, call)
     builder.set_unit(result, type.unit)
-    keep(model, call, name, result, start, now)
+    keep(context, call, name, result, start, now)
     return last if is_last else result
 
 
-def _seconds(model: Model, call: Call, environment: Environment, share: float) -> NodeId:
-    seconds = model.sample_time("`integral`", call.span)
-    return model.builder(environment).constant(share * seconds, unit=_SECOND)
+def _seconds(context: Context, call: Call, environment: Environment, share: float) -> NodeId:
+    seconds = context.sampling.required("`integral`", call.span)
+    return context.builder(environment).constant(share * seconds, unit=_SECOND)
 
 
-def _start(model: Model, call: Call, type: Type | None) -> NodeId:
+def _start(context: Context, call: Call, type: Type | None) -> NodeId:
     """The node of I[t0−1] in the start graph, with the axes of the type where that is known."""
-    builder = model.builder(_START)
+    builder = context.builder(_START)
     init = option(call, "init")
     if init is None:
         node = builder.constant(0.0, unit=type.unit if type else None)
         return builder.broadcast(node, type.axes) if type else node
-    node = lower(model, init, _START)
+    node = lower(context, init, _START)
     if type is None:
         return node
-    return fitted(model, "`init` of `integral`", node, type, init, builder)
+    return fitted(context, "`init` of `integral`", node, type, init, builder)

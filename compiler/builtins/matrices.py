@@ -2,86 +2,82 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import WINDOW, Axis, describe_axes, in_order
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Call, Expression, Name
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
-
-def lower_softmax(model: Model, call: Call, environment: Environment) -> NodeId:
+def lower_softmax(context: Context, call: Call, environment: Environment) -> NodeId:
     """exp(xᵢ − m) / Σⱼ exp(xⱼ − m), m the largest x: no exponential overflows.
 
     Over the axis that `over=` names, else the last one besides the window.
     """
-    builder = model.builder(environment)
+    builder = context.builder(environment)
     argument = call.arguments[0]
-    node = lower(model, argument, environment)
-    axis = _softmax_axis(model, call, builder.type(node).axes)
+    node = lower(context, argument, environment)
+    axis = _softmax_axis(context, call, builder.type(node).axes)
     largest = largest_along(builder, node, axis)
     raised = builder.apply("exp", builder.subtract(node, largest))
     total = builder.broadcast(builder.sum(raised, axis.name), builder.type(raised).axes)
     return builder.divide(raised, total)
 
 
-def lower_outer(model: Model, call: Call, environment: Environment) -> NodeId:
+def lower_outer(context: Context, call: Call, environment: Environment) -> NodeId:
     """aᵢ · bⱼ for all i and j: nothing is aligned, so the two must not share an axis."""
-    builder = model.builder(environment)
-    left, right = lower_all(model, call.arguments, environment)
+    builder = context.builder(environment)
+    left, right = lower_all(context, call.arguments, environment)
     left_axes, right_axes = builder.type(left).axes, builder.type(right).axes
     shared = {axis.name for axis in left_axes} & {axis.name for axis in right_axes}
     if shared:
         wanted = "without the axes of the first"
         found, place = describe_axes(right_axes), call.arguments[1].span
         what = "the second argument of `outer`"
-        model.findings.report(shapes.wrong_axes(what, wanted, found, place))
+        context.findings.report(shapes.wrong_axes(what, wanted, found, place))
         raise LoweringFailed
     axes = in_order((*left_axes, *right_axes))
     return builder.multiply(builder.broadcast(left, axes), builder.broadcast(right, axes))
 
 
-def lower_smooth_sign(model: Model, call: Call, environment: Environment) -> NodeId:
+def lower_smooth_sign(context: Context, call: Call, environment: Environment) -> NodeId:
     """tanh(x / width); without a width that of x itself."""
-    builder = model.builder(environment)
-    nodes = lower_all(model, call.arguments, environment)
-    with aligning(model, "smooth_sign", call, call.arguments[0], call.arguments[-1]):
+    builder = context.builder(environment)
+    nodes = lower_all(context, call.arguments, environment)
+    with aligning(context, "smooth_sign", call, call.arguments[0], call.arguments[-1]):
         return builder.apply("tanh", builder.divide(*nodes) if len(nodes) == 2 else nodes[0])
 
 
-def lower_eye(model: Model, call: Call, environment: Environment) -> NodeId:
+def lower_eye(context: Context, call: Call, environment: Environment) -> NodeId:
     """`eye(a, b)`: 1 where the elements of two dims of one length have the same number, else 0."""
     axes: list[Axis] = []
     for argument in call.arguments:
         if not isinstance(argument, Name):
-            model.findings.report(shapes.wrong_axes(_EYE, _DIM, "an expression", argument.span))
+            context.findings.report(shapes.wrong_axes(_EYE, _DIM, "an expression", argument.span))
             raise LoweringFailed
-        axes.append(model.dimension(argument.name, argument.span))
+        axes.append(context.dimension(argument.name, argument.span))
     if len(axes) < 2:
         problem = "is a matrix and needs two dims: `eye(a, b)`"
-        model.findings.report(names.unfit_constant("`eye`", problem, call.span))
+        context.findings.report(names.unfit_constant("`eye`", problem, call.span))
         raise LoweringFailed
     if axes[0].name == axes[1].name or axes[0].size != axes[1].size:
         found = f"`{axes[0].name}` of {axes[0].size} and `{axes[1].name}` of {axes[1].size}"
         wanted = "two dims of one length"
-        model.findings.report(shapes.wrong_axes("`eye`", wanted, found, call.span))
+        context.findings.report(shapes.wrong_axes("`eye`", wanted, found, call.span))
         raise LoweringFailed
-    return model.builder(environment).constant(np.eye(axes[0].size), tuple(axes))
+    return context.builder(environment).constant(np.eye(axes[0].size), tuple(axes))
 
 
 _EYE, _DIM = "an argument of `eye`", "a name of `dims:`"
 
 
-def _softmax_axis(model: Model, call: Call, axes: tuple[Axis, ...]) -> Axis:
+def _softmax_axis(context: Context, call: Call, axes: tuple[Axis, ...]) -> Axis:
     over: Expression | None = next((k.value for k in call.keywords), None)
     elements = [axis for axis in axes if axis.name != WINDOW]
     if over is None and elements:
@@ -90,12 +86,14 @@ def _softmax_axis(model: Model, call: Call, axes: tuple[Axis, ...]) -> Axis:
         place = call.arguments[0].span
         found = describe_axes(axes)
         report = shapes.wrong_axes("the argument of `softmax`", "a vector", found, place)
-        model.findings.report(report)
+        context.findings.report(report)
         raise LoweringFailed
     label = over.name if isinstance(over, Name) else "?"
     named = next((axis for axis in axes if axis.name == label), None)
     if named is None:
-        model.findings.report(shapes.no_such_axis("softmax", label, describe_axes(axes), over.span))
+        context.findings.report(
+            shapes.no_such_axis("softmax", label, describe_axes(axes), over.span)
+        )
         raise LoweringFailed
     return named
 

@@ -3,31 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from compiler.ir.program import NodeId
 from compiler.ir.types import UNNAMED, Axis
+from compiler.lowering.constants import number
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names
 from spec_schema.expressions.tree import Call
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 LONGEST_LIST = 100_000
 
 
-def number_list(name: str) -> Callable[[Model, Call, Environment], NodeId]:
+def number_list(name: str) -> Callable[[Context, Call, Environment], NodeId]:
     """The lowering of the builtin of that name: a list of numbers along an unnamed axis."""
 
-    def lower_numbers(model: Model, call: Call, environment: Environment) -> NodeId:
-        given = [model.number(a, environment, f"an argument of `{name}`") for a in call.arguments]
+    def lower_numbers(context: Context, call: Call, environment: Environment) -> NodeId:
+        given = [number(context, a, f"an argument of `{name}`") for a in call.arguments]
         count = int(given[-1]) if name != "arange" else _arange_count(given)
         if not 1 <= count <= LONGEST_LIST:
-            model.findings.report(
+            context.findings.report(
                 names.unfit_constant(f"`{name}`", f"would have {count} elements", call.span)
             )
             raise LoweringFailed
@@ -40,7 +38,7 @@ def number_list(name: str) -> Callable[[Model, Call, Environment], NodeId]:
                 values = start + step * np.arange(count)
             case _:
                 values = np.full(count, 1.0 if name == "ones" else 0.0)
-        return model.builder(environment).constant(values, (Axis(UNNAMED, count),))
+        return context.builder(environment).constant(values, (Axis(UNNAMED, count),))
 
     return lower_numbers
 

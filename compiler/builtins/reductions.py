@@ -2,49 +2,45 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import Axis, describe_axes
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import shapes, time
 from spec_schema.expressions.tree import Call, ListLiteral, Name
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
-
-def lower_sum(model: Model, call: Call, environment: Environment) -> NodeId:
+def lower_sum(context: Context, call: Call, environment: Environment) -> NodeId:
     """`sum(x)` of everything, or over the axes of `over=`."""
-    builder = model.builder(environment)
-    node = lower(model, call.arguments[0], environment)
+    builder = context.builder(environment)
+    node = lower(context, call.arguments[0], environment)
     axes = builder.type(node).axes
-    return reduce_axes(builder, node, _reduced_axes(model, "sum", call, environment, axes))
+    return reduce_axes(builder, node, _reduced_axes(context, "sum", call, environment, axes))
 
 
-def lower_mean(model: Model, call: Call, environment: Environment) -> NodeId:
+def lower_mean(context: Context, call: Call, environment: Environment) -> NodeId:
     """`mean(x)` of everything, or over the axes of `over=`."""
-    builder = model.builder(environment)
-    node = lower(model, call.arguments[0], environment)
+    builder = context.builder(environment)
+    node = lower(context, call.arguments[0], environment)
     axes = builder.type(node).axes
-    removed = _reduced_axes(model, "mean", call, environment, axes)
+    removed = _reduced_axes(context, "mean", call, environment, axes)
     count = float(np.prod([axis.size for axis in axes if axis.name in removed]))
     return builder.divide(reduce_axes(builder, node, removed), builder.constant(count))
 
 
 def _reduced_axes(
-    model: Model, name: str, call: Call, environment: Environment, axes: tuple[Axis, ...]
+    context: Context, name: str, call: Call, environment: Environment, axes: tuple[Axis, ...]
 ) -> list[str]:
     """Names of the axes that `sum(x, over=…)` removes; all of them without `over`."""
     over = next((k.value for k in call.keywords if k.name == "over"), None)
     if over is None:
         if environment.window is not None:
-            model.findings.report(time.window_not_yet("a reduction", call.span))
+            context.findings.report(time.window_not_yet("a reduction", call.span))
             raise LoweringFailed
         return [axis.name for axis in axes]
     chosen = over.elements if isinstance(over, ListLiteral) else (over,)
@@ -52,7 +48,7 @@ def _reduced_axes(
     for item in chosen:
         label = item.name if isinstance(item, Name) else ""
         if label not in {axis.name for axis in axes} or not label:
-            model.findings.report(
+            context.findings.report(
                 shapes.no_such_axis(name, label or "?", describe_axes(axes), item.span)
             )
             raise LoweringFailed

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from compiler.builtins.derivatives import lower_derivative
 from compiler.builtins.gradients import lower_gradient
@@ -17,35 +16,33 @@ from compiler.ir.program import NodeId
 from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
 from compiler.ir.signatures import SIGNATURES
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
+from compiler.lowering.constants import number, whole_number
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Call, Expression, Name
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
+Lower = Callable[[Context, Call, Environment], NodeId]
 
 
-Lower = Callable[["Model", Call, Environment], NodeId]
-
-
-def lower_builtin(model: Model, name: str, call: Call, environment: Environment) -> NodeId:
+def lower_builtin(context: Context, name: str, call: Call, environment: Environment) -> NodeId:
     """The node of a call of a builtin, after its arguments are counted and its keywords known."""
     signature = SIGNATURES[name]
     for keyword in call.keywords:
         if keyword.name not in signature.keywords:
-            model.findings.report(
+            context.findings.report(
                 names.unknown_keyword(name, keyword.name, keyword.span, signature.keywords)
             )
             raise LoweringFailed
     found = len(call.arguments)
     if not signature.takes(found):
-        model.findings.report(
+        context.findings.report(
             names.wrong_argument_count(name, signature.wanted, found, call.function.span)
         )
         raise LoweringFailed
-    return LOWERINGS[name](model, call, environment)
+    return LOWERINGS[name](context, call, environment)
 
 
 def _keyword(call: Call, name: str) -> Expression | None:
@@ -53,18 +50,18 @@ def _keyword(call: Call, name: str) -> Expression | None:
 
 
 def _scalar(name: str) -> Lower:
-    def lower_scalar(model: Model, call: Call, environment: Environment) -> NodeId:
-        builder = model.builder(environment)
-        nodes = lower_all(model, call.arguments, environment)
-        with aligning(model, name, call, call.arguments[0], call.arguments[-1]):
+    def lower_scalar(context: Context, call: Call, environment: Environment) -> NodeId:
+        builder = context.builder(environment)
+        nodes = lower_all(context, call.arguments, environment)
+        with aligning(context, name, call, call.arguments[0], call.arguments[-1]):
             return builder.apply(name, *nodes)
 
     return lower_scalar
 
 
 def _unary(make: Callable[[GraphBuilder, NodeId], NodeId]) -> Callable[..., NodeId]:
-    def lower_unary(model: Model, call: Call, environment: Environment) -> NodeId:
-        return make(model.builder(environment), lower(model, call.arguments[0], environment))
+    def lower_unary(context: Context, call: Call, environment: Environment) -> NodeId:
+        return make(context.builder(environment), lower(context, call.arguments[0], environment))
 
     return lower_unary
 
@@ -87,12 +84,12 @@ def _sech(builder: GraphBuilder, x: NodeId) -> NodeId:
 
 
 def _extreme(name: str) -> Lower:
-    def lower_extreme(model: Model, call: Call, environment: Environment) -> NodeId:
-        builder = model.builder(environment)
-        nodes = lower_all(model, call.arguments, environment)
+    def lower_extreme(context: Context, call: Call, environment: Environment) -> NodeId:
+        builder = context.builder(environment)
+        nodes = lower_all(context, call.arguments, environment)
         result = nodes[0]
         for argument, node in zip(call.arguments[1:], nodes[1:], strict=True):
-            with aligning(model, name, call, call.arguments[0], argument):
+            with aligning(context, name, call, call.arguments[0], argument):
                 combine = builder.minimum if name == "min" else builder.maximum
                 result = combine(result, node)
         return result
@@ -100,36 +97,36 @@ def _extreme(name: str) -> Lower:
     return lower_extreme
 
 
-def _clip(model: Model, call: Call, environment: Environment) -> NodeId:
-    nodes = lower_all(model, call.arguments, environment)
-    with aligning(model, "clip", call, call.arguments[0], call.arguments[1]):
-        return model.builder(environment).clamp(*nodes)
+def _clip(context: Context, call: Call, environment: Environment) -> NodeId:
+    nodes = lower_all(context, call.arguments, environment)
+    with aligning(context, "clip", call, call.arguments[0], call.arguments[1]):
+        return context.builder(environment).clamp(*nodes)
 
 
-def _where(model: Model, call: Call, environment: Environment) -> NodeId:
-    builder = model.builder(environment)
-    condition, then, otherwise = lower_all(model, call.arguments, environment)
+def _where(context: Context, call: Call, environment: Environment) -> NodeId:
+    builder = context.builder(environment)
+    condition, then, otherwise = lower_all(context, call.arguments, environment)
     if builder.type(condition).kind != "bool":
-        model.findings.report(
+        context.findings.report(
             shapes.wrong_axes(
                 "the first argument of `where`", "a comparison", "a number", call.arguments[0].span
             )
         )
         raise LoweringFailed
-    with aligning(model, "where", call, call.arguments[1], call.arguments[2]):
+    with aligning(context, "where", call, call.arguments[1], call.arguments[2]):
         return builder.select(condition, then, otherwise)
 
 
-def _concat(model: Model, call: Call, environment: Environment) -> NodeId:
-    builder = model.builder(environment)
+def _concat(context: Context, call: Call, environment: Environment) -> NodeId:
+    builder = context.builder(environment)
     parts: list[NodeId] = []
     for argument, node in zip(
-        call.arguments, lower_all(model, call.arguments, environment), strict=True
+        call.arguments, lower_all(context, call.arguments, environment), strict=True
     ):
         type = builder.type(node)
         others = [axis for axis in type.axes if axis.name not in (UNNAMED, WINDOW)]
         if others:
-            model.findings.report(
+            context.findings.report(
                 shapes.wrong_axes(
                     "an argument of `concat`",
                     "a scalar, a list or a window",
@@ -142,17 +139,17 @@ def _concat(model: Model, call: Call, environment: Environment) -> NodeId:
     return builder.concat(parts, UNNAMED) if len(parts) > 1 else parts[0]
 
 
-def _stack(model: Model, call: Call, environment: Environment) -> NodeId:
-    builder = model.builder(environment)
-    nodes = lower_all(model, call.arguments, environment)
+def _stack(context: Context, call: Call, environment: Environment) -> NodeId:
+    builder = context.builder(environment)
+    nodes = lower_all(context, call.arguments, environment)
     name, size = UNNAMED, len(nodes)
     dim = _keyword(call, "dim")
     if dim is not None:
         name = dim.name if isinstance(dim, Name) else "?"
-        known = model.dimension(name, dim.span)
+        known = context.dimension(name, dim.span)
         if known.size != size:
             found = f"{size} values"
-            model.findings.report(
+            context.findings.report(
                 shapes.wrong_axes(
                     f"`stack` along `{name}`", f"{known.size} values", found, call.span
                 )
@@ -160,14 +157,14 @@ def _stack(model: Model, call: Call, environment: Environment) -> NodeId:
             raise LoweringFailed
     axes: tuple[Axis, ...] = ()
     for argument, node in zip(call.arguments, nodes, strict=True):
-        with aligning(model, "stack", call, call.arguments[0], argument):
+        with aligning(context, "stack", call, call.arguments[0], argument):
             _, _, axes = builder.aligned(
                 builder.broadcast(nodes[0], axes or builder.type(nodes[0]).axes), node
             )
     if any(axis.name == name for axis in axes):
         new = f"without the new axis `{name}`" if name != UNNAMED else "without an unnamed axis"
         found, place = describe_axes(axes), call.arguments[0].span
-        model.findings.report(shapes.wrong_axes("what `stack` is given", new, found, place))
+        context.findings.report(shapes.wrong_axes("what `stack` is given", new, found, place))
         raise LoweringFailed
     parts = [
         builder.reshape(builder.broadcast(node, axes), (Axis(name, 1), *axes)) for node in nodes
@@ -175,43 +172,43 @@ def _stack(model: Model, call: Call, environment: Environment) -> NodeId:
     return builder.concat(parts, name) if len(parts) > 1 else parts[0]
 
 
-def _part(model: Model, call: Call, environment: Environment) -> NodeId:
+def _part(context: Context, call: Call, environment: Environment) -> NodeId:
     """`part(q, joint2)`: one labelled element; `part(x, 0)`: one of an unnamed axis."""
-    builder = model.builder(environment)
-    node = lower(model, call.arguments[0], environment)
+    builder = context.builder(environment)
+    node = lower(context, call.arguments[0], environment)
     wanted = call.arguments[1]
     axes = builder.type(node).axes
     if isinstance(wanted, Name):
         for axis in axes:
-            labels = model.labels(axis.name)
+            labels = context.labels(axis.name)
             if wanted.name in labels:
                 return builder.element(node, axis.name, labels.index(wanted.name))
-        labels = [f"`{label}`" for axis in axes for label in model.labels(axis.name)]
+        labels = [f"`{label}`" for axis in axes for label in context.labels(axis.name)]
         among = f"its elements are {', '.join(labels)}" if labels else "`dims:` gives it no labels"
         report = shapes.no_such_element(wanted.name, describe_axes(axes), among, wanted.span)
-        model.findings.report(report)
+        context.findings.report(report)
         raise LoweringFailed
-    index = model.whole_number(wanted, environment, "the index of `part`")
+    index = whole_number(context, wanted, "the index of `part`")
     spatial = [axis for axis in axes if axis.name != WINDOW]
     if len(spatial) != 1 or not 0 <= index < spatial[0].size:
         among = "a number takes an element of a value of one axis"
         if len(spatial) == 1:
             among = f"its elements are 0 to {spatial[0].size - 1}"
         report = shapes.no_such_element(str(index), describe_axes(axes), among, wanted.span)
-        model.findings.report(report)
+        context.findings.report(report)
         raise LoweringFailed
     return builder.element(node, spatial[0].name, index)
 
 
-def _dropout(model: Model, call: Call, environment: Environment) -> NodeId:
-    node = lower(model, call.arguments[0], environment)
-    rate = model.number(call.arguments[1], environment, "the share of `dropout`")
+def _dropout(context: Context, call: Call, environment: Environment) -> NodeId:
+    node = lower(context, call.arguments[0], environment)
+    rate = number(context, call.arguments[1], "the share of `dropout`")
     if not 0 <= rate < 1:
         problem = f"must be at least 0 and below 1, not {rate:g}"
         report = names.unfit_constant("the share of `dropout`", problem, call.arguments[1].span)
-        model.findings.report(report)
+        context.findings.report(report)
         raise LoweringFailed
-    return model.builder(environment).dropout(node, rate, "")
+    return context.builder(environment).dropout(node, rate, "")
 
 
 LOWERINGS: dict[str, Lower] = {name: _scalar(name) for name in SCALAR_FUNCTIONS} | {

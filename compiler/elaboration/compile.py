@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from compiler.elaboration.deep_recursion import room_for
 from compiler.elaboration.histories import Known
 from compiler.elaboration.losses.losses import default_loss, lower_loss
-from compiler.elaboration.names import Model
+from compiler.elaboration.names import Elaboration
 from compiler.elaboration.signals import logged_signals
 from compiler.elaboration.submodels.needed_submodels import needed_submodels
 from compiler.elaboration.unused import lower_unused, report_unused
@@ -18,6 +18,7 @@ from compiler.ir.liveness import needed, needed_over_time
 from compiler.ir.ops import ReadLog
 from compiler.ir.program import Declared, Dimension, Expected, Loss, Output, Program, State
 from compiler.linking.link import Linked, WeightsByPart, link
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.predictions import as_predicted, prediction_of
@@ -80,10 +81,10 @@ def compile_linked(
     spec = linked.spec
     with room_for(len(spec.equations) + len(spec.outputs)):
         lowered = _lowered(linked, draw)
-    model, findings = lowered.model, lowered.model.findings
+    elaborated, context = lowered.elaborated, lowered.elaborated.context
     diagnostics = tuple(
         replace(d, severity="error") if strict_units and d.code in UNIT_WARNINGS else d
-        for d in findings.in_order
+        for d in context.findings.in_order
     )
     if any(d.severity == "error" for d in diagnostics):
         raise SpecError(diagnostics)
@@ -93,16 +94,16 @@ def compile_linked(
     assert {state.name for state in lowered.states} >= spec.states.keys(), "a state was lost"
     program = Program(
         name=spec.name.value,
-        sample_time=model.sampling.sample_time,
-        signals=logged_signals(model, lowered.ranges),
-        parameters=model.arrays.parameters,
+        sample_time=context.sampling.sample_time,
+        signals=logged_signals(context, lowered.ranges),
+        parameters=elaborated.arrays.parameters,
         states=tuple(lowered.states),
-        step=model.builder(_STEP).graph(),
-        start=model.builder(_START).graph(),
+        step=context.builder(_STEP).graph(),
+        start=context.builder(_START).graph(),
         outputs=tuple(lowered.outputs),
         losses=tuple(lowered.losses),
         expected=tuple(lowered.expected),
-        fits=tuple(model.fits.values()),
+        fits=tuple(elaborated.layers.fits.values()),
         dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in spec.dims.items()),
         doc=spec.doc or "",
         spec_hash=spec_hash,
@@ -136,9 +137,9 @@ def in_own_files(
 
 @dataclass(frozen=True)
 class _Lowered:
-    """Everything of a spec as nodes of the model's graphs."""
+    """Everything of a spec as nodes of the graphs."""
 
-    model: Model
+    elaborated: Elaboration
     outputs: list[Output]
     states: list[State]
     losses: list[Loss]
@@ -155,44 +156,47 @@ def _lowered(linked: Linked, draw: int) -> _Lowered:
     known = Known()
     for _ in range(_MOST_LOWERINGS):
         lowered = _lowered_once(linked, known, draw)
-        found = lowered.model.found()
+        found = lowered.elaborated.histories.found()
         if found == known:
             break
         known = found
     else:
         raise AssertionError("the buffers of a spec do not settle")
-    lowered.states.extend(lowered.model.histories.states())
-    lowered.states.extend(lowered.model.memories.states)
-    lowered.model.given.report(lowered.model.arrays.all_names)
-    _report_log_reads(lowered.model, lowered.outputs, lowered.states)
-    if not lowered.model.findings.failed:  # what is left unused by a mistake is no news
-        report_unused(lowered.model)
+    context = lowered.elaborated.context
+    lowered.states.extend(lowered.elaborated.histories.states())
+    lowered.states.extend(context.memories.states)
+    context.given.report(lowered.elaborated.arrays.all_names)
+    _report_log_reads(context, lowered.outputs, lowered.states)
+    if not context.findings.failed:  # what is left unused by a mistake is no news
+        report_unused(context)
     return lowered
 
 
 def _lowered_once(linked: Linked, known: Known, draw: int) -> _Lowered:
-    model = Model(linked, Findings(), known, draw)
-    outputs = _outputs(model)
-    ranges = signal_ranges(model)
-    states = _states(model, ranges)
-    losses = _losses(model, outputs)
-    lower_unused(model)
-    return _Lowered(model, outputs, states, losses, ranges, expected_values(model))
+    elaborated = Elaboration(linked, Findings(), known, draw)
+    context = elaborated.context
+    outputs = _outputs(elaborated)
+    ranges = signal_ranges(context)
+    states = _states(elaborated, ranges)
+    losses = _losses(context, outputs)
+    lower_unused(elaborated)
+    return _Lowered(elaborated, outputs, states, losses, ranges, expected_values(context))
 
 
-def _outputs(model: Model) -> list[Output]:
+def _outputs(elaborated: Elaboration) -> list[Output]:
+    context = elaborated.context
     found: list[Output] = []
-    for name, entry in {**model.spec.outputs, **_exported_equations(model.spec)}.items():
+    for name, entry in {**context.spec.outputs, **_exported_equations(context.spec)}.items():
         predicts = None
-        model.used.add(name)  # an equation too, by the export that names it
+        context.used.add(name)  # an equation too, by the export that names it
         try:
-            node = model.entries.value(name, entry, _STEP, entry.place.key)
+            node = elaborated.entries.value(name, entry, _STEP, entry.place.key)
             if isinstance(entry, signals.Output) and entry.predicts is not None:
-                predicts = prediction_of(model, entry.predicts, "predicts")
-                node = as_predicted(model, name, entry, node, predicts)
+                predicts = prediction_of(context, entry.predicts, "predicts")
+                node = as_predicted(context, name, entry, node, predicts)
         except LoweringFailed:
             continue
-        needs = needed_submodels(model.spec, Name(name, entry.place.key))
+        needs = needed_submodels(context.spec, Name(name, entry.place.key))
         found.append(Output(name, node, predicts, entry.doc or "", entry.place.key, needs))
     return found
 
@@ -203,24 +207,25 @@ def _exported_equations(spec: Spec) -> dict[str, signals.Equation]:
     return {name: entry for name, entry in spec.equations.items() if name in names}
 
 
-def _states(model: Model, ranges: Mapping[str, tuple[float, float]]) -> list[State]:
+def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) -> list[State]:
+    context, declared = elaborated.context, elaborated.states
     found: list[State] = []
-    start: GraphBuilder = model.builder(_START)
-    for name, entry in model.spec.states.items():
+    start: GraphBuilder = context.builder(_START)
+    for name, entry in context.spec.states.items():
         try:
-            type = model.states.type(entry)
-            following = model.states.next(name, entry)
+            type = context.type_of(entry)
+            following = declared.next(name, entry)
         except LoweringFailed:
             following, type = None, None
         try:
-            first = model.states.start(name, entry, start)
+            first = declared.start(name, entry, start)
         except LoweringFailed:
             continue
         if following is None or type is None:
             continue
         needs: tuple[str, ...] = ()
         if entry.next is not None and entry.der is None and not owner_of(name):
-            needs = needed_submodels(model.spec, entry.next)
+            needs = needed_submodels(context.spec, entry.next)
         found.append(
             State(
                 name,
@@ -238,9 +243,9 @@ def _states(model: Model, ranges: Mapping[str, tuple[float, float]]) -> list[Sta
     return found
 
 
-def _report_log_reads(model: Model, outputs: list[Output], table: list[State]) -> None:
+def _report_log_reads(context: Context, outputs: list[Output], table: list[State]) -> None:
     """A deployed step has no log: outputs and their states must do without (losses need not)."""
-    graph = model.builder(_STEP).graph()
+    graph = context.builder(_STEP).graph()
     following = {state.name: state.next for state in table}
     _, deployed = needed_over_time(graph, following, [output.node for output in outputs])
     results = [(output.name, output.node, output.span) for output in outputs]
@@ -258,16 +263,16 @@ def _report_log_reads(model: Model, outputs: list[Output], table: list[State]) -
                 place = graph[index].span or span
                 assert place is not None
                 reported.add(index)
-                model.findings.report(times.target_in_step(op.signal, name, place))
+                context.findings.report(times.target_in_step(op.signal, name, place))
 
 
-def _losses(model: Model, outputs: list[Output]) -> list[Loss]:
-    if not model.spec.losses:
-        return [default_loss(model, output) for output in outputs if output.predicts]
+def _losses(context: Context, outputs: list[Output]) -> list[Loss]:
+    if not context.spec.losses:
+        return [default_loss(context, output) for output in outputs if output.predicts]
     found: list[Loss] = []
-    for name, entry in model.spec.losses.items():
+    for name, entry in context.spec.losses.items():
         try:
-            found.extend(lower_loss(model, name, entry))
+            found.extend(lower_loss(context, name, entry))
         except LoweringFailed:
             continue
     return found

@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
+from compiler.elaboration.histories import Histories
 from compiler.elaboration.submodels.connections import fitted_to_input
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Reshape
 from compiler.ir.program import NodeId
+from compiler.ir.rules.unit_rules import same_unit
 from compiler.ir.types import Axis
 from compiler.linking.connected import Connected
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part, Stage, Time
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import states
+from spec_schema.errors import states, units
 from spec_schema.sections.signals import Equation, Output
-
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
 
 class Entries:
-    """The equations and outputs of a model."""
+    """The equations and outputs of a context."""
 
-    def __init__(self, model: Model, variables: frozenset[str]) -> None:
-        self._model = model
+    def __init__(self, context: Context, histories: Histories, variables: frozenset[str]) -> None:
+        self._context = context
+        self._histories = histories
         self._variables = variables
         self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
         self._lowerings: dict[tuple[str, Part], list[tuple[Time, NodeId]]] = {}
@@ -49,7 +49,7 @@ class Entries:
         if isinstance(entry, Connected) and stage is not None and entry.is_held_for(stage.owner):
             own = own.without_stage()
         if own.part is Part.START and own.latest < 0 and entry.history is not None:
-            return lower(self._model, entry.history, own)
+            return lower(self._context, entry.history, own)
         if own.is_elsewhere and own.part is Part.STEP:
             own = own.without_stage()
             recomputed = None
@@ -58,7 +58,7 @@ class Entries:
             if recomputed is not None:
                 return recomputed
             if own.latest <= 0:
-                return self._model.histories.read(name, entry, span, own)
+                return self._histories.read(name, entry, span, own)
         return self._lowered(name, entry, own, span)
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
@@ -67,12 +67,12 @@ class Entries:
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
         """The node, or None where lowering fails; nothing is reported and nothing remembered."""
-        mark, loops = self._model.findings.mark(), len(self._loops)
+        mark, loops = self._context.findings.mark(), len(self._loops)
         known = len(self._entries)
         try:
             return lower_it()
         except LoweringFailed:
-            self._model.findings.forget(mark)
+            self._context.findings.forget(mark)
             del self._loops[loops:]
             for key in list(self._entries)[known:]:
                 if self._entries[key] is None:
@@ -85,7 +85,7 @@ class Entries:
             active = list(self._active)
             loop = active[active.index(name) :]
             if not any(set(loop) == known for known in self._loops):
-                self._model.findings.report(states.algebraic_loop((*loop, name), span))
+                self._context.findings.report(states.algebraic_loop((*loop, name), span))
                 self._loops.append(set(loop))
             raise LoweringFailed
         if key in self._entries:
@@ -96,14 +96,14 @@ class Entries:
         self._active[name] = None
         try:
             self._entries[key] = None  # stays when lowering fails
-            node = lower(self._model, entry.expr, own)
-            builder = self._model.builder(own)
+            node = lower(self._context, entry.expr, own)
+            builder = self._context.builder(own)
             if name in self._variables:
                 node = _own_node(builder, name, node)
             if isinstance(entry, Connected):  # whose expression has names of its own
-                node = fitted_to_input(self._model, builder, node, name, entry, own)
+                node = fitted_to_input(self._context, builder, node, name, entry, own)
             else:
-                self._model.arrays.agree_on_unit(builder, node, name, entry)
+                _agree_on_unit(self._context, builder, node, name, entry)
                 builder.name(node, name)
             self._entries[key] = node
             if own.stage is None:
@@ -116,6 +116,21 @@ class Entries:
 def _has_own_past(entry: Equation | Output) -> bool:
     """Whether the past before the start is given, by `history:` or by a log, not evaluated (R5)."""
     return entry.history is not None or (isinstance(entry, Output) and entry.predicts is not None)
+
+
+def _agree_on_unit(
+    context: Context, builder: GraphBuilder, node: NodeId, name: str, entry: Equation | Output
+) -> None:
+    """Gives a value of unknown unit the declared one; reports one that is known and differs."""
+    if entry.unit is None:
+        return
+    found = builder.type(node).unit
+    if found is None:
+        builder.set_unit(node, entry.unit.value)
+    elif not same_unit(found, entry.unit.value):
+        context.findings.report(
+            units.declared_unit_differs(name, found.text, entry.unit.value.text, entry.expr.span)
+        )
 
 
 def _own_node(builder: GraphBuilder, name: str, node: NodeId) -> NodeId:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from compiler.ir.program import NodeId
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Argument, Environment
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
@@ -12,44 +11,43 @@ from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Expression
 from spec_schema.sections.values import Function
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 
 def inlined(
-    model: Model, name: str, function: Function, call: Call, environment: Environment
+    context: Context, name: str, function: Function, call: Call, environment: Environment
 ) -> NodeId:
     """The value of a function's formula with the call's arguments."""
-    given = _arguments(model, name, function, call)
+    given = _arguments(context, name, function, call)
     if name in environment.functions:
-        model.findings.report(names.recursive_function(name, call.function.span))
+        context.findings.report(names.recursive_function(name, call.function.span))
         raise LoweringFailed
     arguments = {key: Argument(value, environment) for key, value in given.items()}
-    return lower(model, function.expr, environment.inside(name, arguments))
+    return lower(context, function.expr, environment.inside(name, arguments))
 
 
-def argument_value(model: Model, argument: Argument, environment: Environment) -> NodeId:
+def argument_value(context: Context, argument: Argument, environment: Environment) -> NodeId:
     """An argument at the time at which the formula uses it, in the names of the call's place."""
     known = argument.lowered.get(environment.time)
     if known is None:
         there = argument.environment.at_time_of(environment)
-        known = argument.lowered[environment.time] = lower(model, argument.expression, there)
+        known = argument.lowered[environment.time] = lower(context, argument.expression, there)
     return known
 
 
-def _arguments(model: Model, name: str, function: Function, call: Call) -> dict[str, Expression]:
+def _arguments(
+    context: Context, name: str, function: Function, call: Call
+) -> dict[str, Expression]:
     """The expression of each argument, by position and by name."""
     wanted = tuple(argument.value for argument in function.args)
     given: dict[str, Expression] = dict(zip(wanted, call.arguments, strict=False))
     for keyword in call.keywords:
         if keyword.name not in wanted or keyword.name in given:
-            model.findings.report(names.unknown_keyword(name, keyword.name, keyword.span, wanted))
+            context.findings.report(names.unknown_keyword(name, keyword.name, keyword.span, wanted))
             raise LoweringFailed
         given[keyword.name] = keyword.value
     found = len(call.arguments) + len(call.keywords)
     if found != len(wanted):
         plural = "s" if len(wanted) != 1 else ""
         expected = f"{len(wanted)} argument{plural} ({', '.join(wanted)})"
-        model.findings.report(names.wrong_argument_count(name, expected, found, call.span))
+        context.findings.report(names.wrong_argument_count(name, expected, found, call.span))
         raise LoweringFailed
     return given

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from compiler.ir.program import History, NodeId
 from compiler.ir.program import State as ProgramState
 from compiler.ir.types import WINDOW, Axis, Type
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower, window_of
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import time as errors
+from spec_schema.expressions.tree import Name
 from spec_schema.sections.signals import Equation, Output, State
-
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
 _STEP = Environment(Part.STEP)
 _START = Environment(Part.START)
@@ -51,9 +49,11 @@ class Histories:
     the compiler lowers again until nothing changes.
     """
 
-    def __init__(self, model: Model, known: Mapping[str, Remembered]) -> None:
-        self._model = model
-        self._known = known
+    def __init__(self, context: Context, known: Known) -> None:
+        self._context = context
+        self._known = known.buffers
+        self._known_measured = known.measured
+        self._asked_measured = False
         self._lengths: dict[str, int] = {}
         self._places: dict[str, Span] = {}
         self._refused: set[str] = set()
@@ -66,71 +66,60 @@ class Histories:
         begin, end = environment.window or (0, 0)
         first, last = begin + environment.shift, end + environment.shift
         if last > 0:
-            self._model.findings.report(errors.future_of(f"`{name}`", span))
+            self._context.findings.report(errors.future_of(f"`{name}`", span))
             raise LoweringFailed
         self._lengths[name] = max(-first, self._lengths.get(name, 0))
         self._places.setdefault(name, span)
         known = self._known.get(name, Remembered(0))
         length = max(known.length, self._lengths[name])
-        builder = self._model.builder(_STEP)
+        builder = self._context.builder(_STEP)
         if last < 0:
             unit = entry.unit.value if entry.unit else None
             type = Type((*known.axes, Axis(WINDOW, length)), unit)
             samples = builder.state(_buffer(name), type)
         else:
-            samples = builder.window(_buffer(name), self._now(name, entry, span), length)
+            samples = builder.window(_buffer(name), self._now(name, span), length)
         part = builder.slice(samples, WINDOW, length + first, length + last + 1)
         return part if environment.window is not None else builder.element(part, WINDOW, 0)
 
     def before(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
         """Past samples of a state in the start graph: its `history:`, else its log (R5)."""
-        builder = self._model.builder(_START)
+        builder = self._context.builder(_START)
         window = environment.window
         length = window[1] - window[0] + 1 if window is not None else 0
-        axes = self._model.arrays.axes_of(entry)
+        axes = self._context.axes_of(entry)
         wanted = (*axes, Axis(WINDOW, length)) if length else axes
         if entry.history is not None:
             there = _START.shifted(environment.shift)
             if window is not None:
-                node = window_of(self._model, entry.history, there, *window)
+                node = window_of(self._context, entry.history, there, *window)
             else:
-                node = lower(self._model, entry.history, there)
+                node = lower(self._context, entry.history, there)
             what = f"`history` of `{name}`"
-            return fitted(self._model, what, node, Type(wanted), entry.history, builder)
-        if not self._model.is_measured(name):
-            self._model.findings.report(errors.history_needed(name, span))
+            return fitted(self._context, what, node, Type(wanted), entry.history, builder)
+        if not self._is_measured(name):
+            self._context.findings.report(errors.history_needed(name, span))
             raise LoweringFailed
         first, last = window or (0, 0)
         type = Type(wanted, entry.unit.value if entry.unit else None)
         return builder.log(name, first + environment.shift, last + environment.shift, type)
 
-    def found(self) -> dict[str, Remembered]:
-        """What this lowering needs: lengths, and the axes that the values turned out to have."""
-        builder = self._model.builder(_STEP)
-        found: dict[str, Remembered] = {}
-        for name, length in self._lengths.items():
-            try:
-                now = self._now(name, self._entry(name), self._places[name])
-                axes = builder.type(now).axes
-            except LoweringFailed:
-                axes = self._known.get(name, Remembered(0)).axes
-            if any(axis.name == WINDOW for axis in axes):
-                self._model.findings.report(errors.window_of_window(self._places[name]))
-                self._refused.add(name)
-                axes = ()
-            found[name] = Remembered(length, axes)
-        return found
+    def found(self) -> Known:
+        """What this lowering found out that the next one must begin with."""
+        context = self._context
+        measured = frozenset(context.measured) if self._asked_measured else frozenset[str]()
+        return Known(self._buffers(), measured, frozenset(context.gradients.variables))
 
     def states(self) -> list[ProgramState]:
         """A buffer state for everything whose past is read."""
-        builder = self._model.builder(_STEP)
+        builder = self._context.builder(_STEP)
         made: list[ProgramState] = []
         for name, remembered in self._known.items():
             if name in self._refused:
                 continue
             entry = self._entry(name)
             try:
-                now = self._now(name, entry, self._places[name])
+                now = self._now(name, self._places[name])
                 start = self._start(name, entry, remembered)
             except LoweringFailed:
                 continue
@@ -143,41 +132,61 @@ class Histories:
 
     # ---- inside
 
+    def _buffers(self) -> dict[str, Remembered]:
+        """What this lowering needs: lengths, and the axes that the values turned out to have."""
+        builder = self._context.builder(_STEP)
+        found: dict[str, Remembered] = {}
+        for name, length in self._lengths.items():
+            try:
+                now = self._now(name, self._places[name])
+                axes = builder.type(now).axes
+            except LoweringFailed:
+                axes = self._known.get(name, Remembered(0)).axes
+            if any(axis.name == WINDOW for axis in axes):
+                self._context.findings.report(errors.window_of_window(self._places[name]))
+                self._refused.add(name)
+                axes = ()
+            found[name] = Remembered(length, axes)
+        return found
+
+    def _is_measured(self, name: str) -> bool:
+        """Whether a state is known to be logged; where it matters, the next lowering knows it."""
+        self._asked_measured = True
+        return name in self._context.measured or name in self._known_measured
+
     def _entry(self, name: str) -> State | Equation | Output:
-        entry = self._model.scope[name].entry
+        entry = self._context.scope[name].entry
         assert isinstance(entry, State | Equation | Output)
         return entry
 
-    def _now(self, name: str, entry: State | Equation | Output, span: Span) -> NodeId:
-        if isinstance(entry, State):
-            return self._model.states.value(name, entry, span, _STEP)
-        return self._model.entries.value(name, entry, _STEP, span)
+    def _now(self, name: str, span: Span) -> NodeId:
+        return self._context.names.value(Name(name, span), _STEP)
 
     def _start(self, name: str, entry: State | Equation | Output, remembered: Remembered) -> NodeId:
         """Samples before t0, from the first that exists: `history:`, the log, inputs alone (R5)."""
-        model, length = self._model, remembered.length
-        builder = model.builder(_START)
+        context, length = self._context, remembered.length
+        builder = context.builder(_START)
         wanted = (*remembered.axes, Axis(WINDOW, length))
         if entry.history is not None:
-            node = window_of(model, entry.history, _START, -length, -1)
+            node = window_of(context, entry.history, _START, -length, -1)
             what = f"`history` of `{name}`"
-            return fitted(model, what, node, Type(wanted), entry.history, builder)
+            return fitted(context, what, node, Type(wanted), entry.history, builder)
         if isinstance(entry, State):
-            if name not in model.measured:
+            if name not in context.measured:
                 return self._missing(name)
             unit = entry.unit.value if entry.unit else None
             return builder.log(name, -length, -1, Type(wanted, unit))
         if isinstance(entry, Output) and entry.predicts is not None:
-            ahead = model.sampling.samples(entry.predicts.ahead)
+            ahead = context.sampling.samples(entry.predicts.ahead)
             signal = entry.predicts.signal.value
             return builder.log(signal, ahead - length, ahead - 1, Type(wanted))
-        node = model.entries.tried(lambda: window_of(model, entry.expr, _START, -length, -1))
+        node = context.names.tried(lambda: window_of(context, entry.expr, _START, -length, -1))
         if node is None:
             return self._missing(name)
-        return fitted(model, f"the past of `{name}`", node, Type(wanted), entry.expr, builder)
+        return fitted(context, f"the past of `{name}`", node, Type(wanted), entry.expr, builder)
 
     def _missing(self, name: str) -> NodeId:
-        self._model.findings.report(errors.history_needed(name, self._places[name]))
+        self._context.findings.report(errors.history_needed(name, self._places[name]))
         raise LoweringFailed
 
 

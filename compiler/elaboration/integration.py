@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, assert_never
+from typing import assert_never
 
 from compiler.elaboration.linear_implicit import increments
 from compiler.ir.program import NodeId
 from compiler.ir.types import Type
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part, Stage
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
@@ -20,6 +21,7 @@ from spec_schema.errors import calculus, time
 from spec_schema.expressions.tree import Expression
 from spec_schema.sections.integrators import (
     Euler,
+    Integrator,
     LinearImplicit,
     Method,
     Midpoint,
@@ -27,9 +29,6 @@ from spec_schema.sections.integrators import (
     SemiImplicit,
 )
 from spec_schema.units.parser import parse_unit
-
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
 _SECOND = parse_unit("s")
 _STEP = Environment(Part.STEP)
@@ -48,38 +47,37 @@ class Derivative:
     type: Type
 
 
-def integrated(model: Model, owner: str) -> Mapping[str, NodeId]:
+def integrated(context: Context, owner: str, integrator: Integrator | None) -> Mapping[str, NodeId]:
     """The values of the continuous states of one spec after one sample time, by its integrator.
 
     `owner` is the sub-model that has the spec, "" for the model itself.
     """
     vector_field = {
-        name: Derivative(entry.der, model.states.type(entry))
-        for name, entry in model.spec.states.items()
+        name: Derivative(entry.der, context.type_of(entry))
+        for name, entry in context.spec.states.items()
         if entry.der is not None and owner_of(name) == owner
     }
-    dt = model.sampling.sample_time
+    dt = context.sampling.sample_time
     if dt is None:
         first = next(iter(vector_field.values())).expression
-        model.findings.report(time.needs_sample_time("`der:`", first.span))
+        context.findings.report(time.needs_sample_time("`der:`", first.span))
         raise LoweringFailed
-    builder = model.builder(_STEP)
+    builder = context.builder(_STEP)
     values = {name: builder.state(name, law.type) for name, law in vector_field.items()}
-    integrator = model.integrators[owner]
     method = integrator.choice if integrator else None
     if integrator is not None and isinstance(method, LinearImplicit):
-        _check_size(model, vector_field, integrator.place.key)
+        _check_size(context, vector_field, integrator.place.key)
     substeps = method.substeps if method else 1
-    steps = _Steps(model, owner, vector_field, dt / substeps)
+    steps = _Steps(context, owner, vector_field, dt / substeps)
     for _ in range(substeps):
         values = steps.step(method, values)
     return values
 
 
-def _check_size(model: Model, vector_field: Mapping[str, Derivative], place: Span) -> None:
+def _check_size(context: Context, vector_field: Mapping[str, Derivative], place: Span) -> None:
     size = sum(law.type.size for law in vector_field.values())
     if size > LARGEST_SYSTEM:
-        model.findings.report(calculus.too_large_to_solve(size, LARGEST_SYSTEM, place))
+        context.findings.report(calculus.too_large_to_solve(size, LARGEST_SYSTEM, place))
         raise LoweringFailed
 
 
@@ -87,7 +85,7 @@ def _check_size(model: Model, vector_field: Mapping[str, Derivative], place: Spa
 class _Steps:
     """One step of length `step`, h in the formulas, of x' = f(x), by each of the methods."""
 
-    model: Model
+    context: Context
     owner: str
     vector_field: Mapping[str, Derivative]
     step_length: float
@@ -126,17 +124,17 @@ class _Steps:
         The linearly implicit Euler method (Hairer, Wanner: Solving Ordinary Differential Equations
         II, 1996, IV.7, s = 1 and γ = 1).
         """
-        builder = self.model.builder(_STEP)
+        builder = self.context.builder(_STEP)
         slopes = self._slopes(values)
         moved: Values = {}
         for name, increment in increments(builder, values, slopes, self.step_length).items():
             moved[name] = builder.add(values[name], increment)
-            report_unit_conflicts(self.model, builder, self.vector_field[name].expression)
+            report_unit_conflicts(self.context, builder, self.vector_field[name].expression)
         return moved
 
     def _runge_kutta(self, values: Values) -> Values:
         """x + h/6 · (k₁ + 2(k₂ + k₃) + k₄), the classical method (Kutta 1901)."""
-        builder = self.model.builder(_STEP)
+        builder = self.context.builder(_STEP)
         h = self.step_length
         k1 = self._slopes(values)
         k2 = self._slopes(self._moved(values, k1, h / 2))
@@ -165,19 +163,19 @@ class _Steps:
 
     def _slope(self, name: str, stage: Environment) -> NodeId:
         law = self.vector_field[name]
-        node = lower(self.model, law.expression, stage)
+        node = lower(self.context, law.expression, stage)
         type = law.type.with_unit(None)
-        builder = self.model.builder(stage)
-        return fitted(self.model, f"`der` of `{name}`", node, type, law.expression, builder)
+        builder = self.context.builder(stage)
+        return fitted(self.context, f"`der` of `{name}`", node, type, law.expression, builder)
 
     def _moved(self, values: Values, slopes: Values, length: float) -> Values:
         """values + length · slopes."""
-        builder = self.model.builder(_STEP)
+        builder = self.context.builder(_STEP)
         moved: Values = {}
         for name, value in values.items():
             expression = self.vector_field[name].expression
             with builder.at(expression.span):
                 scaled = builder.multiply(builder.constant(length, unit=_SECOND), slopes[name])
                 moved[name] = builder.add(value, scaled)
-            report_unit_conflicts(self.model, builder, expression)
+            report_unit_conflicts(self.context, builder, expression)
         return moved

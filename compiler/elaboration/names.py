@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-from compiler.builtins.gradients import Gradients
+from collections.abc import Callable, Sequence
+
 from compiler.builtins.table import lower_builtin
+from compiler.elaboration.constants import Constants
 from compiler.elaboration.entries import Entries
 from compiler.elaboration.functions import argument_value, inlined
 from compiler.elaboration.histories import Histories, Known
 from compiler.elaboration.layer_calls import lower_layer
 from compiler.elaboration.states import States
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.fit import Fit
 from compiler.ir.program import NodeId
 from compiler.ir.signatures import SIGNATURES
 from compiler.ir.types import WINDOW, Axis, Type
+from compiler.layers.rules.layer_context import LayerStores
 from compiler.linking.connected import Connected
 from compiler.linking.given_weights import GivenWeights
 from compiler.linking.link import Linked
 from compiler.lowering.arrays.arrays import Arrays
-from compiler.lowering.constants import Constants
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.context import Context
+from compiler.lowering.environment import Environment, Part, Time
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.memories import Memories
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declared, Kind, Scope
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import names, submodels, time
-from spec_schema.errors import shapes as shape_errors
+from spec_schema.errors import names, submodels
 from spec_schema.expressions.language import LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
-from spec_schema.expressions.tree import Call, Expression, LanguageName, Member, Name
+from spec_schema.expressions.tree import Call, LanguageName, Member, Name
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers import Layer
 from spec_schema.sections.signals import Equation, Output, Signal, State
@@ -41,54 +40,27 @@ _SECOND = parse_unit("s")
 _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 
 
-class Model:
-    """A spec being lowered: its names, the graphs that grow, and what was found on the way."""
+class Elaboration:
+    """The meaning of every name of one spec (`Names`), and all that lowering it leaves."""
 
     def __init__(self, linked: Linked, findings: Findings, known: Known, draw: int = 0) -> None:
-        spec = self.spec = linked.spec
-        self.integrators = linked.integrators
-        self.draw = draw
-        """Which initial values are drawn, where they are."""
-        self.findings = findings
-        self.given = GivenWeights(linked, findings)
-        self.scope = Scope(spec, findings)
+        spec = linked.spec
         seconds = spec.sample_time.value if spec.sample_time else None
-        self.sampling = Sampling(seconds, findings)
-        self._builders = {Part.START: GraphBuilder(), Part.CONSTANT: GraphBuilder()}
-        self._step = GraphBuilder()
-        self.constants = Constants(self)
-        self.arrays = Arrays(self)
-        self.states = States(self)
-        self.histories = Histories(self, known.buffers)
-        self.memories = Memories()
-        self.gradients = Gradients()
-        self.measured: dict[str, State] = {}
-        """States whose log is read somewhere (R6): the data must have them."""
-        self._known_measured = known.measured
-        self._asked_measured = False
-        self.first_calls: dict[str, str] = {}
-        """Shapes of the arguments of each layer's first call."""
-        self.normalized: dict[str, str] = {}
-        """The signal whose statistics each `normalize` layer has."""
-        self.fits: dict[str, Fit] = {}
-        """What each layer with `fit:` starts at."""
-        self.used: set[str] = set()
-        """Names that something refers to."""
-        self.entries = Entries(self, known.variables)
-
-    def builder(self, environment: Environment) -> GraphBuilder:
-        """The graph that the environment's nodes belong to."""
-        return self._builders.get(environment.part, self._step)
-
-    def found(self) -> Known:
-        """What this lowering found out that the next one must begin with."""
-        measured = frozenset(self.measured) if self._asked_measured else frozenset[str]()
-        return Known(self.histories.found(), measured, frozenset(self.gradients.variables))
-
-    def is_measured(self, name: str) -> bool:
-        """Whether a state is known to be logged; where it matters, the next lowering knows it."""
-        self._asked_measured = True
-        return name in self.measured or name in self._known_measured
+        self.context = Context(
+            spec=spec,
+            findings=findings,
+            scope=Scope(spec, findings),
+            sampling=Sampling(seconds, findings),
+            given=GivenWeights(linked, findings),
+            names=self,
+            draw=draw,
+        )
+        self.constants = Constants(self.context)
+        self.arrays = Arrays(self.context)
+        self.layers = LayerStores(self.arrays)
+        self.histories = Histories(self.context, known)
+        self.states = States(self.context, self.histories, linked.integrators)
+        self.entries = Entries(self.context, self.histories, known.variables)
 
     # ---- names
 
@@ -96,12 +68,12 @@ class Model:
         """The node of a bare name."""
         argument = environment.arguments.get(name.name)
         if argument is not None:
-            return argument_value(self, argument, environment)
-        builder = self.builder(environment)
+            return argument_value(self.context, argument, environment)
+        builder = self.context.builder(environment)
         if name.name in NUMBERS:
             return builder.constant(NUMBERS[name.name])
         if name.name == "dt":
-            return builder.constant(self.sample_time("`dt`", name.span), unit=_SECOND)
+            return builder.constant(self.context.sampling.required("`dt`", name.span), unit=_SECOND)
         declared = self.declared(name.name, name.span)
         match declared.entry:
             case Signal() as signal:
@@ -119,45 +91,49 @@ class Model:
             case Equation() | Output() as entry:
                 return self.entries.value(name.name, entry, environment, name.span)
             case Layer() | Function() | Dimension() | Use():
-                self.findings.report(names.not_a_value(name.name, declared.kind.value, name.span))
+                self.context.findings.report(
+                    names.not_a_value(name.name, declared.kind.value, name.span)
+                )
                 raise LoweringFailed
 
     def declared(self, name: str, span: Span) -> Declared:
         """The declaration of a name; reports an unknown one."""
-        found = self.scope.get(name)
+        found = self.context.scope.get(name)
         if found is None:
             if name in SIGNATURES:
-                self.findings.report(names.not_a_value(name, "a builtin", span))
+                self.context.findings.report(names.not_a_value(name, "a builtin", span))
             else:
-                known = (*self.scope, "dt", *NUMBERS)
-                self.findings.report(names.unknown_name(name, span, known))
+                known = (*self.context.scope, "dt", *NUMBERS)
+                self.context.findings.report(names.unknown_name(name, span, known))
             raise LoweringFailed
-        self.used.add(name)
+        self.context.used.add(name)
         return found
 
     def member(self, member: Member, environment: Environment) -> NodeId:
         """`s.meas`: the log of a signal or state, whatever the step sees (R6)."""
         base, _, rest = member.base.rpartition(".")
-        if member.base not in self.scope and base in self.scope:  # `x.meas.meas`
+        if member.base not in self.context.scope and base in self.context.scope:  # `x.meas.meas`
             member = Member(base, f"{rest}.{member.name}", member.span)
         entry = self.declared(member.base, member.span).entry
         if isinstance(entry, Use):
             unknown = f"{member.base}.{member.name}"
-            self.findings.report(
-                submodels.unknown_submodel_member(unknown, member.span, self.scope)
+            self.context.findings.report(
+                submodels.unknown_submodel_member(unknown, member.span, self.context.scope)
             )
             raise LoweringFailed
         if isinstance(entry, Connected) and member.name == "meas":
             if environment.part is Part.START:  # where a bare input is its log too
                 return self.entries.value(member.base, entry, environment, member.span)
             place = entry.place.key
-            self.findings.report(submodels.log_of_connected(member.base, member.span, place))
+            self.context.findings.report(
+                submodels.log_of_connected(member.base, member.span, place)
+            )
             raise LoweringFailed
         if member.name != "meas" or not isinstance(entry, Signal | State):
-            self.findings.report(names.no_member(member.base, member.name, member.span))
+            self.context.findings.report(names.no_member(member.base, member.name, member.span))
             raise LoweringFailed
         if isinstance(entry, State):
-            self.measured.setdefault(member.base, entry)
+            self.context.measured.setdefault(member.base, entry)
         return self._signal(member.base, entry, member.span, environment, logged=True)
 
     # ---- calls
@@ -166,83 +142,65 @@ class Model:
         """The value of a layer, function or builtin."""
         function = call.function
         if isinstance(function, Member):
-            owner = self.scope.get(function.base)
+            owner = self.context.scope.get(function.base)
             if owner is not None and isinstance(owner.entry, Layer):
-                self.used.add(function.base)
+                self.context.used.add(function.base)
                 self._forbid_in_constant(function.base, function.span, environment)
-                return lower_layer(self, function.base, owner.entry, call, environment)
-            self.findings.report(names.no_member(function.base, function.name, function.span))
+                return lower_layer(
+                    self.context, self.layers, function.base, owner.entry, call, environment
+                )
+            self.context.findings.report(
+                names.no_member(function.base, function.name, function.span)
+            )
             raise LoweringFailed
         name = function.name
         if name in environment.arguments:
-            self.findings.report(names.not_callable(name, "an argument", function.span))
+            self.context.findings.report(names.not_callable(name, "an argument", function.span))
             raise LoweringFailed
         if name in STATE_FUNCTIONS:
             return self.states.call(name, call, environment)
-        is_declared = name in self.scope and not isinstance(function, LanguageName)
+        is_declared = name in self.context.scope and not isinstance(function, LanguageName)
         if name in SIGNATURES and not is_declared:
-            return lower_builtin(self, name, call, environment)
+            return lower_builtin(self.context, name, call, environment)
         if name in LOSS_FUNCTIONS and not is_declared:
             repair = "it belongs in `losses:`"
-            self.findings.report(names.misplaced(name, "an expression", function.span, repair))
+            self.context.findings.report(
+                names.misplaced(name, "an expression", function.span, repair)
+            )
             raise LoweringFailed
         declared = self.declared(name, function.span) if is_declared else None
         if declared is None:
-            known = [n for n, d in self.scope.items() if d.kind in _CALLABLE]
+            known = [n for n, d in self.context.scope.items() if d.kind in _CALLABLE]
             report = names.unknown_name(
                 name, function.span, (*known, *SIGNATURES), "a layer or function"
             )
-            self.findings.report(report)
+            self.context.findings.report(report)
             raise LoweringFailed
         match declared.entry:
             case Layer() as layer:
                 self._forbid_in_constant(name, function.span, environment)
-                return lower_layer(self, name, layer, call, environment)
+                return lower_layer(self.context, self.layers, name, layer, call, environment)
             case Function() as entry:
-                return inlined(self, name, entry, call, environment)
+                return inlined(self.context, name, entry, call, environment)
             case _:
-                self.findings.report(names.not_callable(name, declared.kind.value, function.span))
+                self.context.findings.report(
+                    names.not_callable(name, declared.kind.value, function.span)
+                )
                 raise LoweringFailed
 
-    # ---- compile-time values and dimensions
+    # ---- entries
 
-    def number(self, expression: Expression, environment: Environment, what: str) -> float:
-        """The number of an expression that must be known at compile time."""
-        del environment
-        return self.constants.number(expression, what)
+    def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
+        """The right-hand side of a continuous state."""
+        return self.states.derivative(name, entry, span, environment)
 
-    def whole_number(self, expression: Expression, environment: Environment, what: str) -> int:
-        """A whole number known at compile time."""
-        value = self.number(expression, environment, what)
-        if not value.is_integer():
-            self.findings.report(names.unfit_constant(what, "is no whole number", expression.span))
-            raise LoweringFailed
-        return int(value)
+    def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
+        """Every time at which an entry is lowered already, and its node there."""
+        return self.entries.lowerings(name, environment)
 
-    def dimension(self, name: str, span: Span) -> Axis:
-        """The axis of a name of `dims:`."""
-        entry = self.scope[name].entry if name in self.scope else None
-        if not isinstance(entry, Dimension):
-            self.findings.report(shape_errors.unknown_dimension(name, span))
-            raise LoweringFailed
-        self.used.add(name)
-        return Axis(name, entry.size)
-
-    def is_of_submodel(self, name: str) -> bool:
-        """Whether a full name is a member of a sub-model."""
-        return name.partition(".")[0] in self.spec.use
-
-    def labels(self, dimension: str) -> tuple[str, ...]:
-        """Labels of a dimension's elements; empty where it has none."""
-        entry = self.scope[dimension].entry if dimension in self.scope else None
-        return entry.labels if isinstance(entry, Dimension) else ()
-
-    def sample_time(self, what: str, span: Span) -> float:
-        """Seconds between samples; reports what needs them in a static model."""
-        if self.sampling.sample_time is None:
-            self.findings.report(time.needs_sample_time(what, span))
-            raise LoweringFailed
-        return self.sampling.sample_time
+    def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
+        """The node, or None where lowering fails; nothing is reported and nothing remembered."""
+        return self.entries.tried(lower_it)
 
     # ---- inside
 
@@ -257,17 +215,17 @@ class Model:
     ) -> NodeId:
         """The samples of a signal at the environment's time: its log, or what the step sees."""
         self._forbid_in_constant(name, span, environment)
-        axes = self.arrays.axes_of(entry)
+        axes = self.context.axes_of(entry)
         first, last = environment.window or (0, 0)
         if environment.window is not None:
             axes = (*axes, Axis(WINDOW, last - first + 1))
         type = Type(axes, entry.unit.value if entry.unit else None)
         first, last = first + environment.shift, last + environment.shift
-        builder = self.builder(environment)
+        builder = self.context.builder(environment)
         read = builder.log if logged else builder.signal
         return read(name, first, last, type)
 
     def _forbid_in_constant(self, name: str, span: Span, environment: Environment) -> None:
         if environment.part is Part.CONSTANT:
-            self.findings.report(names.constant_needed(f"`{name}`", span))
+            self.context.findings.report(names.constant_needed(f"`{name}`", span))
             raise LoweringFailed

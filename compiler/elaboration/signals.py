@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from compiler.ir.program import Role, Signal
+from compiler.lowering.context import Context
 from compiler.lowering.scope import owner_of
 from spec_schema.sections.signals import Signal as SignalEntry
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
-
-def logged_signals(model: Model, ranges: Mapping[str, tuple[float, float]]) -> tuple[Signal, ...]:
+def logged_signals(
+    context: Context, ranges: Mapping[str, tuple[float, float]]
+) -> tuple[Signal, ...]:
     """The inputs and targets of a lowered spec, and the logs of states that are read."""
     declared = [
-        *((Role.INPUT, name, entry) for name, entry in model.spec.inputs.items()),
-        *((Role.TARGET, name, entry) for name, entry in _targets(model)),
-        *((Role.TARGET, name, entry) for name, entry in model.measured.items()),
+        *((Role.INPUT, name, entry) for name, entry in context.spec.inputs.items()),
+        *((Role.TARGET, name, entry) for name, entry in _targets(context)),
+        *((Role.TARGET, name, entry) for name, entry in context.measured.items()),
     ]
     return tuple(
         Signal(
             name=name,
             role=role,
-            axes=model.arrays.axes_of(entry),
+            axes=context.axes_of(entry),
             unit=entry.unit.value if entry.unit else None,
             range=ranges.get(name),
             on_invalid=entry.on_invalid if isinstance(entry, SignalEntry) else "flag",
@@ -35,10 +34,10 @@ def logged_signals(model: Model, ranges: Mapping[str, tuple[float, float]]) -> t
     )
 
 
-def _targets(model: Model) -> list[tuple[str, SignalEntry]]:
+def _targets(context: Context) -> list[tuple[str, SignalEntry]]:
     """The targets: those of sub-models only where something reads them (R11)."""
     return [
         (name, entry)
-        for name, entry in model.spec.targets.items()
-        if not owner_of(name) or name in model.used
+        for name, entry in context.spec.targets.items()
+        if not owner_of(name) or name in context.used
     ]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
+from compiler.elaboration.histories import Histories
 from compiler.elaboration.integration import integrated
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.types import Type
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
@@ -18,19 +18,24 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
 from spec_schema.errors import states as errors
 from spec_schema.expressions.tree import Call, Name
+from spec_schema.sections.integrators import Integrator
 from spec_schema.sections.signals import State
-
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
 _STEP = Environment(Part.STEP)
 
 
 class States:
-    """The declared states of a model."""
+    """The declared states of a context."""
 
-    def __init__(self, model: Model) -> None:
-        self._model = model
+    def __init__(
+        self,
+        context: Context,
+        histories: Histories,
+        integrators: Mapping[str, Integrator | None],
+    ) -> None:
+        self._context = context
+        self._histories = histories
+        self._integrators = integrators
         self._flow: dict[str, Mapping[str, NodeId]] = {}
         self._next: dict[str, NodeId | None] = {}
         self._differentiated: list[str] = []
@@ -38,28 +43,24 @@ class States:
 
     def value(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
         """A state's value as the expression sees it: now, or at a stage of the integrator."""
-        findings = self._model.findings
+        findings = self._context.findings
         if environment.part is Part.CONSTANT:
             findings.report(names.constant_needed(f"`{name}`", span))
             raise LoweringFailed
         if environment.part is Part.START:
             if environment.latest < 0:
-                return self._model.histories.before(name, entry, span, environment)
+                return self._histories.before(name, entry, span, environment)
             findings.report(errors.simulation_in_init(name, span))
             raise LoweringFailed
         if environment.is_elsewhere:
-            return self._model.histories.read(name, entry, span, environment)
+            return self._histories.read(name, entry, span, environment)
         if environment.stage is not None and name in environment.stage.values:
             return environment.stage.values[name]
-        return self._model.builder(environment).state(name, self.type(entry))
-
-    def type(self, entry: State) -> Type:
-        """Axes and unit of a state."""
-        return Type(self._model.arrays.axes_of(entry), entry.unit.value if entry.unit else None)
+        return self._context.builder(environment).state(name, self._context.type_of(entry))
 
     def call(self, function: str, call: Call, environment: Environment) -> NodeId:
         """`next(x)` and `flow(x)` of a state."""
-        findings = self._model.findings
+        findings = self._context.findings
         if len(call.arguments) != 1 or call.keywords:
             found = len(call.arguments) + len(call.keywords)
             findings.report(
@@ -68,7 +69,7 @@ class States:
             raise LoweringFailed
         argument = call.arguments[0]
         name = argument.name if isinstance(argument, Name) else ""
-        entry = self._model.spec.states.get(name)
+        entry = self._context.spec.states.get(name)
         if entry is None:
             findings.report(errors.not_a_state(function, argument.span))
             raise LoweringFailed
@@ -90,17 +91,17 @@ class States:
         if environment.part in (Part.START, Part.CONSTANT) and not before:
             where = environment.part.value
             repair = f"write `der({name}.meas)` for the derivative of its log"
-            self._model.findings.report(names.misplaced("der", where, span, repair))
+            self._context.findings.report(names.misplaced("der", where, span, repair))
             raise LoweringFailed
         if name in self._differentiated:
             loop = (*self._differentiated[self._differentiated.index(name) :], name)
-            self._model.findings.report(
+            self._context.findings.report(
                 errors.algebraic_loop(tuple(f"der({state})" for state in loop), span)
             )
             raise LoweringFailed
         self._differentiated.append(name)
         try:
-            return lower(self._model, entry.der, environment.of_entry())
+            return lower(self._context, entry.der, environment.of_entry())
         finally:
             self._differentiated.pop()
 
@@ -116,16 +117,16 @@ class States:
 
     def start(self, name: str, entry: State, builder: GraphBuilder) -> NodeId:
         """The value before the first step, from `init:`; without it 0."""
-        type = self.type(entry)
+        type = self._context.type_of(entry)
         if entry.init is None:
             return builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
-        node = lower(self._model, entry.init, Environment(Part.START))
-        return fitted(self._model, f"`init` of `{name}`", node, type, entry.init, builder)
+        node = lower(self._context, entry.init, Environment(Part.START))
+        return fitted(self._context, f"`init` of `{name}`", node, type, entry.init, builder)
 
     def flow(self, owner: str) -> Mapping[str, NodeId]:
         """The integrator's result of every continuous state of one spec, all together (R6)."""
         if owner not in self._flow:
-            self._flow[owner] = integrated(self._model, owner)
+            self._flow[owner] = integrated(self._context, owner, self._integrators[owner])
         return self._flow[owner]
 
     # ---- inside
@@ -133,7 +134,7 @@ class States:
     def _lower_next(self, name: str, entry: State) -> NodeId:
         if entry.next is None:
             return self.flow(owner_of(name))[name]
-        builder = self._model.builder(_STEP)
-        node = lower(self._model, entry.next, _STEP)
+        builder = self._context.builder(_STEP)
+        node = lower(self._context, entry.next, _STEP)
         what = f"`next` of `{name}`"
-        return fitted(self._model, what, node, self.type(entry), entry.next, builder)
+        return fitted(self._context, what, node, self._context.type_of(entry), entry.next, builder)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
+from compiler.elaboration.names import Elaboration
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
@@ -15,31 +16,29 @@ from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Name, Number
 from spec_schema.sections.layers import Layer
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 _STEP = Environment(Part.STEP)
 _EXPECTED_IN_USE = frozenset(
     {Kind.INPUT, Kind.CONSTANT, Kind.PARAMETER, Kind.LAYER, Kind.FUNCTION, Kind.EQUATION}
 )
 
 
-def lower_unused(model: Model) -> None:
+def lower_unused(elaborated: Elaboration) -> None:
     """Lowers what nothing needs, so that its mistakes are found too.
 
     Of a sub-model only equations: its own file says what is wrong with the rest.
     """
-    for name, entry in model.spec.equations.items():
+    context = elaborated.context
+    for name, entry in context.spec.equations.items():
         with suppress(LoweringFailed):
-            model.entries.value(name, entry, _STEP, entry.place.key)
-    for name, layer in model.spec.layers.items():
-        if name not in model.used and not owner_of(name):
-            _report_layer(model, name, layer)
-    for name, function in model.spec.functions.items():
-        if name not in model.used and not owner_of(name):
-            found = _found_by_calling(model, name, len(function.args))
+            elaborated.entries.value(name, entry, _STEP, entry.place.key)
+    for name, layer in context.spec.layers.items():
+        if name not in context.used and not owner_of(name):
+            _report_layer(context, name, layer)
+    for name, function in context.spec.functions.items():
+        if name not in context.used and not owner_of(name):
+            found = _found_by_calling(context, name, len(function.args))
             # what shapes and units its arguments have is not known
-            model.findings.report(*(d for d in found if d.code in _OF_NAMES))
+            context.findings.report(*(d for d in found if d.code in _OF_NAMES))
 
 
 _NOWHERE = Span("", 0, 0, 0, 0)
@@ -47,12 +46,12 @@ _OF_NAMES = frozenset({"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0
 _UNKNOWN_DIM = "E0405"
 
 
-def _report_layer(model: Model, name: str, entry: Layer) -> None:
+def _report_layer(context: Context, name: str, entry: Layer) -> None:
     """What is wrong with a layer whatever it is called with."""
-    found = _found_by_calling(model, name, 1)
+    found = _found_by_calling(context, name, 1)
     if any(d.span == _NOWHERE for d in found):  # such as a table in two dimensions
-        found = _found_by_calling(model, name, 2)
-    model.findings.report(*(d for d in found if d.span != _NOWHERE and not _of_shapes(d)))
+        found = _found_by_calling(context, name, 2)
+    context.findings.report(*(d for d in found if d.span != _NOWHERE and not _of_shapes(d)))
 
 
 def _of_shapes(found: Diagnostic) -> bool:
@@ -60,24 +59,24 @@ def _of_shapes(found: Diagnostic) -> bool:
     return found.code.startswith("E04") and found.code != _UNKNOWN_DIM
 
 
-def _found_by_calling(model: Model, name: str, count: int) -> list[Diagnostic]:
-    """The errors in a call with zeros, which fit every unit; the model is as it was before."""
-    used, mark = set(model.used), model.findings.mark()
+def _found_by_calling(context: Context, name: str, count: int) -> list[Diagnostic]:
+    """The errors in a call with zeros, which fit every unit; the context is as it was before."""
+    used, mark = set(context.used), context.findings.mark()
     zeros = tuple(Number(0.0, _NOWHERE) for _ in range(count))
     with suppress(LoweringFailed):
-        lower(model, Call(Name(name, _NOWHERE), zeros, (), _NOWHERE), _STEP)
-    found = [d for d in model.findings.since(mark) if d.severity == "error"]
-    model.findings.forget(mark)
-    model.used.clear()
-    model.used.update(used)
+        lower(context, Call(Name(name, _NOWHERE), zeros, (), _NOWHERE), _STEP)
+    found = [d for d in context.findings.since(mark) if d.severity == "error"]
+    context.findings.forget(mark)
+    context.used.clear()
+    context.used.update(used)
     return found
 
 
-def report_unused(model: Model) -> None:
+def report_unused(context: Context) -> None:
     """Warns of what a spec declares and nothing refers to."""
-    for name, declared in model.scope.items():
+    for name, declared in context.scope.items():
         # what a sub-model does not need here, what stays behind may
         expected = declared.kind in _EXPECTED_IN_USE and not owner_of(name)
-        if expected and name not in model.used:
+        if expected and name not in context.used:
             place = declared.entry.place.key
-            model.findings.report(names.unused_entry(name, declared.kind.value, place))
+            context.findings.report(names.unused_entry(name, declared.kind.value, place))

@@ -181,7 +181,7 @@ def _apply(function: str, args: tuple[int, ...], dtype: np.dtype[Any]) -> Evalua
             return row.numpy(*(np.ascontiguousarray(values[arg]) for arg in args))
 
         return by_numpy
-    from compiler.kernels.trace.evaluate import evaluate  # float64 users do not pay for its tables
+    from compiler.kernels.evaluate import evaluate  # float64 users do not pay for its tables
 
     kernel = row.kernel
     return lambda values, around: evaluate(kernel, *(values[arg] for arg in args))

@@ -70,13 +70,13 @@ _OPERATORS: dict[str, tuple[int, _Operator]] = {
 
 def _term(context: LayerContext, function: Located[str], operands: list[NodeId]) -> NodeId:
     own = _OPERATORS.get(function.value)
-    if own is not None and function.value not in context.model.scope:
+    if own is not None and function.value not in context.lowering.scope:
         return own[1](context.builder, operands)
     return context.apply(function, operands)
 
 
 def _arity(context: LayerContext, function: Located[str]) -> int:
-    name, scope = function.value, context.model.scope
+    name, scope = function.value, context.lowering.scope
     entry = scope[name].entry if name in scope else None
     if isinstance(entry, Function):
         return len(entry.args)

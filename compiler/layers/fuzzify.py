@@ -79,7 +79,7 @@ def _grid(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> Nod
     builder = context.builder
     result: NodeId | None = None
     for reference, argument in zip(settings.over, arguments, strict=True):
-        entry = context.model.declared(reference.value, reference.span).entry
+        entry = context.lowering.names.declared(reference.value, reference.span).entry
         inner = entry.chosen() if isinstance(entry, Layer) else None
         if not isinstance(inner, Fuzzify) or inner.over:
             problem = f"`{reference.value}` is not a fuzzify layer with centers"

@@ -11,6 +11,7 @@ from compiler.layers.rules.centers import ascending
 from compiler.layers.rules.fuzzy_sets import FuzzySets, beyond, triangular
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.lowering.constants import evaluate
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Expression
 from spec_schema.sections.layers import Interpolation
@@ -33,7 +34,7 @@ def interpolation(context: LayerContext, settings: Interpolation, arguments: Arg
     axes = tuple(
         context.own_axis(f"knot{number}", len(values)) for number, values in enumerate(knots, 1)
     )
-    table = context.model.constants.evaluate(settings.y)
+    table = evaluate(context.lowering, settings.y)
     shape = tuple(len(values) for values in knots)
     if table.values.shape != shape:
         what, place = f"`y` of `{context.name}`", settings.y.span

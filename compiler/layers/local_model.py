@@ -37,7 +37,7 @@ def _activations(
     builder = context.builder
     activations: list[NodeId] = []
     cells: list[Axis] = []
-    nodes = lower_all(context.model, settings.by, context.environment)
+    nodes = lower_all(context.lowering, settings.by, context.environment)
     for index, (expression, node) in enumerate(zip(settings.by, nodes, strict=True)):
         if not context.elements(node):
             wanted = "degrees of membership along one axis or several"

@@ -12,6 +12,7 @@ from compiler.layers.rules.arguments import read_value
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.linking.connected import Connected
+from compiler.lowering.constants import evaluate
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Expression, Future, Member, Name, Past, Window
 from spec_schema.sections.layers import Normalize
@@ -54,7 +55,7 @@ def _numbers(
     """Mean and standard deviation with the axes of the value."""
     mean, std = settings.mean, settings.std
     signal = _signal(context, settings, inverse) if "data" in (mean, std) else ""
-    if std != "data" and np.any(context.model.constants.evaluate(std).values <= 0):
+    if std != "data" and np.any(evaluate(context.lowering, std).values <= 0):
         context.refuse(names.unfit_setting("normalize", "`std` must be above 0", std.span))
     if mean == "data":
         mean_node = _measured(context, "mean", signal, value)
@@ -67,7 +68,7 @@ def _numbers(
 
 def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
     """The signal whose rows count: that of `of:`, else the argument of the first call."""
-    model, known = context.model, context.model.normalized
+    lowering, known = context.lowering, context.stores.normalized
     argument = context.call.arguments[0]
     if settings.of is not None:
         name, span = settings.of.value, settings.of.span
@@ -75,7 +76,9 @@ def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
         return known[context.name]
     else:
         name, span = "" if inverse else _signal_name(argument), argument.span
-    declared = model.declared(name, span) if settings.of is not None else model.scope.get(name)
+    declared = (
+        lowering.names.declared(name, span) if settings.of is not None else lowering.scope.get(name)
+    )
     before = known.setdefault(context.name, name)
     if declared is None or not isinstance(declared.entry, Signal | Connected) or before != name:
         problem = "`data` takes mean and std of one input or target"
@@ -102,14 +105,14 @@ def _measured(
     context: LayerContext, kind: Literal["mean", "std"], signal: str, value: NodeId
 ) -> NodeId:
     builder = context.builder
-    entry = context.model.scope[signal].entry
+    entry = context.lowering.scope[signal].entry
     is_connected = isinstance(entry, Connected)
     if is_connected:
         entry = entry.feeds
     assert isinstance(entry, Signal)
-    axes = context.model.arrays.axes_of(entry)
+    axes = context.lowering.axes_of(entry)
     shape = tuple(axis.size for axis in axes)
-    if is_connected and context.model.given.value(f"{context.name}.{kind}", shape) is None:
+    if is_connected and context.lowering.given.value(f"{context.name}.{kind}", shape) is None:
         problem = f"no data has `{signal}`, which is connected"
         repair = "give the sub-model its `weights:`, where mean and std are"
         context.refuse(names.unfit_setting("normalize", problem, context.span, repair))
@@ -126,7 +129,7 @@ def _constant(
     context: LayerContext, expression: Expression, value: NodeId, unit: Unit | None
 ) -> NodeId:
     builder = context.builder
-    found = context.model.constants.evaluate(expression)
+    found = evaluate(context.lowering, expression)
     axes: tuple[Axis, ...] = ()
     if found.values.ndim:
         axes = context.elements(value)[-1:]

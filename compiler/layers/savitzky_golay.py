@@ -27,10 +27,10 @@ def savitzky_golay(context: LayerContext, settings: SavitzkyGolay, arguments: Ar
     """
     (window,) = arguments
     builder = context.builder
-    samples, dt = builder.type(window).window, context.model.sampling.sample_time
+    samples, dt = builder.type(window).window, context.lowering.sampling.sample_time
     assert samples is not None
     assert dt is not None, "there are no windows without a sample time"
-    lag = context.model.sampling.samples(settings.lag) if settings.lag is not None else 0
+    lag = context.lowering.sampling.samples(settings.lag) if settings.lag is not None else 0
     derivative, order = settings.derivative, settings.order
     problem: str | None = None
     if order >= samples:

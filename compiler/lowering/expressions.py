@@ -1,10 +1,10 @@
-"""Lowers one expression tree to nodes; names and calls are looked up in the model."""
+"""Lowers one expression tree to nodes; names and calls are looked up in the context."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from fractions import Fraction
-from typing import TYPE_CHECKING, assert_never
+from typing import assert_never
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Constant
@@ -14,6 +14,7 @@ from compiler.ir.program import NodeId
 from compiler.ir.rules.alignment import AxisConflict
 from compiler.ir.rules.unit_rules import power_unit
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.unit_conflicts import report_unit_conflicts
@@ -39,9 +40,6 @@ from spec_schema.expressions.tree import (
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import ONE
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 LARGEST_POWER = 64
 _SECOND = parse_unit("s")
 _RELATIONS = {
@@ -52,24 +50,24 @@ _RELATIONS = {
 }
 
 
-def lower(model: Model, expression: Expression, environment: Environment) -> NodeId:
+def lower(context: Context, expression: Expression, environment: Environment) -> NodeId:
     """The node of an expression's value; LoweringFailed once its mistakes are reported."""
-    builder = model.builder(environment)
+    builder = context.builder(environment)
     with builder.at(expression.span):
-        node = _lower(model, expression, environment, builder)
-    report_unit_conflicts(model, builder, expression)
+        node = _lower(context, expression, environment, builder)
+    report_unit_conflicts(context, builder, expression)
     return node
 
 
 def lower_all(
-    model: Model, expressions: Iterable[Expression], environment: Environment
+    context: Context, expressions: Iterable[Expression], environment: Environment
 ) -> list[NodeId]:
     """The nodes of several operands; LoweringFailed once all their mistakes are reported."""
     nodes: list[NodeId] = []
     failed = False
     for expression in expressions:
         try:
-            nodes.append(lower(model, expression, environment))
+            nodes.append(lower(context, expression, environment))
         except LoweringFailed:
             failed = True
     if failed:
@@ -78,7 +76,7 @@ def lower_all(
 
 
 def _lower(
-    model: Model, expression: Expression, environment: Environment, builder: GraphBuilder
+    context: Context, expression: Expression, environment: Environment, builder: GraphBuilder
 ) -> NodeId:
     match expression:
         case Number(value=value):
@@ -86,23 +84,23 @@ def _lower(
         case Duration():
             return builder.constant(expression.seconds, unit=_SECOND)
         case Name():
-            return model.value(expression, environment)
+            return context.names.value(expression, environment)
         case Member():
-            return model.member(expression, environment)
+            return context.names.member(expression, environment)
         case Call():
-            return model.call(expression, environment)
+            return context.names.call(expression, environment)
         case Negate(operand=operand):
-            return builder.negate(lower(model, operand, environment))
+            return builder.negate(lower(context, operand, environment))
         case Binary():
-            return _lower_binary(model, expression, environment, builder)
+            return _lower_binary(context, expression, environment, builder)
         case Compare(relation=relation, left=left, right=right):
-            nodes = lower_all(model, (left, right), environment)
-            with aligning(model, relation.value, expression, left, right):
+            nodes = lower_all(context, (left, right), environment)
+            with aligning(context, relation.value, expression, left, right):
                 return builder.compare(_RELATIONS[relation], *nodes)
         case Window() | Past() | Future():
-            return _lower_window(model, expression, environment)
+            return _lower_window(context, expression, environment)
         case ListLiteral(elements=elements):
-            return _lower_list(model, elements, environment, builder)
+            return _lower_list(context, elements, environment, builder)
         case _:
             assert_never(expression)
 
@@ -111,17 +109,22 @@ class aligning:  # noqa: N801  (read as a verb: `with aligning(…):`)
     """Turns an AxisConflict inside the block into a diagnostic about two operands."""
 
     def __init__(
-        self, model: Model, operation: str, whole: Expression, left: Expression, right: Expression
+        self,
+        context: Context,
+        operation: str,
+        whole: Expression,
+        left: Expression,
+        right: Expression,
     ) -> None:
-        self._facts = model, operation, whole, left, right
+        self._facts = context, operation, whole, left, right
 
     def __enter__(self) -> None:
         return None
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, AxisConflict):
-            model, operation, whole, left, right = self._facts
-            model.findings.report(
+            context, operation, whole, left, right = self._facts
+            context.findings.report(
                 shapes.axes_differ(
                     operation,
                     describe_axes(error.left),
@@ -137,10 +140,10 @@ class aligning:  # noqa: N801  (read as a verb: `with aligning(…):`)
 
 
 def _lower_binary(
-    model: Model, binary: Binary, environment: Environment, builder: GraphBuilder
+    context: Context, binary: Binary, environment: Environment, builder: GraphBuilder
 ) -> NodeId:
-    left, right = lower_all(model, (binary.left, binary.right), environment)
-    with aligning(model, binary.operator.value, binary, binary.left, binary.right):
+    left, right = lower_all(context, (binary.left, binary.right), environment)
+    with aligning(context, binary.operator.value, binary, binary.left, binary.right):
         match binary.operator:
             case Operator.ADD:
                 return builder.add(left, right)
@@ -151,13 +154,13 @@ def _lower_binary(
             case Operator.DIVIDE:
                 return builder.divide(left, right)
             case Operator.CONTRACT:
-                return _lower_contraction(model, binary, environment, builder, left, right)
+                return _lower_contraction(context, binary, environment, builder, left, right)
             case Operator.POWER:
                 return _lower_power(builder, left, right)
 
 
 def _lower_contraction(
-    model: Model,
+    context: Context,
     binary: Binary,
     environment: Environment,
     builder: GraphBuilder,
@@ -166,7 +169,7 @@ def _lower_contraction(
 ) -> NodeId:
     if environment.window is not None and builder.type(left).window is not None:
         # The window of the context is not the one that the user means to sum over.
-        model.findings.report(time.window_not_yet("a contraction over time", binary.span))
+        context.findings.report(time.window_not_yet("a contraction over time", binary.span))
         raise LoweringFailed
     return builder.contract(left, right)
 
@@ -199,44 +202,44 @@ def literal(builder: GraphBuilder, node: NodeId) -> float | None:
 
 
 def _lower_window(
-    model: Model, expression: Window | Past | Future, environment: Environment
+    context: Context, expression: Window | Past | Future, environment: Environment
 ) -> NodeId:
-    sampling = model.sampling
-    if model.sampling.sample_time is None:
-        model.findings.report(time.needs_sample_time("a time window", expression.span))
+    sampling = context.sampling
+    if context.sampling.sample_time is None:
+        context.findings.report(time.needs_sample_time("a time window", expression.span))
         raise LoweringFailed
     match expression:
         case Window(first=first, last=None):
-            return lower(model, expression.operand, environment.shifted(sampling.offset(first)))
+            return lower(context, expression.operand, environment.shifted(sampling.offset(first)))
         case Window(first=first, last=last):
             assert last is not None
             bounds = (sampling.offset(first), sampling.offset(last))
         case Past(length=length):
-            bounds = (1 - _positive(model, length.span, sampling.samples(length)), 0)
+            bounds = (1 - _positive(context, length.span, sampling.samples(length)), 0)
         case Future(length=length):
-            bounds = (1, _positive(model, length.span, sampling.samples(length)))
+            bounds = (1, _positive(context, length.span, sampling.samples(length)))
     if bounds[0] > bounds[1]:
-        model.findings.report(time.empty_window(expression.span))
+        context.findings.report(time.empty_window(expression.span))
         raise LoweringFailed
-    return window_of(model, expression.operand, environment, *bounds)
+    return window_of(context, expression.operand, environment, *bounds)
 
 
-def _positive(model: Model, span: Span, samples: int) -> int:
+def _positive(context: Context, span: Span, samples: int) -> int:
     if samples < 1:
-        model.findings.report(time.bad_length(span))
+        context.findings.report(time.bad_length(span))
         raise LoweringFailed
     return samples
 
 
 def window_of(
-    model: Model, operand: Expression, environment: Environment, first: int, last: int
+    context: Context, operand: Expression, environment: Environment, first: int, last: int
 ) -> NodeId:
     """Samples t+first … t+last of an expression: every signal in it is read over that window."""
     if environment.window is not None:
-        model.findings.report(time.window_of_window(operand.span))
+        context.findings.report(time.window_of_window(operand.span))
         raise LoweringFailed
-    node = lower(model, operand, environment.over(first, last))
-    builder = model.builder(environment)
+    node = lower(context, operand, environment.over(first, last))
+    builder = context.builder(environment)
     if builder.type(node).window is None:
         # Nothing in it depends on time: the same value at every sample.
         axes = (*builder.type(node).axes, Axis(WINDOW, last - first + 1))
@@ -245,16 +248,16 @@ def window_of(
 
 
 def _lower_list(
-    model: Model,
+    context: Context,
     elements: tuple[Expression, ...],
     environment: Environment,
     builder: GraphBuilder,
 ) -> NodeId:
-    nodes = lower_all(model, elements, environment)
+    nodes = lower_all(context, elements, environment)
     for element, node in zip(elements, nodes, strict=True):
         axes = builder.type(node).axes
         if axes:
-            model.findings.report(
+            context.findings.report(
                 shapes.wrong_axes(
                     "an element of a list", "a scalar", describe_axes(axes), element.span
                 )

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import Type, describe_axes
+from compiler.lowering.context import Context
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import shapes
 from spec_schema.expressions.tree import Expression
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 
 def fitted(
-    model: Model,
+    context: Context,
     what: str,
     node: NodeId,
     type: Type,
@@ -30,7 +26,7 @@ def fitted(
     found = builder.type(node).axes
     if not set(found) <= set(type.axes):
         wanted, shown = describe_axes(type.axes), describe_axes(found)
-        model.findings.report(shapes.wrong_axes(what, wanted, shown, expression.span))
+        context.findings.report(shapes.wrong_axes(what, wanted, shown, expression.span))
         raise LoweringFailed
     if builder.type(node).unit is None:
         builder.set_unit(node, type.unit)

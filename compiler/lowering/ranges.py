@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from compiler.ir.program import Expected
 from compiler.linking.connected import Connected
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import schema, units
@@ -13,44 +12,43 @@ from spec_schema.sections.signals import Equation
 from spec_schema.units.quantity import Quantity, Range
 from spec_schema.units.unit import Unit
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 _STEP = Environment(Part.STEP)
 
 
-def range_in(model: Model, range: Range | None, unit: Unit | None) -> tuple[float, float] | None:
+def range_in(
+    context: Context, range: Range | None, unit: Unit | None
+) -> tuple[float, float] | None:
     """A declared range in the unit of the value; a bare number is in it already.
 
     Raises LoweringFailed, after reporting a unit of another dimension or a range that is empty.
     """
     if range is None:
         return None
-    low, high = (limit_in(model, limit, unit) for limit in (range.low, range.high))
+    low, high = (limit_in(context, limit, unit) for limit in (range.low, range.high))
     if low >= high:
-        model.findings.report(schema.reversed_range(range.low.text, range.high.text, range.span))
+        context.findings.report(schema.reversed_range(range.low.text, range.high.text, range.span))
         raise LoweringFailed
     return low, high
 
 
-def limit_in(model: Model, limit: Quantity, unit: Unit | None) -> float:
+def limit_in(context: Context, limit: Quantity, unit: Unit | None) -> float:
     """A limit in the unit of what it limits. Raises LoweringFailed as above."""
     if limit.unit is None or unit is None:
         return limit.value
     if not limit.unit.same_dimension(unit):
-        model.findings.report(units.incomparable_unit(limit.unit.text, unit.text, limit.span))
+        context.findings.report(units.incomparable_unit(limit.unit.text, unit.text, limit.span))
         raise LoweringFailed
     return limit.unit.convert(limit.value, unit)
 
 
-def signal_ranges(model: Model) -> dict[str, tuple[float, float]]:
+def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
     """The ranges of all inputs, targets and states, by name."""
     found: dict[str, tuple[float, float]] = {}
-    for entries in (model.spec.inputs, model.spec.targets, model.spec.states):
+    for entries in (context.spec.inputs, context.spec.targets, context.spec.states):
         for name, entry in entries.items():
             unit = entry.unit.value if entry.unit else None
             try:
-                limits = range_in(model, entry.range, unit)
+                limits = range_in(context, entry.range, unit)
             except LoweringFailed:
                 continue
             if limits is not None:
@@ -58,17 +56,17 @@ def signal_ranges(model: Model) -> dict[str, tuple[float, float]]:
     return found
 
 
-def expected_values(model: Model) -> list[Expected]:
+def expected_values(context: Context) -> list[Expected]:
     """What is expected of equations with a range, and of what is connected to inputs with one."""
-    builder = model.builder(_STEP)
+    builder = context.builder(_STEP)
     found: list[Expected] = []
-    for name, entry in model.spec.equations.items():
+    for name, entry in context.spec.equations.items():
         declared = _range_of(entry)
-        nodes = list(dict.fromkeys(node for _, node in model.entries.lowerings(name, _STEP)))
+        nodes = list(dict.fromkeys(node for _, node in context.names.lowerings(name, _STEP)))
         if declared is None or not nodes:
             continue
         try:
-            limits = range_in(model, declared, builder.type(nodes[0]).unit)
+            limits = range_in(context, declared, builder.type(nodes[0]).unit)
         except LoweringFailed:
             continue
         assert limits is not None

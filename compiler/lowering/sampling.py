@@ -38,21 +38,26 @@ class Sampling:
         """Samples from t; negative is the past."""
         return offset.sign * self.samples(offset.length)
 
+    def required(self, what: str, span: Span) -> float:
+        """Seconds between samples; reports what needs them in a static model."""
+        if self.sample_time is None:
+            self._findings.report(errors.needs_sample_time(what, span))
+            raise LoweringFailed
+        return self.sample_time
+
     def from_seconds(self, seconds: float, text: str, span: Span) -> int:
         """Samples of a duration in seconds; `text` is how the user wrote it."""
-        if self.sample_time is None:
-            self._findings.report(errors.needs_sample_time(f"the duration {text}", span))
-            raise LoweringFailed
-        exact = seconds / self.sample_time
+        sample_time = self.required(f"the duration {text}", span)
+        exact = seconds / sample_time
         nearest = round(exact)
         if abs(exact - nearest) > _TOLERANCE * max(1.0, abs(exact)):
             below, above = math.floor(exact), math.ceil(exact)
             self._findings.report(
                 errors.not_a_multiple(
                     text,
-                    _seconds_text(self.sample_time),
-                    _seconds_text(below * self.sample_time),
-                    _seconds_text(above * self.sample_time),
+                    _seconds_text(sample_time),
+                    _seconds_text(below * sample_time),
+                    _seconds_text(above * sample_time),
                     span,
                 )
             )

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.rules.unit_rules import UnitConflict
+from compiler.lowering.context import Context
 from spec_schema.errors import units
 from spec_schema.expressions.text import number_text
 from spec_schema.expressions.tree import Binary, Expression, Number
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
-
-def report_unit_conflicts(model: Model, builder: GraphBuilder, expression: Expression) -> None:
+def report_unit_conflicts(context: Context, builder: GraphBuilder, expression: Expression) -> None:
     """Turns the conflicts that building the expression's node met into diagnostics."""
     for conflict in builder.conflicts:
         secondary = ()
@@ -23,7 +19,7 @@ def report_unit_conflicts(model: Model, builder: GraphBuilder, expression: Expre
                 (expression.left.span, f"this is in {conflict.expected.text}"),
                 (expression.right.span, f"this is in {conflict.found.text}"),
             )
-        model.findings.report(
+        context.findings.report(
             units.units_differ(
                 conflict.operation,
                 conflict.found.text,

@@ -16,7 +16,7 @@ from msnn.errors import training as errors
 from msnn.training.engines.devices import CPU, Device, on_device
 from msnn.training.engines.dropout_masks import factors_of
 from msnn.training.engines.engine import LossSums, batches_of
-from msnn.training.engines.objectives import KernelObjective, TorchObjective
+from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
 from msnn.training.monitor import loss_values, monitor
 from msnn.training.plans.epoch_order import order_key, shuffled
 from msnn.training.plans.stage_data import StageData, stage_data

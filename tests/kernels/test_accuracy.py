@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from compiler.kernels.evaluate import evaluate
 from compiler.kernels.table import KERNELS
-from compiler.kernels.trace.evaluate import evaluate
 from tests.kernels.references import EXACT, NUMPY, double_error, float_errors
 from tests.kernels.samples import arguments
 

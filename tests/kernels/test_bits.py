@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compiler.kernels.evaluate import evaluate
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import RealName
-from compiler.kernels.trace.evaluate import evaluate
 from tests.conditions import require_tool
 from tests.kernels.builds import compile_loops, same_bits
 from tests.kernels.samples import arguments

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compiler.kernels.evaluate import evaluate
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import FORMATS, RealName
-from compiler.kernels.trace.evaluate import evaluate
 from compiler.kernels.trace.run_routine import run_routine
 from compiler.kernels.trace.subroutine import trace
 from compiler.kernels.trace.without_branches import without_branches

@@ -11,9 +11,9 @@ import pytest
 
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.lanes.lane_kernels import lane_kernels
+from compiler.kernels.evaluate import evaluate
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import DOUBLE, FLOAT
-from compiler.kernels.trace.evaluate import evaluate
 from tests.conditions import require_tool
 
 PRELUDE = Path(__file__).parents[2] / "templates" / "native" / "prelude.c"

@@ -9,7 +9,7 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.training.engines.dropout_masks import factors_of, with_all_kept
-from msnn.training.engines.objectives import KernelObjective, TorchObjective
+from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
 from msnn.training.engines.torch.torch_engine import TorchEngine
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.train import TrainingOptions, train

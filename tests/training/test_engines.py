@@ -20,7 +20,7 @@ from msnn.data.starts import Runs
 from msnn.training.engines.engine import Engine
 from msnn.training.engines.native.kernel_check import WrongKernelError
 from msnn.training.engines.native.native_engine import NativeEngine
-from msnn.training.engines.objectives import KernelObjective, TorchObjective
+from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
 from msnn.training.engines.torch.torch_engine import TorchEngine
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from spec_schema.diagnostics.diagnostic import Findings

@@ -9,8 +9,8 @@ import numpy as np
 
 from backends.c_language.literals import Dtype
 from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
-from compiler.kernels.trace.branch_cover import branch_cover
-from compiler.kernels.trace.evaluate import evaluate
+from compiler.kernels.branch_cover import branch_cover
+from compiler.kernels.evaluate import evaluate
 
 Case = tuple[tuple[float, ...], float]
 

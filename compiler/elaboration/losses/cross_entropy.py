@@ -1,8 +1,6 @@
-"""`cross_entropy(logits, target)`: how improbable the recorded class is by the model."""
+"""`cross_entropy(logits, target)`: how improbable the recorded class is by the context."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,18 +9,16 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
 from compiler.ir.program import NodeId
 from compiler.ir.types import WINDOW, Axis, describe_axes
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower_all
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import shapes
 from spec_schema.expressions.tree import Call
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 
 def lower_cross_entropy(
-    model: Model, call: Call, environment: Environment
+    context: Context, call: Call, environment: Environment
 ) -> tuple[NodeId, NodeId]:
     """−Σᵢ pᵢ log softmax(z)ᵢ = log Σᵢ exp(zᵢ − m) + Σᵢ pᵢ (m − zᵢ), m the largest z, Σᵢ pᵢ = 1.
 
@@ -30,8 +26,8 @@ def lower_cross_entropy(
     along the same axis, or without it the number of the class, counted from 0. Returns the cost
     and what is NaN where the target is missing, else 0.
     """
-    builder = model.builder(environment)
-    logits, target = lower_all(model, call.arguments, environment)
+    builder = context.builder(environment)
+    logits, target = lower_all(context, call.arguments, environment)
     axes = builder.type(logits).axes
     classes = next((axis for axis in reversed(axes) if axis.name != WINDOW), None)
     rest = tuple(axis for axis in axes if axis != classes)
@@ -41,7 +37,7 @@ def lower_cross_entropy(
         wanted = f"{describe_axes(axes)} or {describe_axes(rest)}" if classes else "a vector"
         argument = call.arguments[0 if classes is None else 1]
         shown = describe_axes(axes if classes is None else found)
-        model.findings.report(shapes.wrong_axes(what, wanted, shown, argument.span))
+        context.findings.report(shapes.wrong_axes(what, wanted, shown, argument.span))
         raise LoweringFailed
     shares, missing = _shares(builder, target, axes, classes)
     largest = largest_along(builder, logits, classes)

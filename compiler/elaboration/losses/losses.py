@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING
 
 from compiler.elaboration.losses.cross_entropy import lower_cross_entropy
 from compiler.elaboration.losses.loss_terms import terms_of
@@ -11,6 +10,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.liveness import reads_simulation
 from compiler.ir.program import Loss, Measure, NodeId, Output
 from compiler.ir.types import Type
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
@@ -18,9 +18,6 @@ from spec_schema.errors import names
 from spec_schema.expressions.language import LOSS_FUNCTIONS
 from spec_schema.expressions.tree import Call, Expression
 from spec_schema.sections.signals import Loss as LossEntry
-
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
 _LOSS = Environment(Part.LOSS)
 _COMPARING = {
@@ -32,20 +29,20 @@ _COMPARING = {
 _PENALTIES = ("l1", "l2")
 
 
-def lower_loss(model: Model, name: str, entry: LossEntry) -> list[Loss]:
+def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
     """The terms of a `losses:` entry: one under its name, or `NAME.mse`, `NAME.mae`, ….
 
     Each term has the entry's weight, which a stage can replace, and its own share of the entry.
     """
-    terms = terms_of(model, entry.expr)
+    terms = terms_of(context, entry.expr)
     losses: list[Loss] = []
     taken = Counter[str]()
     for term in terms:
         if term.function is not None:
             assert isinstance(term.expression, Call)
-            measure, prediction, target = _measured(model, term.function, term.expression)
+            measure, prediction, target = _measured(context, term.function, term.expression)
         else:
-            cost = lower(model, term.expression, _LOSS)
+            cost = lower(context, term.expression, _LOSS)
             measure, prediction, target = Measure.MEAN, cost, None
         label = term.function or "cost"
         taken[label] += 1
@@ -56,38 +53,38 @@ def lower_loss(model: Model, name: str, entry: LossEntry) -> list[Loss]:
     return losses
 
 
-def default_loss(model: Model, output: Output) -> Loss:
+def default_loss(context: Context, output: Output) -> Loss:
     """mse of an output against what it predicts, under the output's name."""
     assert output.predicts is not None
-    builder = model.builder(_LOSS)
+    builder = context.builder(_LOSS)
     found = builder.type(output.node)
     ahead = output.predicts.ahead
     target = builder.log(output.predicts.signal, ahead, ahead, Type(found.axes, found.unit))
     return Loss(output.name, Measure.MSE, output.node, target, span=output.span)
 
 
-def _measured(model: Model, function: str, call: Call) -> tuple[Measure, NodeId, NodeId | None]:
+def _measured(context: Context, function: str, call: Call) -> tuple[Measure, NodeId, NodeId | None]:
     signature = LOSS_FUNCTIONS[function]
     if not signature.takes(len(call.arguments)) or call.keywords:
         found = len(call.arguments) + len(call.keywords)
-        model.findings.report(
+        context.findings.report(
             names.wrong_argument_count(function, signature.wanted, found, call.function.span)
         )
         raise LoweringFailed
-    builder = model.builder(_LOSS)
+    builder = context.builder(_LOSS)
     if function in _PENALTIES:
-        return Measure.MEAN, _penalty(model, function, call.arguments[0]), None
+        return Measure.MEAN, _penalty(context, function, call.arguments[0]), None
     if function == "cross_entropy":
-        cost, missing = lower_cross_entropy(model, call, _LOSS)
+        cost, missing = lower_cross_entropy(context, call, _LOSS)
         # only what was recorded can be missing
         return Measure.MEAN, cost, None if reads_simulation(builder.graph(), missing) else missing
     if len(call.arguments) == 1:  # what is compared with nothing is compared with 0
-        value = lower(model, call.arguments[0], _LOSS)
+        value = lower(context, call.arguments[0], _LOSS)
         type = builder.type(value)
         zero = builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
         return _COMPARING[function], value, zero
-    prediction, target = lower_all(model, call.arguments, _LOSS)
-    with aligning(model, function, call, call.arguments[0], call.arguments[1]):
+    prediction, target = lower_all(context, call.arguments, _LOSS)
+    with aligning(context, function, call, call.arguments[0], call.arguments[1]):
         builder.subtract(prediction, target)  # compares the units of the two
         prediction, target, _ = builder.aligned(prediction, target)
     return _COMPARING[function], *_scored(builder, prediction, target)
@@ -109,7 +106,7 @@ def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[
     return difference, builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
 
 
-def _penalty(model: Model, function: str, argument: Expression) -> NodeId:
-    builder = model.builder(_LOSS)
-    value = lower(model, argument, _LOSS)
+def _penalty(context: Context, function: str, argument: Expression) -> NodeId:
+    builder = context.builder(_LOSS)
+    value = lower(context, argument, _LOSS)
     return builder.apply("abs", value) if function == "l1" else builder.power(value, 2)

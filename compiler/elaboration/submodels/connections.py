@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import same_unit
 from compiler.ir.types import WINDOW, describe_axes
 from compiler.linking.connected import Connected
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import submodels as errors
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 
 def fitted_to_input(
-    model: Model,
+    context: Context,
     builder: GraphBuilder,
     node: NodeId,
     name: str,
@@ -31,14 +27,14 @@ def fitted_to_input(
     """
     signal = entry.feeds
     declaration = signal.place.key
-    wanted = model.arrays.axes_of(signal)
+    wanted = context.axes_of(signal)
     found = builder.type(node)
     is_window = environment.window is not None
     window = tuple(axis for axis in found.axes if axis.name == WINDOW and is_window)
     if not set(found.axes) <= {*wanted, *window}:
         expected, actual = describe_axes(wanted), describe_axes(found.axes)
         place = entry.expr.span
-        model.findings.report(errors.connection_axes(name, expected, actual, place, declaration))
+        context.findings.report(errors.connection_axes(name, expected, actual, place, declaration))
         raise LoweringFailed
     if signal.unit is not None:
         unit = signal.unit.value
@@ -46,7 +42,7 @@ def fitted_to_input(
             builder.set_unit(node, unit)
         elif not same_unit(found.unit, unit):
             place = entry.expr.span
-            model.findings.report(
+            context.findings.report(
                 errors.connection_unit(name, unit.text, found.unit.text, place, declaration)
             )
     return builder.broadcast(node, (*wanted, *window))

@@ -28,7 +28,7 @@ def read_values(context: LayerContext, count: int) -> Arguments:
     """Exactly so many values."""
     wanted = f"{count} argument{'s' if count > 1 else ''}"
     _check_count(context, wanted, len(context.call.arguments) == count)
-    return tuple(lower_all(context.model, context.call.arguments, context.environment))
+    return tuple(lower_all(context.lowering, context.call.arguments, context.environment))
 
 
 def read_value(context: LayerContext, settings: Entry) -> Arguments:
@@ -61,7 +61,7 @@ def read_elements(context: LayerContext, settings: Entry) -> Arguments:
     """
     del settings
     _check_count(context, "1 or more arguments", bool(context.call.arguments))
-    nodes = lower_all(context.model, context.call.arguments, context.environment)
+    nodes = lower_all(context.lowering, context.call.arguments, context.environment)
     builder = context.builder
     if len(nodes) == 1 and context.elements(nodes[0]):
         return tuple(nodes)
@@ -80,21 +80,21 @@ def read_elements(context: LayerContext, settings: Entry) -> Arguments:
 def read_window(context: LayerContext, settings: Windowed) -> Arguments:
     """The window that a filter runs over: its own of the argument, or the argument's (R1)."""
     _check_count(context, "1 argument", len(context.call.arguments) == 1)
-    model, argument = context.model, context.call.arguments[0]
+    lowering, argument = context.lowering, context.call.arguments[0]
     is_window = isinstance(argument, Past | Future) or (
         isinstance(argument, Window) and argument.last is not None
     )
     if settings.window is not None and not is_window:
-        taps = model.sampling.samples(settings.window)
-        if model.sampling.sample_time is None:
+        taps = lowering.sampling.samples(settings.window)
+        if lowering.sampling.sample_time is None:
             context.refuse(time.needs_sample_time("a `window:`", argument.span))
-        return (window_of(model, argument, context.environment, 1 - taps, 0),)
-    node = lower(model, argument, context.environment)
+        return (window_of(lowering, argument, context.environment, 1 - taps, 0),)
+    node = lower(lowering, argument, context.environment)
     found = context.builder.type(node).window
     if found is None:
         context.refuse(shapes.window_needed(context.name, argument.span))
-    if settings.window is not None and model.sampling.samples(settings.window) != found:
-        wanted = f"{model.sampling.samples(settings.window)} samples"
+    if settings.window is not None and lowering.sampling.samples(settings.window) != found:
+        wanted = f"{lowering.sampling.samples(settings.window)} samples"
         what = f"the window of `{context.name}`"
         context.refuse(shapes.wrong_axes(what, wanted, f"{found} samples", argument.span))
     return (node,)

@@ -8,6 +8,7 @@ from compiler.ir.program import NodeId
 from compiler.ir.scalar_functions import Array
 from compiler.ir.types import Axis
 from compiler.layers.rules.layer_context import LayerContext
+from compiler.lowering.constants import evaluate
 from spec_schema.errors import names
 from spec_schema.expressions.tree import Expression
 from spec_schema.units.unit import Unit
@@ -15,7 +16,7 @@ from spec_schema.units.unit import Unit
 
 def ascending(context: LayerContext, expression: Expression, layer: str, what: str) -> Array:
     """The numbers of an option, known at compile time; refused unless they ascend."""
-    values = context.model.constants.evaluate(expression).values.ravel()
+    values = evaluate(context.lowering, expression).values.ravel()
     if np.any(np.diff(values) <= 0) or not np.all(np.isfinite(values)):
         context.refuse(names.unfit_setting(layer, f"the {what} must ascend", expression.span))
     return values

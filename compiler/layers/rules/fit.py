@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from compiler.ir.fit import FilterKind, Fit, filter_arrays
+from compiler.layers.rules.layer_context import LayerContext
 from compiler.linking.connected import Connected
 from compiler.lowering.predictions import prediction_of
 from compiler.lowering.scope import Kind, owner_of
@@ -14,9 +15,6 @@ from spec_schema.errors import names
 from spec_schema.expressions.tree import Name
 from spec_schema.fields.formulas import Prediction
 from spec_schema.sections.signals import Signal, State
-
-if TYPE_CHECKING:
-    from compiler.layers.rules.layer_context import LayerContext
 
 
 @dataclass(frozen=True)
@@ -36,19 +34,19 @@ def declare_fit(context: LayerContext, wanted: Prediction, orders: Orders) -> No
     A layer of a sub-model whose input is connected has no input of the data to follow, and one
     with given or frozen weights has nothing to find: they start as they would without `fit`.
     """
-    model, name = context.model, context.name
-    argument = model.scope.get(_name(context))
+    lowering, name = context.lowering, context.name
+    argument = lowering.scope.get(_name(context))
     if owner_of(name) and argument is not None and isinstance(argument.entry, Connected):
         return
     arrays = filter_arrays(orders.kind, orders.num, orders.den, orders.feedthrough)
-    if any(model.given.settles(f"{name}.{array}") for array in arrays):
+    if any(lowering.given.settles(f"{name}.{array}") for array in arrays):
         return
     if context.cells:
         _refuse(context, "`fit` is not for the cells of a local model", wanted.span)
-    target = prediction_of(model, wanted, "fit")
-    entry = model.scope[target.signal].entry
+    target = prediction_of(lowering, wanted, "fit")
+    entry = lowering.scope[target.signal].entry
     assert isinstance(entry, Signal | State)
-    if model.arrays.axes_of(entry):
+    if lowering.axes_of(entry):
         _refuse(context, f"`fit` needs a scalar, and `{target.signal}` is none", wanted.span)
     fit = Fit(
         kind=orders.kind,
@@ -61,18 +59,18 @@ def declare_fit(context: LayerContext, wanted: Prediction, orders: Orders) -> No
         feedthrough=orders.feedthrough,
         radius=orders.radius,
     )
-    if model.fits.setdefault(name, fit) != fit:
+    if context.stores.fits.setdefault(name, fit) != fit:
         problem = f"`fit` is for one input, and `{name}` is called with two"
         _refuse(context, problem, context.call.arguments[0].span, "this argument")
 
 
 def _input(context: LayerContext) -> str:
     """The scalar input that the layer is called with."""
-    arguments, model = context.call.arguments, context.model
+    arguments, lowering = context.call.arguments, context.lowering
     name = _name(context)
-    declared = model.scope.get(name)
+    declared = lowering.scope.get(name)
     entry = declared.entry if declared and declared.kind is Kind.INPUT else None
-    if not isinstance(entry, Signal) or model.arrays.axes_of(entry):
+    if not isinstance(entry, Signal) or lowering.axes_of(entry):
         problem = "`fit` needs one scalar input as the argument"
         _refuse(context, problem, arguments[0].span, "this argument")
     return name

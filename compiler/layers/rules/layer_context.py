@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NoReturn
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
 from compiler.ir.builder import GraphBuilder
+from compiler.ir.fit import Fit
 from compiler.ir.program import NodeId, Statistic
 from compiler.ir.rules.op_rules import LARGEST_SIZE
 from compiler.ir.scalar_functions import Array
 from compiler.ir.types import WINDOW, Axis, describe_axes
+from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.arrays.initial_values import initial_values
 from compiler.lowering.arrays.named_draws import generator_of
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Argument, Environment
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -27,23 +30,42 @@ from spec_schema.fields.located import Located
 from spec_schema.sections.values import Initializer
 from spec_schema.units.unit import Unit
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-    from compiler.layers.rules.layer_rule import AnyRule
+
+class CellRule(Protocol):
+    """How a layer made of layers has another one read its arguments and expand."""
+
+    @property
+    def read(self) -> Callable[[LayerContext, Any], tuple[NodeId, ...]]: ...
+    @property
+    def expand(self) -> Callable[[LayerContext, Any, tuple[NodeId, ...]], NodeId]: ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class LayerStores:
+    """What the layers of one spec leave for their next calls."""
+
+    arrays: Arrays
+    first_calls: dict[str, str] = field(default_factory=dict[str, str])
+    """Shapes of the arguments of each layer's first call."""
+    normalized: dict[str, str] = field(default_factory=dict[str, str])
+    """The signal whose statistics each `normalize` layer has."""
+    fits: dict[str, Fit] = field(default_factory=dict[str, Fit])
+    """What each layer with `fit:` starts at."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LayerContext:
     """One call of a layer."""
 
     name: str
     """Name of the layer in the spec; its arrays are called `name.weight` and so on."""
-    model: Model
+    lowering: Context
+    stores: LayerStores
     call: Call
     environment: Environment
     span: Span
     """Place of the layer's declaration."""
-    rule_of: Callable[[Entry], AnyRule] = field(repr=False)
+    rule_of: Callable[[Entry], CellRule] = field(repr=False)
     """The rule of another layer's settings, for layers made of layers."""
     cells: tuple[Axis, ...] = ()
     """Axes of a local model's activations: every cell has weights of its own."""
@@ -53,7 +75,7 @@ class LayerContext:
     @property
     def builder(self) -> GraphBuilder:
         """The graph that the call's nodes belong to."""
-        return self.model.builder(self.environment)
+        return self.lowering.builder(self.environment)
 
     def in_cells(self, cells: tuple[Axis, ...]) -> LayerContext:
         """The context of a cell of a local model."""
@@ -61,12 +83,12 @@ class LayerContext:
 
     def refuse(self, diagnostic: Diagnostic) -> NoReturn:
         """Gives the call up after this mistake."""
-        self.model.findings.report(diagnostic)
+        self.lowering.findings.report(diagnostic)
         raise LoweringFailed
 
     def axis(self, dimension: Located[str]) -> Axis:
         """The axis of a name of `dims:`."""
-        return self.model.dimension(dimension.value, dimension.span)
+        return self.lowering.dimension(dimension.value, dimension.span)
 
     def out(self, dimension: Located[str] | None) -> tuple[Axis, ...]:
         """The axis that `out:` names, none for a scalar."""
@@ -97,12 +119,12 @@ class LayerContext:
         """
         full = self._admitted(axes)
         values = np.broadcast_to(np.asarray(initial, dtype=float), [axis.size for axis in full])
-        type = self.model.arrays.declare(
+        type = self.stores.arrays.declare(
             f"{self.name}.{suffix}", full, values, unit, doc, self.span, (low, high)
         )
         if type.axes != full:
             self._called_differently()
-        return self.model.arrays.read(self.builder, f"{self.name}.{suffix}")
+        return self.stores.arrays.read(self.builder, f"{self.name}.{suffix}")
 
     def measured(
         self, suffix: str, statistic: Statistic, axes: tuple[Axis, ...], unit: Unit | None
@@ -111,7 +133,7 @@ class LayerContext:
         name = f"{self.name}.{suffix}"
         values = np.full([axis.size for axis in axes], 0.0 if statistic.kind == "mean" else 1.0)
         doc = f"{statistic.kind} of `{statistic.signal}` in the training data"
-        arrays = self.model.arrays
+        arrays = self.stores.arrays
         arrays.declare(name, axes, values, unit, doc, self.span, (None, None), statistic)
         return arrays.read(self.builder, name)
 
@@ -122,8 +144,8 @@ class LayerContext:
         full = self._admitted(axes)
         name = f"{self.name}.{suffix}"
         if initializer is not None:
-            return initial_values(self.model, name, initializer, full)
-        generator = generator_of(name, self.model.draw)
+            return initial_values(self.lowering, name, initializer, full)
+        generator = generator_of(name, self.lowering.draw)
         return generator.uniform(-bound, bound, tuple(axis.size for axis in full))
 
     def dropout(self, value: NodeId, rate: float) -> NodeId:
@@ -147,9 +169,9 @@ class LayerContext:
         )
         given = tuple(Name(name, span) for name in arguments)
         # in a sub-model everything that is declared has a dot
-        is_language = self.model.is_of_submodel(self.name) and "." not in function.value
+        is_language = self.lowering.is_of_submodel(self.name) and "." not in function.value
         kind = LanguageName if is_language else Name
-        result = self.model.call(Call(kind(function.value, span), given, (), span), inner)
+        result = self.lowering.names.call(Call(kind(function.value, span), given, (), span), inner)
         axes = self.builder.type(nodes[0]).axes
         found = self.builder.type(result).axes
         if set(found) != set(axes):
@@ -160,7 +182,7 @@ class LayerContext:
     def with_arguments(self, nodes: Sequence[NodeId]) -> LayerContext:
         """The context of a call whose arguments are known; the first call's shapes stay known."""
         shapes_of = " and ".join(describe_axes(self.builder.type(node).axes) for node in nodes)
-        self.model.first_calls.setdefault(self.name, shapes_of)
+        self.stores.first_calls.setdefault(self.name, shapes_of)
         return replace(self, called_with=shapes_of)
 
     def _admitted(self, axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
@@ -173,6 +195,6 @@ class LayerContext:
         return full
 
     def _called_differently(self) -> NoReturn:
-        before = self.model.first_calls[self.name]
+        before = self.stores.first_calls[self.name]
         place = self.call.arguments[0].span
         self.refuse(shapes.layer_called_differently(self.name, before, self.called_with, place))

@@ -47,7 +47,7 @@ class Memory:
         context: LayerContext, arguments: Arguments, axes: tuple[Axis, ...], unit: Unit | None
     ) -> Memory:
         """The state with these axes after the cells', one for each signal."""
-        name = context.model.memories.name(context.name, arguments)
+        name = context.lowering.memories.name(context.name, arguments)
         return Memory(context, name, Type((*context.cells, *axes), unit))
 
     def value(self) -> NodeId:
@@ -67,7 +67,7 @@ class Memory:
             doc=doc,
             span=context.span,
         )
-        context.model.memories.keep(state)
+        context.lowering.memories.keep(state)
 
 
 def starting(context: LayerContext) -> LayerContext:
@@ -82,7 +82,7 @@ def initial_value(
     start = starting(context)
     if expression is None:
         return start.builder.constant(0.0)
-    node = lower(context.model, expression, start.environment)
+    node = lower(context.lowering, expression, start.environment)
     found = start.builder.type(node).axes
     if not set(found) <= set(fits):
         what = f"`init` of `{context.name}`"

@@ -16,14 +16,14 @@ def named_array(context: LayerContext, reference: Located[str], axes: tuple[Axis
     It has them in this order. The dims of the spec must be the same; the samples of a window,
     elements of a list and axes inside the layer have no name there, and only their sizes count.
     """
-    model, name, place = context.model, reference.value, reference.span
-    declared = model.declared(name, place)
+    lowering, name, place = context.lowering, reference.value, reference.span
+    declared = lowering.names.declared(name, place)
     if not isinstance(declared.entry, Parameter):
         problem = f"`{name}` is {declared.kind.value}, not a parameter"
         repair = "name one of `parameters:`"
         context.refuse(names.unfit_setting(f"`{context.name}`", problem, place, repair))
-    model.arrays.parameter(name, declared.entry)
-    node = model.arrays.read(context.builder, name)
+    context.stores.arrays.parameter(name, declared.entry)
+    node = context.stores.arrays.read(context.builder, name)
     full = (*context.cells, *axes)
     found = context.builder.type(node).axes
     fits = len(found) == len(full) and all(
@@ -40,4 +40,4 @@ def named_array(context: LayerContext, reference: Located[str], axes: tuple[Axis
 
 
 def _is_dim(context: LayerContext, axis: Axis) -> bool:
-    return axis.name in context.model.scope
+    return axis.name in context.lowering.scope

@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId, Parameter, Statistic
-from compiler.ir.rules.unit_rules import same_unit
 from compiler.ir.scalar_functions import Array
 from compiler.ir.types import Axis, Type
 from compiler.lowering.arrays.initial_values import initial_values
+from compiler.lowering.context import Context
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.ranges import limit_in
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import names, units
-from spec_schema.sections.signals import Equation, Output, Signal, State
+from spec_schema.errors import names
 from spec_schema.sections.values import Parameter as ParameterEntry
 from spec_schema.units.unit import Unit
-
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
 
 
 class Arrays:
     """The parameters of a model and the arrays of its layers, each declared once."""
 
-    def __init__(self, model: Model) -> None:
-        self._model = model
+    def __init__(self, context: Context) -> None:
+        self._context = context
         self._parameters: dict[str, Parameter] = {}
         self._failed: set[str] = set()
 
@@ -66,15 +61,15 @@ class Arrays:
         return Type(found.axes, found.unit)
 
     def _declared(self, name: str, entry: ParameterEntry) -> Parameter:
-        axes = self.axes_of(entry)
+        axes = self._context.axes_of(entry)
         unit = entry.unit.value if entry.unit else None
-        initial = initial_values(self._model, name, entry.init, axes)
-        low = None if entry.min is None else limit_in(self._model, entry.min, unit)
-        high = None if entry.max is None else limit_in(self._model, entry.max, unit)
+        initial = initial_values(self._context, name, entry.init, axes)
+        low = None if entry.min is None else limit_in(self._context, entry.min, unit)
+        high = None if entry.max is None else limit_in(self._context, entry.max, unit)
         span = entry.init.place.value
         if low is not None and high is not None and low >= high:
             assert entry.min is not None
-            self._model.findings.report(
+            self._context.findings.report(
                 names.unfit_constant(
                     f"`{name}`", "has no room: `min` is not below `max`", entry.min.span
                 )
@@ -88,7 +83,7 @@ class Arrays:
             least = "-inf" if low is None else f"{low:g}"
             most = "inf" if high is None else f"{high:g}"
             problem = f"must lie inside its bounds {least} … {most}, not on or beyond them"
-            self._model.findings.report(names.unfit_constant(f"`{name}`", problem, span))
+            self._context.findings.report(names.unfit_constant(f"`{name}`", problem, span))
             raise LoweringFailed
         return Parameter(
             name,
@@ -132,7 +127,7 @@ class Arrays:
     def _with_given(self, parameter: Parameter) -> Parameter:
         """The parameter with the value that the weights of its sub-model have."""
         shape = tuple(axis.size for axis in parameter.axes)
-        given = self._model.given.value(parameter.name, shape)
+        given = self._context.given.value(parameter.name, shape)
         if given is None:
             return parameter
         values = tuple(float(value) for value in given.ravel())
@@ -140,26 +135,4 @@ class Arrays:
 
     def _is_constant(self, parameter: Parameter) -> bool:
         """Frozen with its sub-model; a statistic that no weights give is first to be found."""
-        return parameter.statistic is None and self._model.given.is_frozen(parameter.name)
-
-    # ---- axes and units of entries
-
-    def axes_of(self, entry: Signal | State | ParameterEntry) -> tuple[Axis, ...]:
-        """The axes that an entry's `dims:` name."""
-        return tuple(self._model.dimension(dim.value, dim.span) for dim in entry.dims)
-
-    def agree_on_unit(
-        self, builder: GraphBuilder, node: NodeId, name: str, entry: Equation | Output
-    ) -> None:
-        """Gives a value of unknown unit the declared one; reports one that is known and differs."""
-        if entry.unit is None:
-            return
-        found = builder.type(node).unit
-        if found is None:
-            builder.set_unit(node, entry.unit.value)
-        elif not same_unit(found, entry.unit.value):
-            self._model.findings.report(
-                units.declared_unit_differs(
-                    name, found.text, entry.unit.value.text, entry.expr.span
-                )
-            )
+        return parameter.statistic is None and self._context.given.is_frozen(parameter.name)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from compiler.ir.scalar_functions import Array
 from compiler.ir.types import Axis, describe_axes
 from compiler.lowering.arrays.named_draws import generator_of
 from compiler.lowering.arrays.number_file import UnusableFileError, read_numbers
+from compiler.lowering.constants import evaluate, shaped
+from compiler.lowering.context import Context
 from compiler.lowering.environment import Argument, Environment, Part
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.source import Span
@@ -27,40 +27,37 @@ from spec_schema.sections.values import (
     UniformInitializer,
 )
 
-if TYPE_CHECKING:
-    from compiler.elaboration.names import Model
-
 
 def initial_values(
-    model: Model, name: str, initializer: Initializer, axes: tuple[Axis, ...]
+    context: Context, name: str, initializer: Initializer, axes: tuple[Axis, ...]
 ) -> Array:
     """The numbers of `init:` in the shape of the axes; draws depend on the array's name only."""
     shape = tuple(axis.size for axis in axes)
     match initializer.choice:
         case NormalInitializer() as normal:
-            return generator_of(name, model.draw).normal(normal.mean, normal.std, shape)
+            return generator_of(name, context.draw).normal(normal.mean, normal.std, shape)
         case UniformInitializer() as uniform:
-            return generator_of(name, model.draw).uniform(uniform.min, uniform.max, shape)
+            return generator_of(name, context.draw).uniform(uniform.min, uniform.max, shape)
         case ExpInitializer() | NegexpInitializer() | LinInitializer() as shaped:
-            position = _position(model, name, shaped, axes)
+            position = _position(context, name, shaped, axes)
             along = [1] * len(axes)
             along[position : position + 1] = shape[position : position + 1]
             count = shape[position] if axes else 1
             return np.broadcast_to(_profile(shaped, count).reshape(along), shape)
         case Located() as file:
-            return _from_file(model, file, axes)
+            return _from_file(context, file, axes)
         case expression:
-            return _of_index(model, name, expression, axes)
+            return _of_index(context, name, expression, axes)
 
 
-def _position(model: Model, name: str, shaped: Shaped, axes: tuple[Axis, ...]) -> int:
+def _position(context: Context, name: str, shaped: Shaped, axes: tuple[Axis, ...]) -> int:
     """Which axis the values change along: the named one, by default the last."""
     if shaped.along is None:
         return max(len(axes) - 1, 0)
     for position, axis in enumerate(axes):
         if axis.name == shaped.along.value:
             return position
-    model.findings.report(
+    context.findings.report(
         shapes.no_such_axis(name, shaped.along.value, describe_axes(axes), shaped.along.span)
     )
     raise LoweringFailed
@@ -78,21 +75,19 @@ def _profile(shaped: Shaped, count: int) -> Array:
             return first + (last - first) * x
 
 
-def _of_index(model: Model, name: str, expression: Expression, axes: tuple[Axis, ...]) -> Array:
+def _of_index(context: Context, name: str, expression: Expression, axes: tuple[Axis, ...]) -> Array:
     """A list fills the array in its order; a formula of the index aligns by name."""
-    found = model.constants.evaluate_in(
-        expression, _with_indices(model, name, axes, expression.span)
-    )
+    found = evaluate(context, expression, _with_indices(context, name, axes, expression.span))
     if axes and found.axes and set(found.axes) <= set(axes):
         order = [found.axes.index(axis) for axis in axes if axis in found.axes]
         shape = [axis.size if axis in found.axes else 1 for axis in axes]
         values = found.values.transpose(order).reshape(shape)
         full = np.broadcast_to(values, [axis.size for axis in axes])
-        return model.constants.fitted(name, full, axes, expression.span)
-    return model.constants.fitted(name, found.values, axes, expression.span)
+        return shaped(context, name, full, axes, expression.span)
+    return shaped(context, name, found.values, axes, expression.span)
 
 
-def _with_indices(model: Model, array: str, axes: tuple[Axis, ...], span: Span) -> Environment:
+def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Span) -> Environment:
     """Constants, and the indices where the spec declares nothing of that name.
 
     What a sub-model declares has a dot in its name: there a bare one is always an index.
@@ -100,7 +95,7 @@ def _with_indices(model: Model, array: str, axes: tuple[Axis, ...], span: Span) 
     plain = Environment(Part.CONSTANT)
     if not axes:
         return plain
-    builder = model.builder(plain)
+    builder = context.builder(plain)
     values = {
         index: builder.constant(np.arange(axis.size), (axis,))
         for index, axis in zip(INDICES, axes, strict=False)
@@ -109,24 +104,24 @@ def _with_indices(model: Model, array: str, axes: tuple[Axis, ...], span: Span) 
     arguments = {
         name: Argument(Name(name, span), plain, {plain.time: node})
         for name, node in values.items()
-        if name not in model.scope or model.is_of_submodel(array)
+        if name not in context.scope or context.is_of_submodel(array)
     }
     return Environment(Part.CONSTANT, arguments=arguments)
 
 
-def _from_file(model: Model, file: Located[str], axes: tuple[Axis, ...]) -> Array:
+def _from_file(context: Context, file: Located[str], axes: tuple[Axis, ...]) -> Array:
     """The numbers of a file: one row for each index of the axes before the last."""
     try:
         numbers = read_numbers(file.value, file.span.file)
     except UnusableFileError as error:
-        model.findings.report(names.unusable_numbers(file.value, str(error), file.span))
+        context.findings.report(names.unusable_numbers(file.value, str(error), file.span))
         raise LoweringFailed from None
     shape = tuple(axis.size for axis in axes)
     rows = (int(np.prod(shape[:-1], dtype=int)), shape[-1]) if axes else (1, 1)
     if numbers.shape != rows and not (rows[0] == 1 and numbers.shape == rows[::-1]):
         found, wanted = _described(numbers.shape), _described(rows)
         reason = f"it has {found}, and {describe_axes(axes)} needs {wanted}"
-        model.findings.report(names.unusable_numbers(file.value, reason, file.span))
+        context.findings.report(names.unusable_numbers(file.value, reason, file.span))
         raise LoweringFailed
     return numbers.reshape(shape)
 

@@ -89,7 +89,7 @@ def _native(plan: StagePlan, arguments: EngineArguments) -> AnyEngine:
         return LevenbergMarquardtEngine(*arguments, NativeSquares)
     if not isinstance(plan.optimizer, Lbfgs | TorchOptimizer):
         return NativeEngine(*arguments)
-    from msnn.training.engines.objectives import KernelObjective
+    from msnn.training.engines.torch.objectives import KernelObjective
     from msnn.training.engines.torch.torch_engine import TorchEngine
 
     return TorchEngine(*arguments, KernelObjective)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from msnn.verification.builds.harness import write_harness
 from msnn.verification.exported_c import ExportedC
-from msnn.verification.host.harness import write_harness
 from msnn.verification.proof_step import Check, Result, ToolFailedError, run_tool
 from msnn.verification.tools import CLANG, LIBFUZZER
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from msnn.verification.builds.golden_run import differences
+from msnn.verification.builds.harness import includes, write_harness
 from msnn.verification.exported_c import ExportedC
-from msnn.verification.host.golden_run import differences
-from msnn.verification.host.harness import includes, write_harness
 from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
 from msnn.verification.proof_step import Check, Result, ToolFailedError, run_tool
 from msnn.verification.tools import CLANG, CPPCHECK, GCC, GPP, Tool

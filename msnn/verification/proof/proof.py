@@ -12,8 +12,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from msnn.verification.builds.harness import write_harness
 from msnn.verification.exported_c import ExportedC, Member
-from msnn.verification.host.harness import write_harness
 from msnn.verification.proof.kernel_bounds import kernel_bounds
 from msnn.verification.proof_step import Check, Result, run_tool
 from msnn.verification.tools import FRAMA_C

@@ -14,8 +14,8 @@ from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.dropout_masks import factors_of
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError, batches_of
-from msnn.training.engines.objectives import KernelObjective, TorchObjective
 from msnn.training.engines.optimizer_state import flattened, placed_like, rebuilt
+from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
 from msnn.training.engines.torch.torch_optimizers import torch_optimizer
 from msnn.training.plans.epoch_order import shuffled
 from msnn.training.plans.stage_plan import StagePlan

@@ -6,11 +6,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from msnn.verification.boards.boards import BOARDS, Board
+from msnn.verification.builds.boards import BOARDS, Board
+from msnn.verification.builds.call_graph import stack_bound
+from msnn.verification.builds.golden_run import differences
+from msnn.verification.builds.harness import TEMPLATES, includes, write_harness, write_linker_script
 from msnn.verification.exported_c import ExportedC
-from msnn.verification.host.call_graph import stack_bound
-from msnn.verification.host.golden_run import differences
-from msnn.verification.host.harness import TEMPLATES, includes, write_harness, write_linker_script
 from msnn.verification.proof_step import Check, Figures, Result, run_tool
 from msnn.verification.tools import GCC
 

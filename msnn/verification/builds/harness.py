@@ -9,7 +9,7 @@ from typing import Any
 import jinja2
 
 import templates
-from msnn.verification.boards.boards import Board
+from msnn.verification.builds.boards import Board
 from msnn.verification.exported_c import ExportedC
 
 TEMPLATES = Path(templates.__path__[0]) / "verify"

@@ -1,0 +1,54 @@
+"""Evaluates the constants of a spec, each once."""
+
+from __future__ import annotations
+
+from compiler.lowering.constants import NamedArray, evaluate, shaped
+from compiler.lowering.context import Context
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.errors import names
+from spec_schema.sections.values import Constant
+
+
+class Constants:
+    """The entries of `constants:`."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._constants: dict[str, NamedArray | None] = {}
+        self._active: list[str] = []
+        """Constants being evaluated: one that is met again needs itself."""
+
+    def value(self, name: str, entry: Constant) -> NamedArray:
+        """The value of a `constants:` entry."""
+        if name in self._active:
+            circle = (*self._active[self._active.index(name) :], name)
+            self._context.findings.report(names.circular_constant(circle, entry.value.span))
+            raise LoweringFailed
+        if name not in self._constants:
+            self._constants[name] = None  # what a failed one leaves: its mistake is reported
+            self._active.append(name)
+            try:
+                self._constants[name] = self._evaluated(name, entry)
+            finally:
+                self._active.pop()
+        found = self._constants[name]
+        if found is None:
+            raise LoweringFailed
+        return found
+
+    def _evaluated(self, name: str, entry: Constant) -> NamedArray:
+        found = evaluate(self._context, entry.value)
+        unit = entry.unit.value if entry.unit else found.unit
+        if not entry.dims:
+            if len([axis for axis in found.axes if not axis.name]) > 1:
+                self._context.findings.report(
+                    names.unfit_constant(
+                        f"`{name}`", "is a matrix and needs `dims:`", entry.value.span
+                    )
+                )
+                raise LoweringFailed
+            return NamedArray(found.values, found.axes, unit)
+        axes = tuple(self._context.dimension(dim.value, dim.span) for dim in entry.dims)
+        return NamedArray(
+            shaped(self._context, name, found.values, axes, entry.value.span), axes, unit
+        )

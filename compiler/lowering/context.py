@@ -1,0 +1,121 @@
+"""What lowering has at hand everywhere: the spec, the graphs that grow, and what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import NodeId
+from compiler.ir.types import Axis, Type
+from compiler.linking.given_weights import GivenWeights
+from compiler.lowering.environment import Environment, Part, Time
+from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.gradient_sources import GradientSources
+from compiler.lowering.memories import Memories
+from compiler.lowering.sampling import Sampling
+from compiler.lowering.scope import Declared, Scope
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import shapes
+from spec_schema.expressions.tree import Call, Member, Name
+from spec_schema.sections.dimensions import Dimension
+from spec_schema.sections.signals import Signal, State
+from spec_schema.sections.spec import Spec
+from spec_schema.sections.values import Parameter
+
+
+class Names(Protocol):
+    """The meaning of every name of a spec; whoever lowers an expression asks here."""
+
+    def value(self, name: Name, environment: Environment) -> NodeId:
+        """The node of a bare name."""
+        ...
+
+    def member(self, member: Member, environment: Environment) -> NodeId:
+        """The node of `base.member`."""
+        ...
+
+    def call(self, call: Call, environment: Environment) -> NodeId:
+        """The value of a layer, function or builtin."""
+        ...
+
+    def declared(self, name: str, span: Span) -> Declared:
+        """The declaration of a name, which is in use then; reports an unknown one."""
+        ...
+
+    def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
+        """The right-hand side of a continuous state."""
+        ...
+
+    def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
+        """Every time at which an equation or output is lowered already, and its node there."""
+        ...
+
+    def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
+        """The node, or None where lowering fails; nothing is reported and nothing remembered."""
+        ...
+
+
+class Graphs:
+    """The graphs of a program while they grow."""
+
+    def __init__(self) -> None:
+        self._builders = {Part.START: GraphBuilder(), Part.CONSTANT: GraphBuilder()}
+        self._step = GraphBuilder()
+
+    def builder(self, environment: Environment) -> GraphBuilder:
+        """The graph that the environment's nodes belong to."""
+        return self._builders.get(environment.part, self._step)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Context:
+    """One lowering of a spec. Every field is a value or a collector; none knows how names lower."""
+
+    spec: Spec
+    findings: Findings
+    scope: Scope
+    sampling: Sampling
+    given: GivenWeights
+    names: Names
+    draw: int = 0
+    """Which initial values are drawn, where they are."""
+    graphs: Graphs = field(default_factory=Graphs)
+    memories: Memories = field(default_factory=Memories)
+    gradients: GradientSources = field(default_factory=GradientSources)
+    used: set[str] = field(default_factory=set[str])
+    """Names that something refers to."""
+    measured: dict[str, State] = field(default_factory=dict[str, State])
+    """States whose log is read somewhere (docs/language.md, States): the data must have them."""
+
+    def builder(self, environment: Environment) -> GraphBuilder:
+        """The graph that the environment's nodes belong to."""
+        return self.graphs.builder(environment)
+
+    def dimension(self, name: str, span: Span) -> Axis:
+        """The axis of a name of `dims:`."""
+        entry = self.scope[name].entry if name in self.scope else None
+        if not isinstance(entry, Dimension):
+            self.findings.report(shapes.unknown_dimension(name, span))
+            raise LoweringFailed
+        self.used.add(name)
+        return Axis(name, entry.size)
+
+    def labels(self, dimension: str) -> tuple[str, ...]:
+        """Labels of a dimension's elements; empty where it has none."""
+        entry = self.scope[dimension].entry if dimension in self.scope else None
+        return entry.labels if isinstance(entry, Dimension) else ()
+
+    def axes_of(self, entry: Signal | State | Parameter) -> tuple[Axis, ...]:
+        """The axes that an entry's `dims:` name."""
+        return tuple(self.dimension(dim.value, dim.span) for dim in entry.dims)
+
+    def type_of(self, entry: Signal | State | Parameter) -> Type:
+        """Axes and unit of one sample of an entry."""
+        return Type(self.axes_of(entry), entry.unit.value if entry.unit else None)
+
+    def is_of_submodel(self, name: str) -> bool:
+        """Whether a full name is a member of a sub-model."""
+        return name.partition(".")[0] in self.spec.use

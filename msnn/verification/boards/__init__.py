@@ -1,1 +1,0 @@
-"""Runs exported C bare-metal in QEMU."""
