@@ -77,6 +77,10 @@ class LevenbergMarquardtEngine:
         self.finished: str | None = None
         self._squares = squares(plan, series, train_rows, evaluation_rows)
 
+    def check(self, runs: Runs) -> None:
+        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        self._squares.check(runs, self.weights())
+
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
         return self._weights_at(self._raw)
