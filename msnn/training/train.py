@@ -226,7 +226,7 @@ class _Run:
 
     def _explained(self, attempt: StageRun, fault: NonFiniteLossError) -> Diagnostic:
         now, epoch = attempt.engine.weights(), attempt.epoch + 1
-        return explain_divergence(attempt.plan, self.data, now, fault.runs, epoch)
+        return explain_divergence(attempt.plan, self.data, now, fault, epoch)
 
     def _announce(self, plan: StagePlan, data: StageData) -> None:
         self.progress.stage_started(
