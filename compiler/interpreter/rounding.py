@@ -135,6 +135,8 @@ class BoundedGraph:
                 left, right = args
                 value = meaning([left.value, right.value], NOWHERE)
                 error, terms = left.error + right.error, left.terms + right.terms
+                if self._counts(left, terms) and self._counts(right, terms):
+                    return exact(value)
                 return self._sum(value, error, terms, left.count + right.count)
             case Sum(axis):
                 value, error, terms = (meaning([part], NOWHERE) for part in args[0].parts)
@@ -163,7 +165,8 @@ class BoundedGraph:
                 return self._extreme(self._extreme(x, low, least=False), high, least=True)
             case Compare():
                 left, right = (value.astype(float) for value in values)
-                allowed = spreads[0] + spreads[1]
+                # a value compared with itself asks whether it is a number
+                allowed = np.where(args[0] is args[1], 0.0, spreads[0] + spreads[1])
                 decided = (allowed == 0) | (np.abs(left - right) > allowed)
                 value = meaning(values, NOWHERE)
                 return Bounded(value, 1.0 - decided, value.astype(float), 1)
@@ -175,6 +178,11 @@ class BoundedGraph:
                 assert_never(op)
 
     # ---- rules
+
+    def _counts(self, one: Bounded, terms: Array) -> bool:
+        """Whether a value is a whole number without rounding; sums of such are exact too."""
+        whole = (one.value == np.rint(one.value)) & (one.error == 0.0) & (terms < 0.5 / self.unit)
+        return one.count == 1 and bool(whole.all())
 
     @property
     def _smallest(self) -> float:
