@@ -1,6 +1,8 @@
-"""The option `--accept`, by which golden files are written anew instead of compared."""
+"""The option `--accept`, and what every test runs under."""
 
 import pytest
+
+from msnn.training.engines.native.kernel_or_not import NO_FALLBACK
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -15,3 +17,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def accept(request: pytest.FixtureRequest) -> bool:
     """Whether golden files are to be written instead of compared."""
     return bool(request.config.getoption("--accept"))
+
+
+@pytest.fixture(autouse=True)
+def _no_mistake_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kernel of ours that is wrong or cannot be made fails a test, also one that runs msnn."""
+    monkeypatch.setenv(NO_FALLBACK, "1")
+
+
+@pytest.fixture
+def goes_on_without_kernels(
+    _no_mistake_is_passed_over: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For tests of what users see then."""
+    monkeypatch.delenv(NO_FALLBACK)

@@ -54,6 +54,11 @@ class Built:
     _checked: bool = False
 
     @property
+    def name(self) -> str:
+        """The name of its file in the cache, without the ending."""
+        return self.seal.stem
+
+    @property
     def is_checked(self) -> bool:
         """Whether somebody compared this kernel with the interpreter."""
         self._checked = self._checked or self.seal.exists()

@@ -28,7 +28,7 @@ class SensitivityKernel:
         made = sensitivity_source(found)
         self.source, self._width = made.source, made.width
         self.numbers = found.numbers
-        self.dtype = _DTYPE
+        self.dtype, self.lanes = _DTYPE, LANES["float64"]
         self._groups = group_type(LANES["float64"], _DTYPE)
         self.built = compiled_kernel(self.source.text)
         self._library = self.built.library

@@ -1,4 +1,4 @@
-"""E0930-E0939: second-order training, and what it says of the learned parameters."""
+"""E0930-E0939, E0985: second-order training, slopes, what they say of learned parameters."""
 
 from collections.abc import Mapping, Sequence
 
@@ -34,6 +34,23 @@ def not_of_second_order(key: str, reason: str, span: Span) -> Diagnostic:
         span,
         f"with `{key}:` in the same stage",
         help=f"leave `{key}:` out",
+    )
+
+
+def no_finite_slope(
+    stage: str, epoch: int, parameters: Sequence[str], span: Span | None
+) -> Diagnostic:
+    """E0985: a loss that is finite where its slope is infinite or NaN."""
+    where = f" in {' and '.join(f'`{name}`' for name in parameters)}" if parameters else ""
+    return Diagnostic(
+        "E0985",
+        "error",
+        f"stage `{stage}` ends in epoch {epoch}: the loss is finite, its slope{where} is not",
+        span,
+        "no finite slope here",
+        notes=("the best weights so far are kept",),
+        help="roots, logarithms and powers are infinitely steep at 0: keep their arguments away "
+        "from it (`sqrt(x + 1e-6)`), or begin elsewhere",
     )
 
 

@@ -111,8 +111,15 @@ def unknown_statistics(parameters: Iterable[str], span: Span | None) -> Diagnost
     )
 
 
-def diverged(stage: str, epoch: int, what: str, place: str, span: Span | None) -> Diagnostic:
+def diverged(
+    stage: str, epoch: int, what: str, place: str, span: Span | None, *, second_order: bool
+) -> Diagnostic:
     """E0913: training that produced a value that is not finite."""
+    first = (
+        "weights to begin with that are nearer"
+        if second_order
+        else "a smaller learning rate, `clip:`"
+    )
     return Diagnostic(
         "E0913",
         "error",
@@ -120,7 +127,7 @@ def diverged(stage: str, epoch: int, what: str, place: str, span: Span | None) -
         span,
         "the first value that is not finite",
         notes=("the best weights so far are kept",),
-        help="try a smaller learning rate, `clip:`, a shorter horizon, or bounds",
+        help=f"try {first}, a shorter horizon, or bounds",
     )
 
 

@@ -10,21 +10,25 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir import ops
 from compiler.ir.program import Node, NodeId, Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.data.starts import Runs
 from msnn.errors import training as errors
-from msnn.simulation.rollout import Moment, moments
+from msnn.errors.second_order import no_finite_slope
+from msnn.simulation.rollout import Moment, loss_sums, moments
+from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.sections.training.optimizers import LevenbergMarquardt
 
 
 def explain_divergence(
     plan: StagePlan,
     dataset: Dataset,
     weights: Mapping[str, FloatArray],
-    runs: Runs,
+    fault: NonFiniteLossError,
     epoch: int,
 ) -> Diagnostic:
     """Names the value that stopped being finite first, as the judge finds it in the same dtype."""
+    runs = fault.runs
+    second_order = isinstance(plan.optimizer, LevenbergMarquardt)
     program = plan.rollout.program
     for parameter in program.parameters:
         if not np.isfinite(weights[parameter.name]).all():
@@ -38,8 +42,17 @@ def explain_divergence(
                 start = int(moment.t[min(member, len(moment.t) - 1)]) - moment.number
                 place = f"at step {moment.number} of a rollout from {_place(dataset, start)}"
                 what = _described(origin) + ("" if inside is None else f" in `{inside}`")
-                return errors.diverged(plan.name, epoch, what, place, origin.span)
-    return errors.diverged(plan.name, epoch, "the loss", "summed over a batch", plan.span)
+                return errors.diverged(
+                    plan.name, epoch, what, place, origin.span, second_order=second_order
+                )
+    sums = loss_sums(judge, dataset.series, runs)
+    if fault.slopes or all(np.isfinite(one.total) for one in sums.values()):
+        spans = [program.parameter(name).span for name in fault.slopes]
+        return no_finite_slope(plan.name, epoch, fault.slopes, next(iter(spans), plan.span))
+    place = "summed over a batch"
+    return errors.diverged(
+        plan.name, epoch, "the loss", place, plan.span, second_order=second_order
+    )
 
 
 def _results(program: Program) -> list[NodeId]:

@@ -17,8 +17,12 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 def parameter_warnings(
     program: Program, weights: Mapping[str, FloatArray], found: StandardErrors | None
 ) -> list[Diagnostic]:
-    """A warning for every learned parameter at a bound, and for what the data do not determine."""
-    warnings = [
+    """A warning for every learned parameter at a bound, and for what the data do not determine.
+
+    What the standard errors themselves say comes first.
+    """
+    warnings = [] if found is None else list(found.notes)
+    warnings += [
         at_bound(parameter.name, parameter.span)
         for parameter in program.parameters
         if parameter.learn and is_at_bound(parameter, weights[parameter.name]).any()

@@ -16,13 +16,14 @@ from msnn.errors import training as errors
 from msnn.training.engines.devices import CPU, Device, on_device
 from msnn.training.engines.dropout_masks import factors_of
 from msnn.training.engines.engine import LossSums, batches_of
+from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
 from msnn.training.monitor import loss_values, monitor
 from msnn.training.plans.epoch_order import order_key, shuffled
 from msnn.training.plans.stage_data import StageData, stage_data
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.starts.initial_weights_of_run import first_weights
-from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.sections.training.training import Stage
 
 
@@ -52,7 +53,8 @@ class StageLoss(nn.Module):
     """The weighted total of one stage over a batch of rollouts; its backward is the kernel's.
 
     The parameters are raw variables, those of the stage with a gradient. With `engine: auto` it is
-    unrolled in torch where there is no C compiler. Raises SpecError for `engine: native` there.
+    unrolled in torch where there is no C compiler or no right kernel; `notes` say so. Raises
+    SpecError where `engine: native` cannot be had.
     """
 
     def __init__(
@@ -62,6 +64,8 @@ class StageLoss(nn.Module):
         self.plan = plan
         self._data, self._runs = data, runs
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
+        self.notes: tuple[Diagnostic, ...] = ()
+        """What the user should know of how it is computed."""
         self._model = build_module(plan.program, getattr(torch, plan.dtype), plan.device)
         self._model.load_physical(weights)
         for parameter in plan.program.parameters:
@@ -72,9 +76,19 @@ class StageLoss(nn.Module):
     def _opened(self) -> KernelObjective | TorchObjective:
         plan, runs = self.plan, self._runs
         arguments = (self._model, plan, self._data.series, runs.train_rows, runs.watched_rows)
+
+        def native(_: StagePlan) -> KernelObjective:
+            objective = KernelObjective(*arguments)
+            objective.check(runs.train)
+            return objective
+
         if plan.engine != "torch":
             try:
-                return KernelObjective(*arguments)
+                # parameters have the stage's precision already, so that there is no other to try
+                tried = try_natively(plan, native, in_double=False)
+                self.notes = tried.notes
+                if tried.made is not None:
+                    return tried.made
             except CompilerMissingError as error:
                 if plan.engine == "native":
                     found = errors.no_native_engine(plan.name, str(error), plan.span)

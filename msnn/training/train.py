@@ -175,16 +175,19 @@ class _Run:
         weights: Mapping[str, FloatArray],
         stop_asked: threading.Event,
     ) -> StageAttempts:
+        as_it_runs = plan  # a kernel that failed in one attempt is not tried in the next
+
         def opened(attempt: int) -> StageRun:
+            nonlocal as_it_runs
             begin = self._begin(plan, weights, attempt)
-            opened = open_engine(plan, self.data.series, begin, data)
-            engine = opened.engine
+            opened = open_engine(as_it_runs, self.data.series, begin, data)
+            engine, as_it_runs = opened.engine, opened.plan
             for note in opened.notes if attempt == 0 else ():
                 self.progress.warned(note)
             if engine.moved:
                 self.progress.warned(weight_errors.moved_off_bound(engine.moved))
             return StageRun(
-                plan,
+                opened.plan,
                 engine,
                 data,
                 self.program.spec_hash,
@@ -223,7 +226,7 @@ class _Run:
 
     def _explained(self, attempt: StageRun, fault: NonFiniteLossError) -> Diagnostic:
         now, epoch = attempt.engine.weights(), attempt.epoch + 1
-        return explain_divergence(attempt.plan, self.data, now, fault.runs, epoch)
+        return explain_divergence(attempt.plan, self.data, now, fault, epoch)
 
     def _announce(self, plan: StagePlan, data: StageData) -> None:
         self.progress.stage_started(

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from backends.c_language.literals import Dtype
-from backends.native import kernel as kernel_module
-from backends.native.kernel_source import KernelSource
-from compiler.differentiation.training_step import TrainingStep
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import Engine
-from msnn.training.engines.native.kernel_check import WrongKernelError
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
 from msnn.training.engines.torch.torch_engine import TorchEngine
@@ -189,28 +183,3 @@ def test_a_stage_says_why_it_runs_on_torch(monkeypatch: pytest.MonkeyPatch, tmp_
     _, plan = planned(text, "rollout: 4, engine: native")
     with pytest.raises(SpecError, match="install gcc, clang or"):
         open_engine(plan, log_of(program), initial(program), data)
-
-
-def test_a_kernel_that_is_wrong_never_trains(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Not in the run that builds it, and not in the next one, which finds it in the cache."""
-    require_tool("gcc", install="apt install gcc")
-    monkeypatch.setenv("MSNN_CACHE", str(tmp_path))
-    right = kernel_module.kernel_source
-
-    def wrong(step: TrainingStep, dtype: Dtype) -> KernelSource:
-        made = right(step, dtype)
-        text = made.text.replace(
-            "gradient[i] += slopes[i];", "gradient[i] += slopes[i] * (real)0.8;"
-        )
-        assert text != made.text
-        return replace(made, text=text)
-
-    monkeypatch.setattr(kernel_module, "kernel_source", wrong)
-    text, _ = MODELS["fir"]
-    program, plan = planned(text, "rollout: 4, dtype: float64")
-    for _ in range(2):
-        engine = NativeEngine(plan, log_of(program), initial(program), None, None)
-        with pytest.raises(WrongKernelError, match="slope"):
-            engine.train_batches(runs_of(4), BATCH)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from backends.gauss_newton_products import Products
 from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
 from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.torch.torch_squares import TorchSquares
+from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.progress import EpochEnd, Silent, StageEnd
-from msnn.training.train import TrainingOptions, TrainingResult, train
-from spec_schema.diagnostics.diagnostic import SpecError
+from msnn.training.train import TrainingDivergedError, TrainingOptions, TrainingResult, train
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.conditions import require_tool
 from tests.native.test_kernel import MODELS, initial, log_of
 from tests.training.cases import GAIN, compiled, dataset, gain, gain_series
@@ -250,3 +256,69 @@ def test_a_curriculum_goes_on_after_a_short_horizon_converged() -> None:
     (end,) = ends.stages
     assert 10 < end.epochs < 20
     assert end.reason == "converged"
+
+
+ROOT = """
+msnn: 1
+name: root
+inputs: {u: 1}
+targets: {z: 1}
+parameters: {k: FIRST}
+outputs: {y: {expr: "u * sqrt(max(k - 1, 0))", predicts: "z"}}
+train: [{epochs: 60, engine: ENGINE, optimizer: {levenberg_marquardt: {damping: 1e-6}}}]
+"""
+"""From k = 3 the first step ends below 1: the loss is smaller there, its slope 0 · ∞."""
+
+
+class NoSlopesBelow(NativeSquares):
+    """Squares whose slopes are NaN where `a` is below 0.9: the best is 0.8."""
+
+    def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:
+        found = super().products(runs, weights)
+        spoiled = np.nan if float(weights["a"]) < 0.9 else 1.0
+        return {name: replace(one, slope=one.slope * spoiled) for name, one in found.items()}
+
+
+def test_a_step_to_slopes_that_are_not_finite_is_not_taken(engine: str) -> None:
+    u = np.linspace(1, 2, 40)
+    series = {"u": u, "z": 0.1 * u}
+    found = run(ROOT.replace("ENGINE", engine).replace("FIRST", "3"), series)
+    assert found.weights["k"] == pytest.approx(1.01, rel=1e-6)
+
+
+def test_such_a_step_grows_the_damping() -> None:
+    require_tool("gcc", install="apt install gcc")
+    program, spec = gain("  - {epochs: 9, optimizer: {levenberg_marquardt: {damping: 1e-9}}}\n")
+    findings = Findings()
+    (plan,) = plan_stages(program, spec.train, findings)
+    series = gain_series(80)
+    first = {"a": np.array(1.5), "b": np.array(0.0)}
+    engine = LevenbergMarquardtEngine(plan, series, first, None, None, NoSlopesBelow)
+    runs = Runs(np.arange(5, 70), np.ones(65, np.int64), 0, 80)
+    before = np.inf
+    for _ in range(9):
+        (loss,) = engine.train_batches(runs, 65).values()
+        assert loss.total <= before
+        before = loss.total
+        assert engine.weights()["a"] >= 0.9
+    assert engine.weights()["a"] == pytest.approx(0.9, abs=0.02)
+
+
+def test_slopes_that_are_not_finite_at_the_start_are_named(engine: str) -> None:
+    u = np.linspace(1, 2, 40)
+    with pytest.raises(TrainingDivergedError) as caught:
+        run(ROOT.replace("ENGINE", engine).replace("FIRST", "1"), {"u": u, "z": 0.1 * u})
+    said = caught.value.diagnostic
+    assert said.code == "E0985"
+    assert "the loss is finite, its slope in `k` is not" in said.message
+    assert said.help is not None
+    assert "learning rate" not in said.help
+
+
+def test_advice_against_a_loss_that_is_not_finite_fits_the_optimiser(engine: str) -> None:
+    text = ROOT.replace("ENGINE", engine).replace("FIRST", "3")
+    with pytest.raises(TrainingDivergedError) as caught:
+        run(text.replace("max(k - 1, 0)", "1 - k"), {"u": np.ones(20), "z": np.ones(20)})
+    said = caught.value.diagnostic
+    assert said.code == "E0913"
+    assert said.help == "try weights to begin with that are nearer, a shorter horizon, or bounds"

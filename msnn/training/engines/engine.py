@@ -22,11 +22,15 @@ def batches_of(runs: Runs, size: int) -> Iterator[Runs]:
 
 
 class NonFiniteLossError(Exception):
-    """The loss of a batch, or a parameter after it, is infinite or NaN; `runs` is the batch."""
+    """The loss of a batch, its slope, or a parameter after it is infinite or NaN.
 
-    def __init__(self, runs: Runs) -> None:
+    `runs` is the batch; `slopes` names parameters in which the loss has no finite slope, where an
+    engine knows them.
+    """
+
+    def __init__(self, runs: Runs, slopes: tuple[str, ...] = ()) -> None:
         super().__init__("the loss of a batch is not finite")
-        self.runs = runs
+        self.runs, self.slopes = runs, slopes
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,8 @@
 
 A step δ of the raw variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F
 and 2A its curvature without second derivatives of residuals. D is the largest diagonal of A so far
-(Moré 1978), so that units do not matter; μ follows the gain of the last step (Nielsen 1999).
+(Moré 1978), so that units do not matter; μ follows the gain of the last step (Nielsen 1999). A step
+is taken where it lowers the total and slopes are finite there: the next one is made of these.
 """
 
 from __future__ import annotations
@@ -75,7 +76,13 @@ class LevenbergMarquardtEngine:
         self._damping = self._options.damping
         self._growth = 2.0
         self.finished: str | None = None
+        self._ahead: tuple[Runs, Mapping[str, Products]] | None = None
+        """The products at the present variables, where the last step has looked at them."""
         self._squares = squares(plan, series, train_rows, evaluation_rows)
+
+    def check(self, runs: Runs) -> None:
+        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        self._squares.check(runs, self.weights())
 
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
@@ -91,11 +98,10 @@ class LevenbergMarquardtEngine:
         if self.finished is not None:  # with other rollouts it goes on
             self.finished, self._damping, self._growth = None, self._options.damping, 2.0
         in_order = runs.take(np.argsort(runs.t0, kind="stable"))  # so that sums do not shuffle
-        products = self._squares.products(in_order, self.weights())
-        model = self._model(products)
-        if not np.isfinite(model.total) or not np.isfinite(model.slope).all():
-            raise NonFiniteLossError(runs)
-        self._descend(in_order, model)
+        products = self._products(in_order)
+        if not self._is_finite(products):
+            raise NonFiniteLossError(runs, self._without_slopes(products))
+        self._descend(in_order, self._model(products))
         return loss_sums_of(products)
 
     def order(self, count: int, key: int) -> IntArray:
@@ -126,8 +132,41 @@ class LevenbergMarquardtEngine:
         self._damping = float(state.structure["damping"])
         self._growth = float(state.structure["growth"])
         self.finished = state.structure["finished"]
+        self._ahead = None
 
     # ---- one step
+
+    def _products(self, runs: Runs) -> Mapping[str, Products]:
+        """The products at the present variables."""
+        if self._ahead is not None and _same(self._ahead[0], runs):
+            return self._ahead[1]
+        return self._squares.products(runs, self.weights())
+
+    def _is_finite(self, products: Mapping[str, Products]) -> bool:
+        """Whether a step can be made of these; rows of losses that do not count may be anything."""
+        return all(
+            np.isfinite(one.cost)
+            and np.isfinite(one.slope).all()
+            and np.isfinite(one.curvature).all()
+            for one in self._counting(products)
+        )
+
+    def _without_slopes(self, products: Mapping[str, Products]) -> tuple[str, ...]:
+        """The parameters in which a loss has no finite slope though its value is one."""
+        counting = self._counting(products)
+        if not all(np.isfinite(one.cost) for one in counting):
+            return ()
+        bad = np.zeros(len(self._raw), bool)
+        for one in counting:
+            bad |= ~np.isfinite(one.slope) | ~np.isfinite(np.diagonal(one.curvature))
+        return tuple(p.name for p, part in self._parts(bad) if part.any())
+
+    def _counting(self, products: Mapping[str, Products]) -> list[Products]:
+        return [
+            products[name]
+            for name, weight in self._plan.loss_weights.items()
+            if weight and products[name].count
+        ]
 
     def _model(self, products: Mapping[str, Products]) -> _Model:
         physical_by_raw = self._slopes_of_physical()
@@ -140,8 +179,6 @@ class LevenbergMarquardtEngine:
                 total += share * found.cost
                 slope += share * found.slope * physical_by_raw
                 curvature += share * found.curvature * np.outer(physical_by_raw, physical_by_raw)
-        if not np.isfinite(curvature).all():
-            return _Model(np.inf, slope, self._largest, curvature)
         self._largest = np.maximum(self._largest, np.diagonal(curvature))
         scale = self._scale()
         values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
@@ -156,9 +193,14 @@ class LevenbergMarquardtEngine:
                 break
             trial = self._raw + step
             total = self._total_at(runs, trial)
-            if total < model.total:
+            ahead = (
+                self._squares.products(runs, self._weights_at(trial))
+                if total < model.total
+                else None
+            )
+            if ahead is not None and self._is_finite(ahead):
                 gain = (model.total - total) / fall
-                self._raw = trial
+                self._raw, self._ahead = trial, (runs, ahead)
                 self._damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
                 self._growth = 2.0
                 if max(model.total - total, fall) <= self._options.tolerance * model.total:
@@ -204,3 +246,7 @@ class LevenbergMarquardtEngine:
             (parameter, part.reshape(shape))
             for parameter, part, shape in zip(self._parameters, parts, shapes, strict=True)
         ]
+
+
+def _same(one: Runs, other: Runs) -> bool:
+    return np.array_equal(one.t0, other.t0) and np.array_equal(one.steps, other.steps)

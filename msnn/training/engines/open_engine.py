@@ -11,6 +11,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.errors import training as errors
 from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
+from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.plans.stage_data import StageData
@@ -38,6 +39,8 @@ class OpenedEngine:
     """An engine ready for a stage, and what the user should know of the choice."""
 
     engine: AnyEngine
+    plan: StagePlan
+    """The stage as the engine runs it."""
     notes: tuple[Diagnostic, ...]
 
 
@@ -63,31 +66,43 @@ def open_engine(
 
     Raises SpecError where `engine: native` cannot be had.
     """
-    arguments = (plan, series, weights, data.train_rows, data.watched_rows)
+    given = (series, weights, data.train_rows, data.watched_rows)
     notes: tuple[Diagnostic, ...] = ()
     if plan.engine != "torch":
+
+        def native(as_it_runs: StagePlan) -> AnyEngine:
+            engine = _native((as_it_runs, *given))
+            engine.check(data.train)
+            return engine
+
+        second_order = isinstance(plan.optimizer, LevenbergMarquardt)  # float64 in any case
         try:
-            return OpenedEngine(_native(plan, arguments), ())
+            tried = try_natively(plan, native, in_double=not second_order)
+            if tried.made is not None:
+                return OpenedEngine(tried.made, tried.plan, tried.notes)
+            plan, notes = tried.plan, tried.notes
         except CompilerMissingError as error:
             if plan.engine == "native":
                 found = errors.no_native_engine(plan.name, str(error), plan.span)
                 raise SpecError((found,)) from None
             notes = (errors.torch_instead(plan.name, str(error), plan.span),)
+    arguments = (plan, *given)
     # torch takes seconds to import: only where it trains
     if isinstance(plan.optimizer, LevenbergMarquardt):
         from msnn.training.engines.torch.torch_squares import TorchSquares
 
-        return OpenedEngine(LevenbergMarquardtEngine(*arguments, TorchSquares), notes)
+        return OpenedEngine(LevenbergMarquardtEngine(*arguments, TorchSquares), plan, notes)
     from msnn.training.engines.torch.torch_engine import TorchEngine
 
-    return OpenedEngine(TorchEngine(*arguments), notes)
+    return OpenedEngine(TorchEngine(*arguments), plan, notes)
 
 
-def _native(plan: StagePlan, arguments: EngineArguments) -> AnyEngine:
+def _native(arguments: EngineArguments) -> AnyEngine:
     """Whole epochs in the kernel, or an optimiser outside along the kernel's slopes."""
-    if isinstance(plan.optimizer, LevenbergMarquardt):
+    optimizer = arguments[0].optimizer
+    if isinstance(optimizer, LevenbergMarquardt):
         return LevenbergMarquardtEngine(*arguments, NativeSquares)
-    if not isinstance(plan.optimizer, Lbfgs | TorchOptimizer):
+    if not isinstance(optimizer, Lbfgs | TorchOptimizer):
         return NativeEngine(*arguments)
     from msnn.training.engines.torch.objectives import KernelObjective
     from msnn.training.engines.torch.torch_engine import TorchEngine

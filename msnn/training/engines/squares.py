@@ -26,6 +26,10 @@ class Squares(Protocol):
         evaluation_rows: RowsByLoss | None,
     ) -> None: ...
 
+    def check(self, runs: Runs, weights: Mapping[str, FloatArray]) -> None:
+        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        ...
+
     def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:
         """Of every loss: products of its residuals and slopes in the numbers of `plan.trained`."""
         ...

@@ -20,12 +20,14 @@ from compiler.differentiation.sums_of_squares import is_sum_of_squares
 from compiler.ir.program import Loss, Measure, Parameter, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.scored import scored_rows
+from msnn.data.starts import Runs
 from msnn.simulation.rollout_plan import set_rollouts
+from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.squares import Squares
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 MOST_NUMBERS = 300
 """Learned numbers up to which standard errors are computed: the effort grows with their square."""
@@ -53,6 +55,8 @@ class StandardErrors:
     residuals: int
     reason: str | None = None
     """Why there are none at all."""
+    notes: tuple[Diagnostic, ...] = ()
+    """Why they were not computed by kernels."""
 
 
 def standard_errors(
@@ -75,9 +79,9 @@ def standard_errors(
     if runs is None:
         return _none("no rollout fits the data")
     rows = scored_rows(data, TRAIN, program) if rollout.horizon == "record" else None
-    squares = _squares(replace(plan, rollout=rollout), data, rows)
+    squares, notes = _squares(replace(plan, rollout=rollout), data, rows, runs, weights)
     products = squares.products(runs, weights)
-    return _estimated(plan, parameters, weights, products)
+    return replace(_estimated(plan, parameters, weights, products), notes=notes)
 
 
 def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
@@ -108,16 +112,34 @@ def _squared(program: Program, plan: StagePlan) -> Program:
     return replace(program, losses=tuple(losses))
 
 
-def _squares(plan: StagePlan, data: Dataset, rows: Mapping[str, np.ndarray] | None) -> Squares:
+def _squares(
+    plan: StagePlan,
+    data: Dataset,
+    rows: Mapping[str, np.ndarray] | None,
+    runs: Runs,
+    weights: Mapping[str, FloatArray],
+) -> tuple[Squares, tuple[Diagnostic, ...]]:
+    """By kernels where there can be any, else by torch with what the user should know."""
+
+    def native(_: StagePlan) -> NativeSquares:
+        squares = NativeSquares(plan, data.series, rows, rows)
+        squares.check(runs, weights)
+        return squares
+
+    notes: tuple[Diagnostic, ...] = ()
     if plan.engine != "torch":
         try:
-            return NativeSquares(plan, data.series, rows, rows)
+            # what is trained is not refused now, even where kernels were asked for
+            tried = try_natively(replace(plan, engine="auto"), native, in_double=False)
+            if tried.made is not None:
+                return tried.made, tried.notes
+            notes = tried.notes
         except CompilerMissingError:
             pass
     # torch takes seconds to import: only where it computes
     from msnn.training.engines.torch.torch_squares import TorchSquares
 
-    return TorchSquares(plan, data.series, rows, rows)
+    return TorchSquares(plan, data.series, rows, rows), notes
 
 
 def _estimated(

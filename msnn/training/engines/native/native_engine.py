@@ -13,7 +13,7 @@ from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.dropout_masks import factors_of, with_all_kept
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
-from msnn.training.engines.native.kernel_check import check_kernel
+from msnn.training.engines.native.kernel_check import check_if_fresh, check_kernel
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.sections.training.optimizers import (
     Adam,
@@ -62,6 +62,11 @@ class NativeEngine:
         self._evaluated: tuple[Runs, Groups] | None = None
         """The rollouts of the last evaluation in their groups: mostly those of the next."""
 
+    def check(self, runs: Runs) -> None:
+        """Compares a fresh kernel with the interpreter. Raises WrongKernelError."""
+        kernel, weights = self._kernel, self.weights()
+        check_if_fresh(kernel.built, lambda: check_kernel(kernel, self._series, runs, weights))
+
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._variables.weights(), **self._fixed}
@@ -76,9 +81,6 @@ class NativeEngine:
 
     def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
         """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""
-        if not self._kernel.built.is_checked:
-            check_kernel(self._kernel, self._series, self._plan.rollout.skip, runs, self.weights())
-            self._kernel.built.mark_checked()
         steps = int(runs.steps[0]) if runs.uniform else runs.steps
         groups, bounds = self._kernel.batches(runs.t0, steps, size, members)
         done, sums, counts = self._kernel.train(

@@ -18,7 +18,7 @@ from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.dropout_masks import with_all_kept
 from msnn.training.engines.engine import LossSums
-from msnn.training.engines.native.kernel_check import check_kernel
+from msnn.training.engines.native.kernel_check import check_if_fresh, check_kernel
 from msnn.training.engines.torch.torch_losses import batch_losses, evaluated, scoring
 from msnn.training.plans.stage_plan import StagePlan
 
@@ -35,6 +35,10 @@ class Scored:
 
 class Objective(Protocol):
     """The losses of one stage as a function of a model's raw variables."""
+
+    def check(self, runs: Runs) -> None:
+        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        ...
 
     def write(self, series: Mapping[str, FloatArray]) -> None:
         """Replaces series that rollouts to train on read: the factors of dropout."""
@@ -65,6 +69,9 @@ class TorchObjective:
         own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
         self._train = scoring(model, own, plan.rollout.skip, train_rows)
         self._evaluation = scoring(model, series, plan.rollout.skip, evaluation_rows)
+
+    def check(self, runs: Runs) -> None:
+        """Nothing: torch was built by others."""
 
     def write(self, series: Mapping[str, FloatArray]) -> None:
         """Replaces series that rollouts to train on read: the factors of dropout."""
@@ -107,17 +114,17 @@ class KernelObjective:
         self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
         self._weights = [plan.loss_weights[name] for name in self._kernel.source.losses]
 
+    def check(self, runs: Runs) -> None:
+        """Compares a fresh kernel with the interpreter. Raises WrongKernelError."""
+        kernel, weights = self._kernel, self._model.weights()
+        check_if_fresh(kernel.built, lambda: check_kernel(kernel, self._series, runs, weights))
+
     def write(self, series: Mapping[str, FloatArray]) -> None:
         """Replaces series that rollouts to train on read: the factors of dropout."""
         self._train.write(series)
 
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""
-        if not self._kernel.built.is_checked:
-            check_kernel(
-                self._kernel, self._series, self._plan.rollout.skip, runs, self._model.weights()
-            )
-            self._kernel.built.mark_checked()
         losses: LossSums = {}
         physical = self._physical()
         total = _KernelTotal.apply(physical, self, self._train, runs, losses)

@@ -68,6 +68,10 @@ class TorchEngine:
                 variables[parameter.name] = raw
         return variables
 
+    def check(self, runs: Runs) -> None:
+        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        self._objective.check(runs)
+
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._model.weights(), **self._fixed}

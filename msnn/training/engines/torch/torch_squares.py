@@ -50,6 +50,9 @@ class TorchSquares:
         self._train = scoring(self._model, series, skip, train_rows)
         self._evaluation = scoring(self._model, series, skip, evaluation_rows)
 
+    def check(self, runs: Runs, weights: Weights) -> None:
+        """Nothing: torch was built by others."""
+
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
         """Of every loss: products of its residuals and slopes."""
         values = self._tensors(weights)

@@ -1,0 +1,75 @@
+"""Runs the sensitivities of a program in the interpreter: what second-order training sums.
+
+The products of residuals and slopes come with bounds of what rounding may change in them, for
+comparison with kernels of the same program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compiler.differentiation.sensitivities import Residuals, Sensitivities
+from compiler.interpreter.bounded import Bounded, unit_roundoff
+from compiler.interpreter.bounded_rollouts import Forward, Moment, Rollouts
+from compiler.interpreter.bounded_sums import Total
+from compiler.interpreter.operations import Array
+
+_DTYPE: np.dtype[Any] = np.dtype(np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class InterpretedProducts:
+    """Of one loss: [J r]ᵀ[J r], one more row and column than learned numbers, and Σ of its cost."""
+
+    products: Total
+    cost: Total
+
+
+def interpreted_products(
+    found: Sensitivities, weights: Mapping[str, Array], runs: Rollouts
+) -> dict[str, InterpretedProducts]:
+    """The products of every loss that is a sum of squares, over these rollouts, in float64."""
+    totals = {term.loss.name: term.total for term in found.losses}
+    wanted = [node for one in found.residuals for node in (one.values, one.slopes)]
+    forward = Forward(found.program, [*totals.values(), *wanted], weights, _DTYPE)
+    sums = {
+        one.loss.name: InterpretedProducts(Total(_DTYPE), Total(_DTYPE)) for one in found.residuals
+    }
+    members = len(runs.t0)
+    for moment in forward.moments(runs)[runs.skip :]:
+        for one in found.residuals:
+            total = sums[one.loss.name]
+            total.cost.add(moment.values[totals[one.loss.name]].repeated(members))
+            total.products.add(_products(_rows(one, moment, found.numbers, members)))
+    return sums
+
+
+def _rows(one: Residuals, moment: Moment, numbers: int, members: int) -> tuple[Array, Array]:
+    """Rows of slopes and residual, (members, elements, numbers + 1), and what each may be off."""
+    unit = unit_roundoff(_DTYPE)
+    values, slopes = (moment.values[node].repeated(members) for node in (one.values, one.slopes))
+
+    def joined(of_slopes: Array, of_values: Array) -> Array:
+        columns = of_slopes.reshape(members, numbers, -1).transpose(0, 2, 1)
+        return np.concatenate([columns, of_values.reshape(members, -1, 1)], axis=2)
+
+    return (
+        joined(slopes.value, values.value),
+        joined(slopes.spread(unit), values.spread(unit)),
+    )
+
+
+def _products(rows: tuple[Array, Array]) -> Bounded:
+    """The products of the rows of each member, a sum over its elements."""
+    row, off = rows
+    size = np.abs(row)
+    with np.errstate(all="ignore"):
+        value = row.transpose(0, 2, 1) @ row
+        terms = (size + off).transpose(0, 2, 1) @ (size + off)
+        moved = size.transpose(0, 2, 1) @ off
+        error = moved + (off.transpose(0, 2, 1) @ (size + off)) + unit_roundoff(_DTYPE) * terms
+    return Bounded(value, np.where(np.isnan(error), np.inf, error), terms, row.shape[1])

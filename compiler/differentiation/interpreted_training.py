@@ -1,0 +1,148 @@
+"""Runs the graphs of training in the interpreter, with bounds of what rounding may change.
+
+The same graphs that a training kernel is made of, in its precision: the step forward over a
+horizon, then the reverse step from the last sample to the first and the reverse of the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compiler.differentiation.training_step import ADJOINT, SCALE, STORED, LossTerm, TrainingStep
+from compiler.interpreter.bounded import Bounded, exact
+from compiler.interpreter.bounded_rollouts import Forward, Moment, Rollouts
+from compiler.interpreter.bounded_sums import Tape, Total
+from compiler.interpreter.operations import Array
+from compiler.interpreter.rounding import BoundedGraph
+from compiler.ir.program import NodeId
+
+
+@dataclass(frozen=True, slots=True)
+class InterpretedLosses:
+    """Σ of every loss, how many elements it scored, and the gradient of the weighted total."""
+
+    sums: dict[str, Total]
+    counts: dict[str, int]
+    gradient: dict[str, Total]
+    """By parameter, in physical values."""
+
+
+class InterpretedTraining:
+    """The graphs of one training step at some weights, in one precision."""
+
+    def __init__(
+        self, step: TrainingStep, weights: Mapping[str, Array], dtype: np.dtype[Any]
+    ) -> None:
+        self._step, self._dtype = step, dtype
+        program = step.program
+        reverse, start = step.reverse_step, step.reverse_start
+        totals = [node for term in step.losses for node in _results(term)]
+        self._forward = Forward(program, [*step.newest.values(), *totals], weights, dtype)
+        found = reverse.gradients
+        self._parameters = {
+            name: node for name, node in found.parameters.items() if not name.startswith(SCALE)
+        }
+        self._reverse = BoundedGraph(
+            reverse.graph, [*found.states.values(), *self._parameters.values()], weights, dtype
+        )
+        self._reverse_start = BoundedGraph(
+            start.graph, list(start.gradients.parameters.values()), weights, dtype
+        )
+
+    def losses(self, runs: Rollouts, loss_weights: Mapping[str, float]) -> InterpretedLosses:
+        """What these rollouts add to every loss, and the gradient of Σ weight · loss."""
+        moments = list(self._forward.moments(runs))
+        sums = {term.loss.name: Total(self._dtype) for term in self._step.losses}
+        counts = dict.fromkeys(sums, 0)
+        members = len(runs.t0)
+        for number, moment in enumerate(moments):
+            if number < runs.skip:
+                continue
+            for term in self._step.losses:
+                name = term.loss.name
+                sums[name].add(moment.values[term.total].repeated(members))
+                scored = None if term.count is None else moment.values[term.count]
+                each = term.elements * members if scored is None else _whole(scored, members)
+                counts[name] += each
+        scales = {
+            term.loss.name: _scale(term, sums[term.loss.name], counts, loss_weights)
+            for term in self._step.losses
+        }
+        return InterpretedLosses(sums, counts, self._gradient(runs, moments, scales))
+
+    def _gradient(
+        self, runs: Rollouts, moments: Sequence[Moment], scales: Mapping[str, tuple[float, float]]
+    ) -> dict[str, Total]:
+        program, members = self._step.program, len(runs.t0)
+        gradient = {p.name: Total(self._dtype) for p in program.parameters}
+        adjoints = {
+            state.name: Tape.of_zeros(
+                members,
+                tuple(axis.size for axis in state.axes),
+                runs.steps if state.name in self._step.newest else None,
+                self._dtype,
+            )
+            for state in program.states
+        }
+        found = self._step.reverse_step.gradients
+        for number in range(runs.steps - 1, -1, -1):
+            moment = moments[number]
+            leaves = dict(moment.states)
+            for name, node in self._step.newest.items():
+                leaves[f"{STORED}{name}"] = moment.values[node].repeated(members)
+            for name, tape in adjoints.items():
+                leaves[f"{ADJOINT}{name}"] = tape.after(number)
+            for name, (value, error) in scales.items():
+                scored = number >= runs.skip
+                leaves[f"{SCALE}{name}"] = _number(
+                    value if scored else 0.0, error if scored else 0.0, members, self._dtype
+                )
+            values = self._reverse.run(runs.log, runs.t0 + number, leaves)
+            for name, tape in adjoints.items():
+                node = found.states.get(name)
+                tape.go_back(number, None if node is None else values[node].repeated(members))
+            for name, node in self._parameters.items():
+                gradient[name].add(values[node].repeated(members))
+        leaves = {f"{ADJOINT}{name}": tape.at_start() for name, tape in adjoints.items()}
+        values = self._reverse_start.run(runs.log, runs.t0, leaves)
+        for name, node in self._step.reverse_start.gradients.parameters.items():
+            gradient[name].add(values[node].repeated(members))
+        return gradient
+
+
+def _results(term: LossTerm) -> list[NodeId]:
+    return [term.total] if term.count is None else [term.total, term.count]
+
+
+def _whole(scored: Bounded, members: int) -> int:
+    return int(scored.repeated(members).value.sum())
+
+
+def _scale(
+    term: LossTerm, total: Total, counts: Mapping[str, int], weights: Mapping[str, float]
+) -> tuple[float, float]:
+    """∂(weighted total)/∂(sum of this loss), in float64, and what rounding of the sum changes."""
+    count, weight = counts[term.loss.name], weights[term.loss.name]
+    if count == 0:
+        return 0.0, 0.0
+    if not term.is_root:
+        return weight / (2.0 * 0.5 * count), 0.0
+
+    def slope(mean: float) -> float:
+        return weight / (2.0 * float(np.sqrt(mean)) * count) if mean > 0 else np.inf
+
+    value, off = float(total.value), float(total.off())
+    if value == 0 and off == 0:
+        return 0.0, 0.0
+    most = slope((value - off) / count)
+    return slope(value / count), abs(most - slope(value / count))
+
+
+def _number(value: float, error: float, members: int, dtype: np.dtype[Any]) -> Bounded:
+    """One number for every member."""
+    one = exact(np.full(members, value, dtype))
+    return Bounded(one.value, one.error + error, one.terms + error, 1)

@@ -1,0 +1,85 @@
+"""Holds values with bounds of their rounding: what may be added in any order, moved and chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from compiler.interpreter.operations import NOWHERE, Array, Evaluator
+
+
+@dataclass(frozen=True, slots=True)
+class Bounded:
+    """A value and what rounding may change in it: a sum of `count` terms in any order.
+
+    Arrays are (members, *shape), the batch 1 where members do not differ. Of truth values `error`
+    is 1 where another program may decide otherwise.
+    """
+
+    value: Array
+    error: Array
+    """Σ of what each term may be off, in float64."""
+    terms: Array
+    """Σ|terms|, in float64."""
+    count: int
+
+    def spread(self, unit: float) -> Array:
+        """How far the value computed by any such program is from the exact one at most."""
+        return self.error + (self.count - 1) * unit * self.terms if self.count > 1 else self.error
+
+    @property
+    def parts(self) -> tuple[Array, Array, Array]:
+        return self.value, self.error, self.terms
+
+    def repeated(self, members: int) -> Bounded:
+        """The same for each of so many members."""
+        value, error, terms = (
+            np.broadcast_to(part, (members, *part.shape[1:])) for part in self.parts
+        )
+        return Bounded(value, error, terms, self.count)
+
+
+def exact(value: Array) -> Bounded:
+    """A value that every program has to the bit."""
+    size = value if value.dtype == bool else np.abs(value)
+    return Bounded(value, np.zeros(value.shape), size.astype(float), 1)
+
+
+def unit_roundoff(dtype: np.dtype[Any]) -> float:
+    """u: a correctly rounded result is within u of it; a little more stands for terms in u²."""
+    return 0.5 * 1.01 * float(np.finfo(dtype).eps)
+
+
+def moved(meaning: Evaluator, args: Sequence[Bounded]) -> Bounded:
+    """The same numbers in other places, or with the other sign."""
+    value = meaning([one.value for one in args], NOWHERE)
+    error = np.abs(meaning([one.error for one in args], NOWHERE))
+    terms = np.abs(meaning([one.terms for one in args], NOWHERE))
+    return Bounded(value, error, terms, max(one.count for one in args))
+
+
+def pushed(meaning: Evaluator, newest: Bounded, state: str, past: Bounded) -> Bounded:
+    """The samples of a buffer and its newest one."""
+    value, error, terms = (
+        meaning([part], replace(NOWHERE, states={state: before}))
+        for part, before in zip(newest.parts, past.parts, strict=True)
+    )
+    return Bounded(value, error, terms, max(newest.count, past.count))
+
+
+def selected(args: Sequence[Bounded], spreads: Sequence[Array]) -> Bounded:
+    condition, then, otherwise = args
+    value = np.where(condition.value, then.value, otherwise.value)
+    decided = np.where(condition.value, spreads[1], spreads[2])
+    apart = np.abs(then.value.astype(float) - otherwise.value.astype(float))
+    either = np.maximum(spreads[1], spreads[2]) + apart
+    return chosen(value, np.where(condition.error > 0, either, decided))
+
+
+def chosen(value: Array, error: Array) -> Bounded:
+    """One of several values; an infinite one may be exact."""
+    error = np.where(np.isnan(error), np.inf, error)
+    return Bounded(value, error, np.abs(value.astype(float)) + error, 1)

@@ -1,0 +1,88 @@
+"""Adds up values with bounds of their rounding: totals over rollouts, adjoints along a buffer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compiler.interpreter.bounded import Bounded, unit_roundoff
+from compiler.interpreter.operations import Array
+
+
+@dataclass(slots=True)
+class Total:
+    """A sum over members and steps, in float64; another program may add in any order."""
+
+    dtype: np.dtype[Any]
+    """The precision of the program whose sum it bounds."""
+    value: Any = 0.0
+    error: Any = 0.0
+    terms: Any = 0.0
+    count: int = 0
+
+    def add(self, one: Bounded) -> None:
+        """Adds a value of every member."""
+        with np.errstate(all="ignore"):
+            self.value = self.value + one.value.astype(float).sum(axis=0)
+            self.error = self.error + one.error.sum(axis=0)
+            self.terms = self.terms + one.terms.sum(axis=0)
+        self.count += one.count * len(one.value)
+
+    def off(self) -> Array:
+        """How far a sum that a program computes is from the exact one at most."""
+        off = self.error + max(self.count - 1, 0) * unit_roundoff(self.dtype) * self.terms
+        known = self.terms + off < 0.5 * float(np.finfo(self.dtype).max)
+        return np.where(known, off, np.inf)
+
+
+@dataclass(slots=True)
+class Tape:
+    """The adjoints of one state over the steps: of a buffer, sample by sample."""
+
+    dtype: np.dtype[Any]
+    length: int | None
+    """Samples that a buffer holds; None for a state that is replaced whole."""
+    value: Array
+    error: Array
+    terms: Array
+    count: int = 1
+
+    @classmethod
+    def of_zeros(
+        cls, members: int, shape: tuple[int, ...], steps: int | None, dtype: np.dtype[Any]
+    ) -> Tape:
+        """Before the last step; `steps` is that of rollouts for buffers, else None."""
+        whole = shape if steps is None else (*shape[:-1], shape[-1] + steps)
+        value, error, terms = np.zeros((3, members, *whole))
+        return cls(dtype, None if steps is None else shape[-1], value, error, terms)
+
+    def after(self, number: int) -> Bounded:
+        """The adjoint of what step `number` makes: a next value, or the newest sample."""
+        if self.length is None:
+            return self._part(...)
+        return self._part((..., number + self.length))
+
+    def go_back(self, number: int, found: Bounded | None) -> None:
+        """Takes what step `number` owes to the state before it."""
+        if self.length is None:
+            shape = self.value.shape
+            parts = (np.zeros(shape),) * 3 if found is None else found.parts
+            self.value, self.error, self.terms = (np.asarray(part, float) for part in parts)
+            self.count = 1 if found is None else found.count
+        elif found is not None:
+            samples = (..., slice(number, number + self.length))
+            with np.errstate(all="ignore"):
+                self.value[samples] += found.value
+                self.error[samples] += found.error
+                self.terms[samples] += found.terms
+            self.count += found.count
+
+    def at_start(self) -> Bounded:
+        """The adjoint of the state at t0."""
+        return self._part(... if self.length is None else (..., slice(0, self.length)))
+
+    def _part(self, where: Any) -> Bounded:
+        value = self.value[where].astype(self.dtype)
+        return Bounded(value, self.error[where], self.terms[where], self.count)

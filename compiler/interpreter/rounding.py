@@ -1,0 +1,276 @@
+"""Evaluates a graph as the interpreter does and bounds what rounding may change in each value.
+
+The bounds hold for every program that computes the same nodes in the same precision, whatever the
+order of its sums and whichever products it fuses into them (decision 0180): a node that is a sum
+of n terms is within `error` + (n−1)·u·Σ|terms| of its exact value, u the unit roundoff and `error`
+what the terms are off (Higham: Accuracy and Stability of Numerical Algorithms, 2002, ch. 3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.interpreter.bounded import (
+    Bounded,
+    chosen,
+    exact,
+    moved,
+    pushed,
+    selected,
+    unit_roundoff,
+)
+from compiler.interpreter.operations import NOWHERE, Array, Evaluator, Surroundings, evaluator
+from compiler.ir.liveness import needed
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+
+FUNCTION_ERROR = {"float32": 4e-6, "float64": 1e-14}
+"""Relative error of a scalar function in any backend: what tests/native/test_lane_kernels holds the
+kernels to, which compilers may fuse and regroup."""
+
+_SMALLEST_RESULT = 10.0
+"""Times the smallest normal number: below it a function's result has no relative accuracy."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """What one evaluation reads from outside."""
+
+    around: Surroundings
+    leaves: Mapping[str, Bounded]
+
+
+_Alone = Multiply | Divide | Minimum | Maximum | Clamp | Compare | Select | Apply
+
+
+class BoundedGraph:
+    """The wanted nodes of a graph, ready to be evaluated in one precision.
+
+    `weights` are physical arrays by name; parameters that are not among them, and states, are given
+    with each evaluation.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        wanted: Iterable[NodeId],
+        weights: Mapping[str, Array],
+        dtype: np.dtype[Any],
+    ) -> None:
+        self.unit = unit_roundoff(dtype)
+        self._graph, self._weights, self._dtype = graph, weights, dtype
+        live = needed(graph, wanted)
+        self._steps = [(index, node, self._evaluator(node)) for index, node in graph if live[index]]
+
+    def run(
+        self, log: Mapping[str, Array], t: NDArray[np.int64], leaves: Mapping[str, Bounded]
+    ) -> list[Bounded]:
+        """Every wanted node, and those that it needs, at rows t; the others are missing."""
+        found: list[Any] = [None] * len(self._graph)
+        given = _Given(Surroundings(log, t, {}), leaves)
+        with np.errstate(all="ignore"):
+            for index, node, meaning in self._steps:
+                args = [found[arg] for arg in node.args]
+                found[index] = self._bounded(node, meaning, args, given)
+        return found
+
+    def _evaluator(self, node: Node) -> Evaluator | None:
+        """The node's meaning for any operands in their order; None for what `run` is given."""
+        op = node.op
+        if isinstance(op, ReadState) or (
+            isinstance(op, ReadParameter) and op.name not in self._weights
+        ):
+            return None
+        types = tuple(self._graph[arg].type for arg in node.args)
+        in_order = replace(node, args=tuple(range(len(node.args))))
+        return evaluator(in_order, types, self._weights, self._dtype)
+
+    def _bounded(
+        self, node: Node, meaning: Evaluator | None, args: Sequence[Bounded], given: _Given
+    ) -> Bounded:
+        op = node.op
+        if meaning is None:
+            assert isinstance(op, ReadState | ReadParameter)
+            return given.leaves[op.name]
+        match op:
+            case Constant() | ReadParameter() | ReadSignal() | ReadLog():
+                return exact(meaning([], given.around))
+            case Broadcast() | Reshape() | Slice() | Concat() | Negate() | Dropout():
+                return moved(meaning, args)
+            case Window(state):
+                return pushed(meaning, args[0], state, given.leaves[state])
+            case Add() | Subtract():
+                left, right = args
+                value = meaning([left.value, right.value], NOWHERE)
+                error, terms = left.error + right.error, left.terms + right.terms
+                if self._counts(left, terms) and self._counts(right, terms):
+                    return exact(value)
+                return self._sum(value, error, terms, left.count + right.count)
+            case Sum(axis):
+                value, error, terms = (meaning([part], NOWHERE) for part in args[0].parts)
+                return self._sum(value, error, terms, args[0].count * self._length(node, axis))
+            case Contract(axis):
+                return self._contraction(meaning, args, self._length(node, axis))
+            case ReadState():
+                raise AssertionError("states are given")
+            case _:
+                return self._alone(op, meaning, args)
+
+    def _alone(self, op: _Alone, meaning: Evaluator, args: Sequence[Bounded]) -> Bounded:
+        """A value that is no sum: what its operands are off, and its own rounding."""
+        spreads = [one.spread(self.unit) for one in args]
+        values = [one.value for one in args]
+        match op:
+            case Multiply():
+                return self._product(values, spreads)
+            case Divide():
+                return self._quotient(values, spreads)
+            case Minimum() | Maximum():
+                left, right = args
+                return self._extreme(left, right, least=isinstance(op, Minimum))
+            case Clamp():
+                x, low, high = args
+                return self._extreme(self._extreme(x, low, least=False), high, least=True)
+            case Compare():
+                left, right = (value.astype(float) for value in values)
+                # a value compared with itself asks whether it is a number
+                allowed = np.where(args[0] is args[1], 0.0, spreads[0] + spreads[1])
+                decided = (allowed == 0) | (np.abs(left - right) > allowed)
+                value = meaning(values, NOWHERE)
+                return Bounded(value, 1.0 - decided, value.astype(float), 1)
+            case Select():
+                return selected(args, spreads)
+            case Apply(function):
+                return self._applied(function, meaning(values, NOWHERE), values, spreads)
+            case _:
+                assert_never(op)
+
+    # ---- rules
+
+    def _counts(self, one: Bounded, terms: Array) -> bool:
+        """Whether a value is a whole number without rounding; sums of such are exact too."""
+        whole = (one.value == np.rint(one.value)) & (one.error == 0.0) & (terms < 0.5 / self.unit)
+        return one.count == 1 and bool(whole.all())
+
+    @property
+    def _smallest(self) -> float:
+        return float(np.finfo(self._dtype).smallest_subnormal)
+
+    def _sum(self, value: Array, error: Array, terms: Array, count: int) -> Bounded:
+        """A sum; where its terms in another order may overflow, nothing is known."""
+        value = value.astype(self._dtype, copy=False)
+        unknown = ~(terms + error < 0.5 * float(np.finfo(self._dtype).max))
+        return Bounded(value, np.where(unknown, np.inf, error), terms, count)
+
+    def _term(self, value: Array, error: Array) -> Bounded:
+        """A value that is no sum."""
+        return self._sum(value, error, np.abs(value).astype(float) + error, 1)
+
+    def _product(self, values: Sequence[Array], spreads: Sequence[Array]) -> Bounded:
+        a, b = (np.abs(value).astype(float) for value in values)
+        s, r = spreads
+        size = (a + s) * (b + r)
+        rounded = self.unit * size + self._smallest * (size > 0)
+        return self._term(values[0] * values[1], a * r + s * (b + r) + rounded)
+
+    def _quotient(self, values: Sequence[Array], spreads: Sequence[Array]) -> Bounded:
+        value = values[0] / values[1]
+        s, r = spreads
+        below = np.abs(values[1]) - r
+        off = (s + np.abs(value) * r) / below
+        error = off + self.unit * (np.abs(value) + off) + self._smallest
+        error = np.where((values[0] == 0) & (s == 0), 0.0, error)
+        return self._term(value, np.where(below > 0, error, np.inf))
+
+    def _contraction(self, meaning: Evaluator, args: Sequence[Bounded], length: int) -> Bounded:
+        left, right = args
+        a, b = (np.abs(one.value).astype(float) for one in (left, right))
+        s, r = (one.spread(self.unit) for one in (left, right))
+        value = meaning([left.value, right.value], NOWHERE)
+        terms = meaning([a + s, b + r], NOWHERE)
+        off = meaning([a, r], NOWHERE) + meaning([s, b + r], NOWHERE)
+        rounded = self.unit * terms + length * self._smallest * (terms > 0)
+        return self._sum(value, off + rounded, terms, length)
+
+    def _length(self, node: Node, axis: str) -> int:
+        found = self._graph[node.args[0]].type.axis(axis)
+        assert found is not None
+        return found.size
+
+    def _extreme(self, left: Bounded, right: Bounded, *, least: bool) -> Bounded:
+        a, b = left.value, right.value
+        first = (a <= b if least else a >= b) | np.isnan(a)
+        s, r = left.spread(self.unit), right.spread(self.unit)
+        apart = np.abs(a.astype(float) - b) > s + r
+        error = np.where(apart, np.where(first, s, r), np.maximum(s, r))
+        return chosen(np.where(first, a, b), error)
+
+    def _applied(
+        self, function: str, value: Array, values: Sequence[Array], spreads: Sequence[Array]
+    ) -> Bounded:
+        row = SCALAR_FUNCTIONS[function]
+        off = _reach(row.numpy, values, spreads)
+        if function in ("abs", "sign"):
+            return self._term(value, off)
+        size = np.abs(value) + off
+        if row.kernel is None:  # one correctly rounded operation
+            return self._term(value, off + self.unit * size)
+        rounded = FUNCTION_ERROR[self._dtype.name] * size
+        least = _SMALLEST_RESULT * float(np.finfo(self._dtype).tiny)
+        return self._term(value, off + rounded + least)
+
+
+def _reach(
+    function: Callable[..., Array], values: Sequence[Array], spreads: Sequence[Array]
+) -> Array:
+    """How far a function's value moves while its arguments move within their bounds.
+
+    Twice the largest change at the ends, halves and corners: exact to first order, and a monotone
+    function moves no farther than at its ends.
+    """
+    shape = np.broadcast_shapes(*(value.shape for value in values))
+    if not any(spread.any() for spread in spreads):
+        return np.zeros(shape)
+    centre = [value.astype(float) for value in values]
+    here = function(*centre)
+    most = np.zeros(shape)
+    for signs in product((-1.0, -0.5, 0.0, 0.5, 1.0), repeat=len(values)):
+        moved = [c + s * r if s else c for c, s, r in zip(centre, signs, spreads, strict=True)]
+        change = np.abs(function(*moved) - here)
+        most = np.maximum(most, np.where(np.isnan(change), np.inf, change))
+    still = np.ones(shape, bool)
+    for spread in spreads:
+        still = still & (spread == 0)
+    return np.where(still, 0.0, 2.0 * most)
