@@ -14,7 +14,7 @@ from msnn.errors.runs import no_run, unreadable_run
 from msnn.reports.training_summary import errors_note, parameters_table, stages_table
 from msnn.tables import count, table_text
 from msnn.training.records.progress import EpochEnd, StageEnd
-from msnn.training.records.run_folder import CHECKPOINT, METRICS, PARAMETERS, SPEC, WEIGHTS
+from msnn.training.records.run_folder import CHECKPOINT, FOLD, METRICS, PARAMETERS, SPEC, WEIGHTS
 from msnn.training.records.run_folder import read_description as description_of
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -169,7 +169,9 @@ def _options(run: Run) -> list[str]:
     device = run.description.get("device", "cpu")
     words += [] if device == "cpu" else ["--device", device]
     words += ["--tensorboard"] if any(run.folder.glob("events.out.*")) else []
-    out = run.folder.parent.parent
+    is_fold = run.folder.name.startswith(FOLD)
+    words += ["--folds"] if is_fold else []
+    out = run.folder.parents[2 if is_fold else 1]
     return words if out.absolute() == Path("runs").absolute() else [*words, "--out", str(out)]
 
 

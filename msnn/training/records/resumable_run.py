@@ -10,7 +10,7 @@ from msnn.errors import stages as stage_errors
 from msnn.errors import training as errors
 from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
-from msnn.training.records.run_folder import RunFolder, fold_folder, interrupted_run, new_run_folder
+from msnn.training.records.run_folder import RunFolder, fold_folder, new_run_folder, unfinished_run
 from msnn.training.records.run_record import differences
 from msnn.training.records.training_options import TrainingOptions
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
@@ -35,7 +35,11 @@ def open_run(
         }
         folder.write_description({**record, **begun}, options.spec_text, options.parts)
         return folder, None
-    folder = interrupted_run(program, options.runs)
+    folder = (
+        unfinished_run(program, options.runs)
+        if options.fold is None
+        else RunFolder(options.fold, program, None)
+    )
     if folder is None:
         place = str(options.runs / program.name)
         raise SpecError((errors.no_checkpoint(place),))
@@ -43,6 +47,7 @@ def open_run(
     changes = differences(folder.description(), record)
     if changes:
         raise SpecError((stage_errors.another_run(str(folder.path), changes),))
+    folder.go_on_from(checkpoint.metrics)
     return folder, checkpoint
 
 
@@ -54,6 +59,7 @@ class NotedProgress:
         before = {} if folder is None else folder.end()
         self._reasons: dict[str, str] = before.get("stages", {})
         self._warnings: list[str] = before.get("warnings", [])
+        self._kept = self._said()
 
     def stage_started(self, event: StageStart) -> None:
         self._shown.stage_started(event)
@@ -78,8 +84,16 @@ class NotedProgress:
         for diagnostic in said:
             self._note(diagnostic)
         if self._folder is not None:
-            end = {"state": state, "stages": self._reasons, "warnings": self._warnings}
-            self._folder.write_end(end)
+            self._folder.write_end({"state": state, **self._said()})
+
+    def keep(self) -> None:
+        """Keeps what was said so far, for a run that may be killed."""
+        if self._folder is not None and self._said() != self._kept:
+            self._kept = self._said()
+            self._folder.write_end(self._kept)
+
+    def _said(self) -> dict[str, Any]:
+        return {"stages": dict(self._reasons), "warnings": list(self._warnings)}
 
     def _note(self, diagnostic: Diagnostic) -> None:
         line = describe(diagnostic)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, cast
 
-from backends.files.atomic_write import write_text
+from backends.files.atomic_write import naming, sync, write_text
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.model.spec_hash import Part
@@ -24,6 +24,7 @@ METRICS = "metrics.jsonl"
 PARAMETERS = "parameters.json"
 SPEC = "spec.msnn.yaml"
 DESCRIPTION = "run.json"
+FOLD = "fold_"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +63,29 @@ class RunFolder:
         """The run as `link` says it."""
         return self.path.relative_to(link.parent)
 
+    @property
+    def metrics(self) -> Path:
+        return self.path / METRICS
+
     def append_metrics(self, record: Mapping[str, Any]) -> None:
         """Adds one line of JSON to `metrics.jsonl`."""
-        with (self.path / METRICS).open("a", encoding="utf-8") as file:
+        with naming(self.metrics), self.metrics.open("a", encoding="utf-8") as file:
             file.write(json.dumps(finite(record), ensure_ascii=False) + "\n")
+
+    def sync_metrics(self) -> int:
+        """Waits until `metrics.jsonl` has reached the disk, and returns its length in bytes."""
+        if not self.metrics.is_file():
+            return 0
+        with naming(self.metrics):
+            sync(self.metrics)
+        return self.metrics.stat().st_size
+
+    def go_on_from(self, metrics: int) -> None:
+        """Takes back what a killed process wrote after a checkpoint at this length of metrics."""
+        for left in self.path.glob(".*.part"):
+            left.unlink()
+        if self.metrics.is_file():
+            os.truncate(self.metrics, metrics)
 
     def write_parameters(self, record: Mapping[str, Any]) -> None:
         """Writes `parameters.json`: the learned values with their standard errors."""
@@ -76,7 +96,7 @@ class RunFolder:
         self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[Part] = ()
     ) -> None:
         """Writes `run.json` (resolved stages, data), the spec and its sub-models as they were."""
-        write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+        self._describe(record)
         if spec_text is not None:
             write_text(self.path / SPEC, spec_text)
         for part in parts:
@@ -87,20 +107,28 @@ class RunFolder:
         return read_description(self.path)
 
     def end(self) -> dict[str, Any]:
-        """What `write_end` has written when the run was interrupted; empty before."""
+        """What `write_end` has written last; empty before."""
         found = self.description().get("end", {})
         return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
 
     def write_end(self, end: Mapping[str, Any]) -> None:
-        """Adds to `run.json` how the run ended."""
-        record = {**self.description(), "end": dict(end)}
-        write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+        """Adds to `run.json` how the run ended, or what is known of it so far."""
+        self._describe({**self.description(), "end": dict(end)})
+
+    def _describe(self, record: Mapping[str, Any]) -> None:
+        text = json.dumps(record, ensure_ascii=False, indent=2)
+        write_text(self.path / DESCRIPTION, text + "\n", durable=True)
 
 
 def read_description(folder: Path) -> dict[str, Any]:
     """The content of `run.json`; empty where it cannot be read."""
+    return read_json(folder / DESCRIPTION)
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """The object in a file; empty where it cannot be read."""
     try:
-        found = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+        found = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
@@ -127,12 +155,24 @@ def fold_folder(program: Program, folder: Path) -> RunFolder:
     return RunFolder(folder, program, None)
 
 
-def interrupted_run(program: Program, runs: Path) -> RunFolder | None:
-    """The last run of the program that left a checkpoint, None if there is none."""
+def unfinished_run(program: Program, runs: Path) -> RunFolder | None:
+    """The newest run of the program that left a checkpoint, None if there is none."""
+    return newest_run(program, runs, lambda folder: (folder / CHECKPOINT).is_file())
+
+
+def newest_run(program: Program, runs: Path, wanted: Callable[[Path], bool]) -> RunFolder | None:
+    """The newest folder of the program that is wanted, None if there is none."""
     parent = runs / program.name
-    folders = sorted(path.parent for path in parent.glob(f"*/{CHECKPOINT}"))
-    folders = [folder for folder in folders if not folder.is_symlink()]
-    return RunFolder(folders[-1], program, parent / LATEST) if folders else None
+    folders = [path for path in parent.glob("*") if path.is_dir() and not path.is_symlink()]
+    found = max(filter(wanted, folders), key=_age, default=None)
+    return None if found is None else RunFolder(found, program, parent / LATEST)
+
+
+def _age(folder: Path) -> tuple[str, int]:
+    """The time in a folder's name, and the number of those of one second: a later one is more."""
+    day, _, time = folder.name.partition("_")
+    time, _, number = time.partition("_")
+    return f"{day}_{time}", int(number) if number.isdecimal() else 1
 
 
 def finite(value: Any) -> Any:
@@ -154,3 +194,4 @@ def _point(link: Path, target: Path) -> None:
     temporary.unlink(missing_ok=True)
     temporary.symlink_to(target, target_is_directory=True)
     temporary.replace(link)
+    sync(link.parent)
