@@ -18,11 +18,12 @@ import numpy as np
 import msnn
 from msnn.cli.interrupts import interrupt_on_signals
 from msnn.data.dataset import Dataset
+from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, WEIGHTS
 from msnn.model.model import Model
 from msnn.model.model_data import measured
 from msnn.training.folds import train_folds
 from msnn.training.records.checkpoint import read_checkpoint
-from msnn.training.records.run_folder import CHECKPOINT, DESCRIPTION, METRICS, WEIGHTS
+from msnn.training.records.run_folder import METRICS
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.train import train as train_stages
 
@@ -67,8 +68,8 @@ class Subject:
     """In a folder; whether to go on with what is there."""
     seconds: float
     left: dict[str, bytes]
-    before: Callable[[Path], None] = lambda folder: None
-    """Puts there what an earlier command has left."""
+    exported_before: Callable[[Path], None]
+    """Puts there what an earlier export has left."""
 
 
 def subjects(place: Path, epochs: int, most_lost: float) -> dict[Kind, Subject]:
@@ -85,12 +86,14 @@ def subjects(place: Path, epochs: int, most_lost: float) -> dict[Kind, Subject]:
     def options(folder: Path, resume: bool) -> TrainingOptions:
         return TrainingOptions(runs=folder / "runs", resume=resume, most_lost=most_lost)
 
+    def divided(one: Model) -> Dataset:
+        return _data(one, frame)
+
     def train(folder: Path, resume: bool) -> None:
         train_stages(model.program, _data(model, frame), model.spec.train, options(folder, resume))
 
     def folds(folder: Path, resume: bool) -> None:
-        read = lambda one: _data(one, frame)  # noqa: E731
-        train_folds(model, read, options(folder, resume), None, None)
+        train_folds(model, divided, options(folder, resume), None, None)
 
     def export(folder: Path, resume: bool) -> None:
         del resume
@@ -115,8 +118,7 @@ def subjects(place: Path, epochs: int, most_lost: float) -> dict[Kind, Subject]:
         began = time.monotonic()
         _wait(_started(run, timed, False))
         seconds = time.monotonic() - began
-        before = exported_before if kind == "export" else lambda folder: None
-        found[kind] = Subject(kind, run, seconds, _left(kind, folder), before)
+        found[kind] = Subject(kind, run, seconds, _left(kind, folder), exported_before)
     return found
 
 
@@ -131,9 +133,9 @@ def killed(subject: Subject, folder: Path, seed: int) -> Outcome:
     folder.mkdir()
     has_before = subject.kind == "export" and random.random() < 0.5
     if has_before:
-        subject.before(folder)
+        subject.exported_before(folder)
     earlier = _left(subject.kind, folder)
-    kills, lost, whole, stayed = 0, 0.0, True, True
+    kills, lost, whole, stayed, told = 0, 0.0, True, True, False
     for _ in range(random.choice((1, 1, 2, 3))):
         number = random.choice(_SIGNALS)
         process = _started(subject.run, folder, _is_unfinished(folder))
@@ -148,7 +150,8 @@ def killed(subject: Subject, folder: Path, seed: int) -> Outcome:
             whole &= _is_whole(_left("export", folder), earlier, subject.left)
         else:
             lost = max(lost, _lost(folder, moment))
-            stayed &= number != signal.SIGKILL or not _leads_to_unfinished(folder)
+            told |= number != signal.SIGKILL  # whoever is told how to go on has the weights, too
+            stayed &= told or not _leads_to_unfinished(folder)
     ended = _wait(_started(subject.run, folder, _is_unfinished(folder))) == 0
     right = ended and whole and _left(subject.kind, folder) == subject.left
     return Outcome(subject.kind, kills, lost, right, stayed)

@@ -15,18 +15,14 @@ from backends.files.atomic_write import write_text
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.stages import no_folds
 from msnn.errors.training import no_checkpoint
+from msnn.model.kept_run import CHECKPOINT, FOLD, LATEST, newest, read_json
 from msnn.model.model import Model
 from msnn.tables import table_text
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.records.run_folder import (
-    CHECKPOINT,
-    FOLD,
-    LATEST,
     RunFolder,
     finite,
     new_run_folder,
-    newest_run,
-    read_json,
 )
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.train import train
@@ -112,10 +108,11 @@ def _folder(model: Model, options: TrainingOptions) -> Path | None:
         return None
     if not options.resume:
         return new_run_folder(model.program, options.runs).path
-    found = newest_run(model.program, options.runs, _is_unfinished)
+    parent = options.runs / model.program.name
+    found = newest(parent, _is_unfinished)
     if found is None:
-        raise SpecError((no_checkpoint(str(options.runs / model.program.name)),))
-    return found.path
+        raise SpecError((no_checkpoint(str(parent)),))
+    return found
 
 
 def _is_unfinished(folder: Path) -> bool:

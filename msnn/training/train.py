@@ -31,6 +31,7 @@ from msnn.training.records.parameters_record import parameters_record
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.records.resumable_run import NotedProgress, open_run
 from msnn.training.records.run_folder import RunFolder
+from msnn.training.records.run_lock import held
 from msnn.training.records.run_record import run_record
 from msnn.training.records.safekeeping import Safekeeping
 from msnn.training.records.standard_errors import standard_errors
@@ -73,6 +74,7 @@ def train(
     first = dict(weights or first_weights(program, data))
     record = run_record(program, plans, data, options.parts)
     folder, checkpoint = open_run(program, options, record)
+    path = None if folder is None else folder.path
     noted = NotedProgress(progress, folder)
     for warning in (*data.warnings, *findings.in_order):
         noted.warned(warning)
@@ -89,7 +91,7 @@ def train(
         Safekeeping(folder, noted, options.most_lost),
     )
     try:
-        with end_on_interrupt() as stop_asked:
+        with held(path), end_on_interrupt() as stop_asked:
             return run.through(checkpoint or Checkpoint((), first), stop_asked)
     except OSError as error:
         if folder is None or not _is_in(folder.path, error):

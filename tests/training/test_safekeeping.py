@@ -19,6 +19,7 @@ from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
 from msnn.training.records.progress import EpochEnd, Lines, Silent, StageStart
 from msnn.training.records.resumable_run import NotedProgress
 from msnn.training.records.run_folder import METRICS, RunFolder
+from msnn.training.records.run_lock import held
 from msnn.training.records.safekeeping import Safekeeping
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.train import train
@@ -30,7 +31,7 @@ STAGES = {
     "native": "  - {epochs: 4, batch: 8}\n  - {epochs: 4, batch: 8, rollout: 3, freeze: a}\n",
     "double": "  - {epochs: 3, batch: 8, dtype: float64}\n",
     "torch": "  - {epochs: 3, batch: 20, engine: torch}\n",
-    "patience": "  - {epochs: 9, batch: 16, optimizer: {sgd: {lr: 3}}, early_stop: {patience: 2}}\n",
+    "patience": "  - {batch: 16, optimizer: {sgd: {lr: 3}}, early_stop: {patience: 2}}\n",
     "second_order": "  - {epochs: 9, rollout: 5, optimizer: {levenberg_marquardt: {}}}\n",
     "attempts": "  - {epochs: 2, batch: 16, starts: 3}\n",
 }
@@ -247,3 +248,15 @@ def test_the_time_that_is_left_counts_epochs_before_the_interruption(tmp_path: P
     run(STAGES["double"], tmp_path, heard, resume=True)
     assert heard.began == [kept.place.epoch]
     assert heard.seconds[0] > kept.place.seconds
+
+
+def test_a_run_that_another_process_trains_is_not_resumed(tmp_path: Path) -> None:
+    with pytest.raises(Killed):
+        run(STAGES["double"], tmp_path, Killing(2))
+    (checkpoint,) = tmp_path.rglob("checkpoint.safetensors")
+    before = checkpoint.read_bytes()
+    with held(checkpoint.parent), pytest.raises(SpecError) as caught:
+        run(STAGES["double"], tmp_path, resume=True)
+    assert [found.code for found in caught.value.diagnostics] == ["E0928"]
+    assert checkpoint.read_bytes() == before
+    assert run(STAGES["double"], tmp_path, resume=True).folder == checkpoint.parent

@@ -5,26 +5,29 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, cast
 
-from backends.files.atomic_write import naming, sync, write_text
+from backends.files.atomic_write import naming, sync, write_bytes, write_text
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
+from msnn.model.kept_run import (
+    CHECKPOINT,
+    DESCRIPTION,
+    LATEST,
+    PARTS,
+    SPEC,
+    WEIGHTS,
+    read_json,
+)
 from msnn.model.spec_hash import Part
 from msnn.model.weights_file import write_weights
 
-LATEST = "latest"
-WEIGHTS = "weights.safetensors"
-CHECKPOINT = "checkpoint.safetensors"
 METRICS = "metrics.jsonl"
 PARAMETERS = "parameters.json"
-SPEC = "spec.msnn.yaml"
-DESCRIPTION = "run.json"
-FOLD = "fold_"
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +103,14 @@ class RunFolder:
         if spec_text is not None:
             write_text(self.path / SPEC, spec_text)
         for part in parts:
-            write_text(self.path / "parts" / f"{part.name}.msnn.yaml", part.text)
+            write_text(self.path / PARTS / f"{part.name}.msnn.yaml", part.text)
+            if part.file is not None:
+                place = self.path / PARTS / f"{part.name}.safetensors"
+                write_bytes(place, part.file.read_bytes())
 
     def description(self) -> dict[str, Any]:
         """What `write_description` has written; empty where it cannot be read."""
-        return read_description(self.path)
+        return read_json(self.path / DESCRIPTION)
 
     def end(self) -> dict[str, Any]:
         """What `write_end` has written last; empty before."""
@@ -118,20 +124,6 @@ class RunFolder:
     def _describe(self, record: Mapping[str, Any]) -> None:
         text = json.dumps(record, ensure_ascii=False, indent=2)
         write_text(self.path / DESCRIPTION, text + "\n", durable=True)
-
-
-def read_description(folder: Path) -> dict[str, Any]:
-    """The content of `run.json`; empty where it cannot be read."""
-    return read_json(folder / DESCRIPTION)
-
-
-def read_json(file: Path) -> dict[str, Any]:
-    """The object in a file; empty where it cannot be read."""
-    try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
 
 
 def new_run_folder(program: Program, runs: Path) -> RunFolder:
@@ -153,26 +145,6 @@ def fold_folder(program: Program, folder: Path) -> RunFolder:
     """A fresh folder for one fold of a run."""
     folder.mkdir()
     return RunFolder(folder, program, None)
-
-
-def unfinished_run(program: Program, runs: Path) -> RunFolder | None:
-    """The newest run of the program that left a checkpoint, None if there is none."""
-    return newest_run(program, runs, lambda folder: (folder / CHECKPOINT).is_file())
-
-
-def newest_run(program: Program, runs: Path, wanted: Callable[[Path], bool]) -> RunFolder | None:
-    """The newest folder of the program that is wanted, None if there is none."""
-    parent = runs / program.name
-    folders = [path for path in parent.glob("*") if path.is_dir() and not path.is_symlink()]
-    found = max(filter(wanted, folders), key=_age, default=None)
-    return None if found is None else RunFolder(found, program, parent / LATEST)
-
-
-def _age(folder: Path) -> tuple[str, int]:
-    """The time in a folder's name, and the number of those of one second: a later one is more."""
-    day, _, time = folder.name.partition("_")
-    time, _, number = time.partition("_")
-    return f"{day}_{time}", int(number) if number.isdecimal() else 1
 
 
 def finite(value: Any) -> Any:
