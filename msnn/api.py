@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from msnn.simulation.simulate import Simulation
     from msnn.training.folds import FoldsResult
     from msnn.training.records.progress import Progress
+    from msnn.training.records.training_options import TrainingOptions
     from msnn.training.stage_loss_module import StageLoss
-    from msnn.training.train import TrainingOptions, TrainingResult
+    from msnn.training.training_result import TrainingResult
     from msnn.validation.validate import ValidationReport
 
 
@@ -91,6 +92,7 @@ def train_folds(
     *,
     data_root: str | Path | None = None,
     runs: str | Path | None = "runs",
+    resume: bool = False,
     tensorboard: bool = False,
     device: str = "cpu",
     weights: Weights | None = None,
@@ -108,7 +110,7 @@ def train_folds(
     from msnn.training import folds
 
     refuse_sets(data)
-    options = _options(model, runs, tensorboard, device)
+    options = replace(_options(model, runs, tensorboard, device), resume=resume)
 
     def read(one: Model) -> Dataset:
         return measured(one, data, data_root, "training")
@@ -266,7 +268,7 @@ def _options(
 ) -> TrainingOptions:
     from msnn.model.model_weights import redrawn_weights
     from msnn.training.engines.devices import find_device
-    from msnn.training.train import TrainingOptions
+    from msnn.training.records.training_options import TrainingOptions
 
     return TrainingOptions(
         runs=None if runs is None else Path(runs),

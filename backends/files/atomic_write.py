@@ -4,20 +4,32 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from backends.files.signals_wait import signals_wait
 
-def write_text(path: Path, text: str) -> Path:
+
+def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
     """Writes UTF-8 text with `\\n` line ends on every system; returns the path."""
-    return write_bytes(path, text.encode("utf-8"))
+    return write_bytes(path, text.encode("utf-8"), durable=durable)
 
 
-def write_bytes(path: Path, data: bytes) -> Path:
-    """Writes the bytes; returns the path. OSError leaves what stood there before."""
+def write_bytes(path: Path, data: bytes, *, durable: bool = False) -> Path:
+    """Writes the bytes; returns the path. OSError leaves what stood there before.
+
+    A `durable` file has reached the disk, with its name, before this returns: a cut of power
+    leaves it or what stood there before. It takes as long as the disk does, some milliseconds.
+    """
     with replacing(path) as temporary:
         temporary.write_bytes(data)
+        if durable:
+            sync(temporary)
+    if durable:
+        with naming(path):
+            sync(path.parent)
     return path
 
 
@@ -31,14 +43,85 @@ def replacing(path: Path) -> Generator[Path]:
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary = part_of(path)
     try:
-        yield temporary
-        temporary.replace(path)
-    except OSError as error:
-        if error.filename in (temporary, str(temporary)):
-            error.filename = str(path)  # the name that the user knows
-        raise
+        with naming(path, temporary):
+            yield temporary
+            temporary.replace(path)
     finally:
         with suppress(OSError):  # what cannot be made cannot be removed; the first error counts
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing_files(folder: Path) -> Generator[Path]:
+    """A temporary folder for writers of several files, which then appear in `folder` together.
+
+    A new folder appears in one step. In one that is there each file is renamed when all of them
+    are complete: other files in it stay, and so does the folder in which somebody may stand.
+    """
+    folder = Path(os.path.realpath(folder))
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    temporary = part_of(folder)
+    try:
+        with naming(folder, temporary):
+            shutil.rmtree(temporary, ignore_errors=True)
+            temporary.mkdir()
+            yield temporary
+            _appear(temporary, folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def naming(path: Path, temporary: Path | None = None) -> Generator[None]:
+    """Lets an OSError name the file that the user knows: a full disk names none at all."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)
+        elif temporary is not None and isinstance(error.filename, str | os.PathLike):
+            shown = os.fspath(error.filename)
+            if shown == str(temporary) or shown.startswith(f"{temporary}{os.sep}"):
+                error.filename = f"{path}{shown.removeprefix(str(temporary))}"
+        raise
+
+
+def part_of(path: Path) -> Path:
+    """Where this process writes what becomes `path`."""
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
+
+
+def sync(path: Path) -> None:
+    """Waits until a file, or the names in a folder, have reached the disk."""
+    if path.is_dir() and os.name != "posix":
+        return  # only there a folder can be opened
+    number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
+
+
+def _appear(temporary: Path, folder: Path) -> None:
+    """Gives finished files their place."""
+    files = sorted(path for path in temporary.rglob("*") if not path.is_dir())
+    for path in files:
+        sync(path)
+    if not folder.exists():
+        try:
+            temporary.replace(folder)
+        except OSError:
+            if not folder.is_dir():  # another process has made it meanwhile
+                raise
+        else:
+            return
+    for path in files:
+        place = folder / path.relative_to(temporary)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if place.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(place))
+    with signals_wait():
+        for path in files:
+            path.replace(folder / path.relative_to(temporary))

@@ -175,13 +175,15 @@ class Kernel:
         bounds: Rows,
         variables: Variables,
         weights: Sequence[float],
+        before: tuple[FloatArray, FloatArray] | None = None,
     ) -> tuple[int, FloatArray, FloatArray]:
         """Batches `groups[bounds[i]:bounds[i+1]]` in order, an optimiser step after each.
 
-        Returns how many batches were finite (all, unless one stopped it), sums and counts.
+        Returns how many batches were finite (all, unless one stopped it), and sums and counts of
+        their losses, added one batch after the other to those `before`: the bits do not depend on
+        where an epoch is divided into calls.
         """
-        count = len(self.source.losses)
-        sums, counts = np.zeros(count), np.zeros(count)
+        sums, counts = (one.copy() for one in before or (np.zeros(len(self.source.losses)),) * 2)
         work = self._work(groups, int((bounds[1:] - bounds[:-1]).max()))
         scale = np.asarray(weights, float)
         variables.optimizer.missing = int(data.missing)
@@ -258,7 +260,7 @@ class Variables:
         self.arrays = arrays
         self.addresses = VariablesStruct(*(array.ctypes.data for array in arrays.values()))
         constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
-        self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0)
+        self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0, 1.0, 1.0)
         kernel.fill_in_physical(self)
 
     def scale_rates(self, factor: float) -> None:

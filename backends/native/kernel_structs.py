@@ -45,6 +45,8 @@ class OptimizerStruct(ctypes.Structure):
         ("decay", ctypes.c_double),
         ("clip", ctypes.c_double),
         ("steps", ctypes.c_int64),
+        ("first_decay", ctypes.c_double),
+        ("second_decay", ctypes.c_double),
     )
 
 

@@ -12,7 +12,7 @@ SpecFile: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="SPEC",
-        help="A spec (.yaml, .json), or the NAME.program.json that `msnn compile` wrote.",
+        help="A spec (.yaml, .json), what `msnn compile` wrote, or the folder of a run.",
     ),
 ]
 

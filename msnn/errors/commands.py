@@ -32,14 +32,17 @@ def unusable_name(name: str, reason: str) -> Diagnostic:
     )
 
 
-def not_trained(path: str, name: str) -> Diagnostic:
+def not_trained(path: str, name: str, begun: str | None = None) -> Diagnostic:
     """E1036: a command that needs weights where none were trained."""
     return Diagnostic(
         "E1036",
         "error",
         f"`{name}` has no trained weights: there is no {path}",
         None,
-        help="run `msnn train` first, or take the initial values with `--initial`",
+        help="run `msnn train` first, or take the initial values with `--initial`"
+        if begun is None
+        else f"a training in {begun} has not ended: `msnn train SPEC --resume` goes on with it; "
+        "this folder in place of the spec takes its best weights so far",
     )
 
 

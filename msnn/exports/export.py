@@ -92,7 +92,19 @@ def write_export(
 ) -> tuple[Path, ...]:
     """Writes the files of one target into the folder and returns their paths.
 
-    A backend is imported when its target is written: one needs no other one's library.
+    They appear there when all of them are written: a command that is killed leaves what was there.
+    """
+    from backends.files.atomic_write import replacing_files  # `check` plans exports without it
+
+    with replacing_files(folder) as temporary:
+        files = _written(plan, weights, temporary)
+    return tuple(folder / path.relative_to(temporary) for path in files)
+
+
+def _written(plan: ExportPlan, weights: Mapping[str, FloatArray], folder: Path) -> tuple[Path, ...]:
+    """The files of one target, written by its backend.
+
+    That is imported when its target is written: one needs no other one's library.
     """
     match plan.target:
         case "torch":

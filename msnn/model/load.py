@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from compiler.elaboration.compile import compile_spec
+from msnn.errors.run_ends import nothing_kept
+from msnn.model.kept_run import kept_spec, run_of
 from msnn.model.model import PROGRAM_SUFFIX, Model
-from msnn.model.spec_hash import hash_of, parts_of
+from msnn.model.spec_hash import hash_of, parts_of, with_files
 from msnn.model.submodel_weights import read_submodel_weights
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.reading.reader import ReadResult, read_spec
@@ -19,18 +21,20 @@ from spec_schema.reading.settings import settings_source
 def load_model(
     path: str | Path, settings: Sequence[str] = (), *, strict_units: bool = False
 ) -> Model:
-    """The model in a spec (`.yaml`, `.json`) or in a program file (`….program.json`).
+    """The model in a spec (`.yaml`, `.json`), a program file (`….program.json`) or a run's folder.
 
     `settings` such as `train.0.epochs=5` replace values of the workflow sections. Raises SpecError
     with everything that is wrong; `strict_units` makes warnings about units errors.
     """
     path = Path(path)
+    run = run_of(path)
+    if run is not None:
+        return _of_run(run, settings, strict_units)
     if path.name.endswith(PROGRAM_SUFFIX):
         from msnn.model.program_file import read_program_file  # models of specs start without it
 
-        model = read_program_file(path, settings)
-    else:
-        model = _compiled(read_spec(path, settings=settings), path, settings, strict_units)
+        return read_program_file(path, settings)
+    model = _compiled(read_spec(path, settings=settings), path, settings, strict_units)
     return replace(model, settings=tuple(settings))
 
 
@@ -42,12 +46,29 @@ def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Mod
     return replace(model, spec=spec, settings=(*model.settings, *same))
 
 
-def _compiled(read: ReadResult, path: Path, settings: Sequence[str], strict_units: bool) -> Model:
+def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
+    """The model that a run has kept, with the settings of the run before those given here."""
+    kept = kept_spec(run)
+    settings = (*kept.settings, *settings)
+    read = read_spec(kept.path, kept.text, settings, texts=kept.texts)
+    model = _compiled(read, kept.path, settings, strict_units, kept.weights)
+    if model.program.spec_hash != kept.sha256:
+        raise SpecError((nothing_kept(str(run)),))
+    return replace(model, settings=settings, run=run, trained_in=kept.trained_in)
+
+
+def _compiled(
+    read: ReadResult,
+    path: Path,
+    settings: Sequence[str],
+    strict_units: bool,
+    kept: Mapping[str, Path] | None = None,
+) -> Model:
     sources = (*read.sources, settings_source(settings))
     text, findings = read.source.text, Findings()
     findings.report(*read.warnings)
-    weights = read_submodel_weights(read, findings)
-    parts = parts_of(read, weights.digests)
+    weights = read_submodel_weights(read, findings, kept)
+    parts = with_files(parts_of(read, weights.digests), weights.files)
     try:
         findings.raise_errors()
         compiled = compile_spec(

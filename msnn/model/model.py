@@ -42,6 +42,10 @@ class Model:
     """The arrays that their `weights:` have; empty for a program file."""
     settings: tuple[str, ...] = ()
     """Values of its workflow that were replaced: `train.0.epochs=5`."""
+    run: Path | None = None
+    """The run that has kept it."""
+    trained_in: str | None = None
+    """The folder of its spec when that run began, where it is not here."""
 
     @property
     def name(self) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.commands import no_data_section
 from msnn.model.model import Model
-from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
@@ -32,7 +33,21 @@ def read_data(
     folder = data_folder(model, data_root)
     with sources_of(model):
         signals = program or model.program
-        return load_data(signals, model.spec.data, folder, row_filters(model.spec))
+        try:
+            return load_data(signals, model.spec.data, folder, row_filters(model.spec))
+        except SpecError as error:
+            if model.trained_in is None or data_root is not None:
+                raise
+            raise SpecError(
+                _elsewhere(error.diagnostics, model.trained_in), error.sources
+            ) from None
+
+
+def _elsewhere(found: Sequence[Diagnostic], trained_in: str) -> list[Diagnostic]:
+    """What is wrong with data that a run has not kept, and where they were."""
+    note = f"the run does not keep its data: it read them from {trained_in}"
+    help = "say where they are: `--data-root FOLDER`"
+    return [replace(each, notes=(*each.notes, note), help=help) for each in found]
 
 
 def data_folder(model: Model, data_root: str | Path | None) -> Path:

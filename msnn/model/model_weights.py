@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compiler.elaboration.compile import compile_spec
-from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors.commands import not_trained
+from msnn.errors.run_ends import unfinished_run
+from msnn.model.kept_run import FOLD, LATEST, WEIGHTS, age, has_checkpoint, newest
 from msnn.model.model import Model
 from msnn.model.weights_file import initial_weights, known_weights, read_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
-
-LATEST_WEIGHTS = Path("latest", "weights.safetensors")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,18 +38,31 @@ def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
 
 
 def choose_weights(
-    program: Program, file: Path | None, runs: Path, *, initial: bool = False
+    model: Model, file: Path | None, runs: Path, *, initial: bool = False
 ) -> ChosenWeights:
-    """The weights in `file`, else with `initial` the spec's own, else those of the last training.
+    """The weights in `file`, else with `initial` the spec's own, else those of a training.
 
-    Raises SpecError when a file does not fit the model, or nothing was trained yet.
+    That is the run which has kept the model, else the last one in `runs`. Raises SpecError when a
+    file does not fit the model, or nothing was trained yet.
     """
+    program = model.program
     needs_training = any(p.learn or p.statistic is not None for p in program.parameters)
     if file is None and (initial or not needs_training):
         return ChosenWeights(known_weights(program, None), "the initial values of the spec")
+    warnings: tuple[Diagnostic, ...] = ()
     if file is None:
-        file = runs / program.name / LATEST_WEIGHTS
+        latest = runs / program.name / LATEST
+        unfinished = None if model.run is not None else newest(latest.parent, has_checkpoint)
+        file = (latest if model.run is None else model.run) / WEIGHTS
         if not file.is_file():
-            raise SpecError([not_trained(str(file), program.name)])
+            begun = None if unfinished is None else str(unfinished)
+            raise SpecError([not_trained(str(file), program.name, begun)])
+        if unfinished is not None and age(unfinished) > age(_whole_run(latest.resolve())):
+            warnings = (unfinished_run(str(unfinished), str(latest.resolve().name)),)
     loaded = read_weights(file, program)
-    return ChosenWeights(loaded.weights, str(file), loaded.warnings)
+    return ChosenWeights(loaded.weights, str(file), (*warnings, *loaded.warnings))
+
+
+def _whole_run(folder: Path) -> Path:
+    """The run that a fold is part of, or itself."""
+    return folder.parent if folder.name.startswith(FOLD) else folder

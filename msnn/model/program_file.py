@@ -32,6 +32,8 @@ def write_program_file(model: Model, folder: Path) -> Path:
     """
     file = folder / f"{model.name}{PROGRAM_SUFFIX}"
     spec: dict[str, Any] = {"path": _seen_from(folder, model.path), "text": model.text}
+    if model.settings:
+        spec["settings"] = list(model.settings)
     if model.parts:
         texts = {part.path: part.text for part in model.parts}
         spec["texts"] = {_seen_from(folder, path): text for path, text in texts.items()}
@@ -56,6 +58,7 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     program = program_from_data(data, shown)
     if embedded is None:
         raise SpecError([foreign_spec(shown)])
+    settings = (*embedded.settings, *settings)
     read = read_spec(embedded.path, embedded.text, settings, texts=embedded.texts)
     parts, text = parts_of(read, embedded.weights), read.source.text
     if program.spec_hash != hash_of(text, parts) or program.name != read.spec.name.value:
@@ -64,7 +67,17 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     spec = link(
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
-    return Model(program, spec, embedded.path, text, sources, read.warnings, read, parts)
+    return Model(
+        program,
+        spec,
+        embedded.path,
+        text,
+        sources,
+        read.warnings,
+        read,
+        parts,
+        settings=settings,
+    )
 
 
 def _seen_from(folder: Path, path: str | Path) -> str:
@@ -73,12 +86,16 @@ def _seen_from(folder: Path, path: str | Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _EmbeddedSpec:
-    """The spec in a program file, the texts of sub-models by path, digests of their weights."""
+    """The spec in a program file, the texts of sub-models by path, digests of their weights.
+
+    `settings` are values of its workflow that were replaced.
+    """
 
     path: Path
     text: str
     texts: Mapping[str, str]
     weights: Mapping[str, str]
+    settings: tuple[str, ...]
 
 
 def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
@@ -91,7 +108,10 @@ def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
             return None
     texts, weights = _texts(found.get("texts")), _texts(found.get("weights"))
     texts = {os.path.normpath(folder / path): text for path, text in texts.items()}
-    return _EmbeddedSpec(spec, text, texts, weights)
+    listed = found.get("settings")
+    given = cast("list[Any]", listed) if isinstance(listed, list) else []
+    settings = tuple(one for one in given if isinstance(one, str))
+    return _EmbeddedSpec(spec, text, texts, weights, settings)
 
 
 def _texts(data: Any) -> dict[str, str]:

@@ -5,19 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from spec_schema.reading.reader import ReadResult
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A sub-model: its full name, the path and text of its spec, sha256 of its weights or ""."""
+    """A sub-model: its full name, the path and text of its spec, sha256 of its weights or "".
+
+    `file` has these weights; None where there are none, or only a program has them.
+    """
 
     name: str
     path: str
     text: str
     weights: str
+    file: Path | None = None
 
     def record(self) -> dict[str, str]:
         """What a run was made of, as data."""
@@ -31,6 +36,11 @@ class Part:
 def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[Part, ...]:
     """Every sub-model of a spec; `digests` are those of weights by full name."""
     return tuple(_parts(read, digests, ""))
+
+
+def with_files(parts: Sequence[Part], files: Mapping[str, Path]) -> tuple[Part, ...]:
+    """The parts with the files of their weights, by full name."""
+    return tuple(replace(part, file=files.get(part.name)) for part in parts)
 
 
 def hash_of(text: str, parts: Sequence[Part]) -> str:

@@ -31,14 +31,21 @@ class SubmodelWeights:
         default_factory=dict[str, Mapping[str, FloatArray]]
     )
     digests: dict[str, str] = field(default_factory=dict[str, str])
+    files: dict[str, Path] = field(default_factory=dict[str, Path])
 
 
-def read_submodel_weights(read: ReadResult, findings: Findings) -> SubmodelWeights:
-    """What the files hold that the uses in a spec, and in those that it uses, name."""
+def read_submodel_weights(
+    read: ReadResult, findings: Findings, kept: Mapping[str, Path] | None = None
+) -> SubmodelWeights:
+    """What the files hold that the uses in a spec, and in those that it uses, name.
+
+    `kept` are files that hold the same, by the full names of sub-models.
+    """
     found = SubmodelWeights()
     for name, use, file, parent in _uses(read, ""):
         if use.weights is not None:
             path = Path(parent.source.path).parent / use.weights.value
+            path = path if kept is None else kept[name]
             _read(name, use, file, path, found, findings)
     return found
 
@@ -70,6 +77,7 @@ def _read(
         findings.report(errors.unusable_weights(name, problem, place, None))
         return
     found.digests[name] = hashlib.sha256(content).hexdigest()
+    found.files[name] = path
     found.arrays[name] = {
         array: values.astype(np.float64)
         for array, values in arrays.items()

@@ -51,7 +51,7 @@ def known_weights(
 
 
 def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Program) -> Path:
-    """Writes the arrays with the program's name, spec hash and units as metadata; whole or not."""
+    """Writes the arrays with the program's name, spec hash and units as metadata; durably."""
     units = {p.name: p.unit.text for p in program.parameters if p.unit is not None}
     metadata = {
         "format": "msnn-weights-1",
@@ -60,7 +60,7 @@ def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Progra
         "units": json.dumps(units, ensure_ascii=False, sort_keys=True),
     }
     arrays = {name: np.asarray(value, np.float64) for name, value in weights.items()}
-    return write_bytes(path, safetensors_bytes(arrays, metadata))
+    return write_bytes(path, safetensors_bytes(arrays, metadata), durable=True)
 
 
 def read_weights(path: Path, program: Program) -> LoadedWeights:

@@ -10,15 +10,21 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from msnn.errors.runs import no_run, unreadable_run
+from msnn.errors.runs import unreadable_run
+from msnn.model.kept_run import (
+    CHECKPOINT,
+    DESCRIPTION,
+    FOLD,
+    SPEC,
+    WEIGHTS,
+    read_json,
+    run_of,
+)
 from msnn.reports.training_summary import errors_note, parameters_table, stages_table
 from msnn.tables import count, table_text
 from msnn.training.records.progress import EpochEnd, StageEnd
-from msnn.training.records.run_folder import CHECKPOINT, METRICS, PARAMETERS, SPEC, WEIGHTS
-from msnn.training.records.run_folder import read_description as description_of
+from msnn.training.records.run_folder import METRICS, PARAMETERS
 from spec_schema.diagnostics.diagnostic import SpecError
-
-RUNS_SHOWN = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +63,8 @@ class Run:
 
 def read_run(folder: Path) -> Run:
     """The run in a folder. Raises SpecError for a folder that is none, or of another version."""
-    if folder.is_symlink():  # `latest` leads elsewhere tomorrow
-        folder = folder.parent / folder.readlink()
-    description = description_of(folder)
-    if not description:
-        inside = sorted(path.parent for path in folder.glob("*/run.json"))
-        named = [str(path) for path in inside if not path.is_symlink()]
-        raise SpecError((no_run(str(folder), named[-RUNS_SHOWN:]),))
+    folder = run_of(folder) or folder
+    description = read_json(folder / DESCRIPTION)
     try:
         return _checked(folder, description)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -169,7 +170,9 @@ def _options(run: Run) -> list[str]:
     device = run.description.get("device", "cpu")
     words += [] if device == "cpu" else ["--device", device]
     words += ["--tensorboard"] if any(run.folder.glob("events.out.*")) else []
-    out = run.folder.parent.parent
+    is_fold = run.folder.name.startswith(FOLD)
+    words += ["--folds"] if is_fold else []
+    out = run.folder.parents[2 if is_fold else 1]
     return words if out.absolute() == Path("runs").absolute() else [*words, "--out", str(out)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,11 +14,19 @@ import numpy as np
 from backends.files.atomic_write import write_text
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.stages import no_folds
+from msnn.errors.training import no_checkpoint
+from msnn.model.kept_run import CHECKPOINT, FOLD, LATEST, newest, read_json
 from msnn.model.model import Model
 from msnn.tables import table_text
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
-from msnn.training.records.run_folder import LATEST, RunFolder, finite, new_run_folder
-from msnn.training.train import TrainingOptions, TrainingResult, train
+from msnn.training.records.run_folder import (
+    RunFolder,
+    finite,
+    new_run_folder,
+)
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import TrainingResult
 from msnn.validation.report import rollout_text, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport, validate
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
@@ -46,6 +55,8 @@ class FoldsResult:
 
     folds: tuple[Fold, ...]
     folder: Path | None
+    count: int
+    """How many there are in all."""
 
     @property
     def best(self) -> Fold:
@@ -62,29 +73,70 @@ def train_folds(
 ) -> FoldsResult:
     """Trains every fold from the same weights; `read` gives the data of a model.
 
-    `latest` leads to the best fold once all are trained. Raises what a training raises, and
-    SpecError where the data have no folds.
+    `folds.json` has the folds that are over; `latest` leads to the best one once all are. With
+    `resume` the newest training of folds goes on that has not come to its end: a fold that is over
+    is measured again, one that was killed goes on from its checkpoint. Raises what a training
+    raises, and SpecError where the data have no folds.
     """
     count = fold_count(model)
-    folder = None if options.runs is None else new_run_folder(model.program, options.runs).path
+    folder = _folder(model, options)
     shown = _FoldProgress(progress or Silent(), count)
     folds: list[Fold] = []
     for number in range(1, count + 1):
         shown.fold = number
-        place = None if folder is None else folder / f"fold_{number}"
         one = of_fold(model, number)
         data = read(one)
-        stages = one.spec.train
-        found = train(one.program, data, stages, replace(options, fold=place), shown, weights)
+        stages, own = one.spec.train, _options(options, folder, number)
+        found = train(one.program, data, stages, own, shown, weights)
         report = validate(one.program, data, one.spec.checks, found.weights, on=HELD_OUT)
         folds.append(Fold(number, found, report))
-    result = FoldsResult(tuple(folds), folder)
+        if number < count:
+            _write_record(FoldsResult(tuple(folds), folder, count))
+    result = FoldsResult(tuple(folds), folder, count)
     if folder is not None and result.best.training.folder is not None:
-        text = json.dumps(finite(folds_record(result)), ensure_ascii=False, indent=2)
-        write_text(folder / RECORD, text + "\n")
         best = result.best.training.folder
         RunFolder(best, model.program, folder.parent / LATEST).become_latest()
+        _write_record(result)  # with all folds: from here on there is nothing to resume
+        for checkpoint in folder.glob(f"{FOLD}*/{CHECKPOINT}"):
+            checkpoint.unlink()
     return result
+
+
+def _folder(model: Model, options: TrainingOptions) -> Path | None:
+    """The folder of all folds: a fresh one, or that of the training that goes on."""
+    if options.runs is None:
+        return None
+    if not options.resume:
+        return new_run_folder(model.program, options.runs).path
+    parent = options.runs / model.program.name
+    found = newest(parent, _is_unfinished)
+    if found is None:
+        raise SpecError((no_checkpoint(str(parent)),))
+    return found
+
+
+def _is_unfinished(folder: Path) -> bool:
+    if next(folder.glob(f"{FOLD}*/{CHECKPOINT}"), None) is None:
+        return False
+    record = read_json(folder / RECORD)
+    return len(record.get("folds", ())) < record.get("of", 1)
+
+
+def _options(options: TrainingOptions, folder: Path | None, number: int) -> TrainingOptions:
+    """How one fold is trained: one without a checkpoint begins afresh."""
+    if folder is None:
+        return options
+    place = folder / f"{FOLD}{number}"
+    resume = options.resume and (place / CHECKPOINT).is_file()
+    if place.exists() and not resume:
+        shutil.rmtree(place)  # it was killed in its first seconds
+    return replace(options, fold=place, resume=resume)
+
+
+def _write_record(result: FoldsResult) -> None:
+    if result.folder is not None:
+        text = json.dumps(finite(folds_record(result)), ensure_ascii=False, indent=2)
+        write_text(result.folder / RECORD, text + "\n", durable=True)
 
 
 def fold_count(model: Model) -> int:
@@ -125,6 +177,7 @@ def folds_record(result: FoldsResult) -> dict[str, Any]:
     columns = _columns(result)
     return {
         "best": result.best.number,
+        "of": result.count,
         "folds": [
             {
                 "fold": fold.number,
@@ -171,8 +224,8 @@ def _mean(values: list[float]) -> float:
 
 
 def _deviation(values: list[float]) -> float:
-    """The standard deviation of a sample, over n - 1."""
-    return float(np.std(values, ddof=1))
+    """The standard deviation of a sample, over n - 1; NaN of a single one."""
+    return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
 
 
 class _FoldProgress:

@@ -6,13 +6,13 @@ One after the other: the batches of a single attempt fill the lanes of a kernel 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult, Weights
 from msnn.training.records.checkpoint import Checkpoint
-from msnn.training.stage_run import Interrupted, StageRun
+from msnn.training.stage_run import StageRun
 
 
 @dataclass(slots=True)
@@ -39,20 +39,27 @@ class StageAttempts:
         return ended.best
 
     def resume(self, checkpoint: Checkpoint) -> None:
-        """Goes on where a checkpoint of this stage was made."""
+        """Goes on where a checkpoint of this stage was made, its begin included."""
         self.leader = checkpoint.leader
         if checkpoint.attempt:
             self.current = self.opened(checkpoint.attempt)
-        self.current.resume(checkpoint)
+        if checkpoint.place is not None:
+            self.current.resume(checkpoint.place)
+
+    def checkpoint(self, before: Checkpoint) -> Checkpoint:
+        """Where a run stands now that began this stage at `before`."""
+        now = self.current
+        return Checkpoint(before.ended, before.begin, now.attempt, self.leader, now.place())
 
     def run(self) -> StageResult:
-        """The best attempt. Raises Interrupted, and NonFiniteLossError where all diverge."""
+        """The best attempt. Raises Interrupted, and NonFiniteLossError where all diverge.
+
+        A checkpoint made at the end of an attempt goes on from its last epoch, and ends it again.
+        """
         while True:
             last = self.current.attempt + 1 == self.plan.attempts
             try:
                 self._compare(self.current.run())
-            except Interrupted as event:
-                raise Interrupted(replace(event.checkpoint, leader=self.leader)) from None
             except NonFiniteLossError as fault:
                 if last and self.leader is None:
                     raise

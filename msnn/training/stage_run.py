@@ -4,29 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from msnn.data.starts import Runs
-from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import Engine, LossSums
 from msnn.training.monitor import loss_values, monitor, weighted_total
+from msnn.training.pace import Pace
 from msnn.training.plans.epoch_order import order_key
 from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult, Weights
-from msnn.training.records.checkpoint import Checkpoint
+from msnn.training.records.checkpoint import Place
 from msnn.training.records.progress import EpochEnd
 
 
 class Interrupted(Exception):  # noqa: N818  (an event, no error)
-    """The user asked for an end; `checkpoint` is where to go on."""
-
-    def __init__(self, checkpoint: Checkpoint) -> None:
-        super().__init__("training was interrupted")
-        self.checkpoint = checkpoint
+    """The user asked for an end; the run stands between two batches."""
 
 
 @dataclass(slots=True)
@@ -36,9 +32,10 @@ class StageRun:
     plan: StagePlan
     engine: Engine
     data: StageData
-    spec_hash: str
     stop_asked: Callable[[], bool]
     epoch_ended: Callable[[EpochEnd], None]
+    between: Callable[[float], None] = lambda seconds: None
+    """Called wherever the run could go on from; so many seconds of work come before the next."""
     attempt: int = 0
     epoch: int = 0
     batch: int = 0
@@ -47,40 +44,39 @@ class StageRun:
     best: Weights | None = None
     sums: LossSums | None = None
     reductions: Reductions = NO_REDUCTIONS
+    _began: float = field(init=False, default_factory=time.monotonic)
+    _watching: float = field(init=False, default=0.0)
+    """Seconds that the monitor took."""
 
-    def resume(self, checkpoint: Checkpoint) -> None:
-        """Goes on where a checkpoint of this stage was made."""
-        self.engine.restore(checkpoint.engine)
-        self.epoch, self.batch = checkpoint.epoch, checkpoint.batch
-        self.best_value, self.best_epoch = checkpoint.best_value, checkpoint.best_epoch
-        self.best, self.sums = checkpoint.best, checkpoint.sums
-        self.reductions = checkpoint.reductions
+    def resume(self, place: Place) -> None:
+        """Goes on at a place of this attempt."""
+        self.engine.restore(place.engine)
+        self.epoch, self.batch = place.epoch, place.batch
+        self.best_value, self.best_epoch = place.best_value, place.best_epoch
+        self.best, self.sums = place.best, place.sums
+        self.reductions = place.reductions
+        self._began = time.monotonic() - place.seconds
 
     def run(self) -> StageResult:
         """Trains to the last epoch, the early stop or the optimiser's own end.
 
         Raises NonFiniteLossError, Interrupted.
         """
-        began = time.monotonic()
         if self.best is None:
-            self._keep_if_best(monitor(self.plan, self.engine.evaluate, self.data.watched))
-        reason = "done"
-        while self.epoch < self.plan.epochs:
+            self._began = time.monotonic()
+            self._keep_if_best(self._monitor())
+        pace = Pace(self.engine.batches_a_call)
+        while (reason := self._reason_to_end()) is None:
             runs, rate = self.data.in_epoch(self.epoch), self._rate()
-            sums = self._run_epoch(runs, rate)
+            sums = self._run_epoch(runs, rate, pace)
             self.epoch, self.batch, self.sums = self.epoch + 1, 0, None
-            value = monitor(self.plan, self.engine.evaluate, self.data.watched)
+            value = self._monitor()
             self._keep_if_best(value)
-            self._report(sums, value, runs, rate, time.monotonic() - began)
-            better = max(self.best_epoch, self.plan.whole_from)
-            self.reductions = after_epoch(self.plan.schedule, self.epoch, better, self.reductions)
-            if self.engine.finished is not None and self.epoch > self.plan.whole_from:
-                reason = self.engine.finished
-                break
-            waited = self.epoch - better
-            if self.plan.patience is not None and waited >= self.plan.patience:
-                reason = f"no better for {waited} epochs"
-                break
+            self.reductions = after_epoch(
+                self.plan.schedule, self.epoch, self._better, self.reductions
+            )
+            self._report(sums, value, runs, rate)
+            self.between(pace.seconds)
         assert self.best is not None
         return StageResult(
             self.best,
@@ -88,34 +84,56 @@ class StageRun:
             self.best_epoch,
             self.epoch,
             reason,
-            time.monotonic() - began,
+            self._seconds,
             self.attempt,
         )
 
-    def checkpoint(self) -> Checkpoint:
-        """Where the stage stands now."""
-        assert self.best is not None
-        return Checkpoint(
-            self.spec_hash,
-            self.plan.index,
-            self.attempt,
-            self.epoch,
-            self.batch,
-            self.sums or {},
-            self.best_value,
-            self.best_epoch,
-            self.best,
-            self.engine.state(),
-            None,
-            self.reductions,
+    def place(self) -> Place | None:
+        """Where the attempt stands now; None before it has begun."""
+        if self.best is None:
+            return None
+        return Place(
+            epoch=self.epoch,
+            batch=self.batch,
+            sums=self.sums or {},
+            best_value=self.best_value,
+            best_epoch=self.best_epoch,
+            best=self.best,
+            engine=self.engine.state(),
+            reductions=self.reductions,
+            seconds=self._seconds,
         )
+
+    @property
+    def _seconds(self) -> float:
+        return time.monotonic() - self._began
+
+    @property
+    def _better(self) -> int:
+        """The epoch from which on one waits for a better one."""
+        return max(self.best_epoch, self.plan.whole_from)
+
+    def _reason_to_end(self) -> str | None:
+        """Why no epoch follows; it depends on the place alone, so that a resumed run ends too."""
+        if self.engine.finished is not None and self.epoch > self.plan.whole_from:
+            return self.engine.finished
+        waited = self.epoch - self._better
+        if self.plan.patience is not None and waited >= self.plan.patience:
+            return f"no better for {waited} epochs"
+        return "done" if self.epoch >= self.plan.epochs else None
 
     def _rate(self) -> float:
         """What learning rates are multiplied by in the next epoch."""
         plan = self.plan
         return rate_factor(plan.schedule, self.epoch, plan.epochs, self.reductions)
 
-    def _run_epoch(self, runs: Runs, rate: float) -> LossSums:
+    def _monitor(self) -> float:
+        began = time.monotonic()
+        value = monitor(self.plan, self.engine.evaluate, self.data.watched)
+        self._watching = time.monotonic() - began
+        return value
+
+    def _run_epoch(self, runs: Runs, rate: float, pace: Pace) -> LossSums:
         key = order_key(self.plan.seed, self.plan.index, self.epoch, self.attempt)
         order = self.engine.order(len(runs), key)
         self.engine.begin_epoch(self.epoch, rate, self.attempt)
@@ -124,13 +142,15 @@ class StageRun:
         # a last batch that is smaller is the same as one filled up with members of weight 0
         count = -(-len(order) // size)
         while self.batch < count:
-            several = min(self.engine.batches_a_call, count - self.batch)
+            several = min(pace.batches, count - self.batch)
             members = order[self.batch * size : (self.batch + several) * size]
-            found = self.engine.train_batches(runs, size, members)
-            sums = {name: sums.get(name, LossSum(0.0, 0)) + value for name, value in found.items()}
+            began = time.monotonic()
+            sums = self.engine.train_batches(runs, size, members, sums)
+            pace.called(several, time.monotonic() - began)
             self.batch, self.sums = self.batch + several, sums
             if self.stop_asked():
-                raise Interrupted(self.checkpoint())
+                raise Interrupted
+            self.between(pace.seconds if self.batch < count else self._watching)
         return sums
 
     def _keep_if_best(self, value: float) -> None:
@@ -138,9 +158,7 @@ class StageRun:
         if self.best is None or value < self.best_value or first_finite:
             self.best, self.best_value, self.best_epoch = self.engine.weights(), value, self.epoch
 
-    def _report(
-        self, sums: LossSums, watched: float, runs: Runs, rate: float, seconds: float
-    ) -> None:
+    def _report(self, sums: LossSums, watched: float, runs: Runs, rate: float) -> None:
         losses = loss_values(self.plan, sums)
         self.epoch_ended(
             EpochEnd(
@@ -156,6 +174,6 @@ class StageRun:
                 best_epoch=self.best_epoch,
                 lr=None if self.plan.lr is None else self.plan.lr * rate,
                 horizon=int(runs.steps.max()),
-                seconds=seconds,
+                seconds=self._seconds,
             )
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
+from msnn.errors import run_ends
 from msnn.errors import stages as stage_errors
 from msnn.errors import training as errors
 from msnn.errors import weights as weight_errors
@@ -24,53 +25,27 @@ from msnn.training.parameter_warnings import parameter_warnings
 from msnn.training.plans.stage_data import StageData, stage_data
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.plans.stage_result import StageResult
-from msnn.training.records.checkpoint import Checkpoint, write_checkpoint
+from msnn.training.records.checkpoint import Checkpoint
 from msnn.training.records.interrupts import end_on_interrupt
 from msnn.training.records.parameters_record import parameters_record
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.records.resumable_run import NotedProgress, open_run
 from msnn.training.records.run_folder import RunFolder
+from msnn.training.records.run_lock import held
 from msnn.training.records.run_record import run_record
-from msnn.training.records.standard_errors import StandardErrors, standard_errors
+from msnn.training.records.safekeeping import Safekeeping
+from msnn.training.records.standard_errors import standard_errors
 from msnn.training.records.tensorboard_curves import Curves, require_tensorboard
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.stage_run import Interrupted, StageRun
 from msnn.training.starts.initial_weights_of_run import first_weights
-from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+from msnn.training.training_result import (
+    TrainingDivergedError,
+    TrainingInterruptedError,
+    TrainingResult,
+)
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.sections.training.training import Stage
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingResult:
-    """Trained weights in physical units, what each stage reached, and where the run is kept."""
-
-    weights: Mapping[str, FloatArray]
-    stages: tuple[StageResult, ...]
-    folder: Path | None
-    warnings: tuple[Diagnostic, ...]
-    standard_errors: StandardErrors | None = None
-    """Of a run that is kept in a folder and came to its end."""
-
-
-class TrainingDivergedError(Exception):
-    """A stage met a value that is not finite; the best weights so far are in `result`.
-
-    `latest` leads to them where the run had been interrupted before, and only there.
-    """
-
-    def __init__(self, diagnostic: Diagnostic, result: TrainingResult, *, is_latest: bool) -> None:
-        super().__init__(diagnostic.message)
-        self.diagnostic = diagnostic
-        self.is_latest = is_latest
-        self.result = result
-
-
-class TrainingInterruptedError(Exception):
-    """The user ended the run; `result` has the best weights so far, `resume` goes on."""
-
-    def __init__(self, result: TrainingResult) -> None:
-        super().__init__("training was interrupted; it can be resumed")
-        self.result = result
 
 
 def train(
@@ -99,14 +74,31 @@ def train(
     first = dict(weights or first_weights(program, data))
     record = run_record(program, plans, data, options.parts)
     folder, checkpoint = open_run(program, options, record)
+    path = None if folder is None else folder.path
     noted = NotedProgress(progress, folder)
     for warning in (*data.warnings, *findings.in_order):
         noted.warned(warning)
     curves = Curves(folder.path) if folder is not None and options.tensorboard else None
-    run = _Run(program, data, ready, folder, curves, noted, findings.in_order, options.redrawn)
+    run = _Run(
+        program,
+        data,
+        ready,
+        folder,
+        curves,
+        noted,
+        findings.in_order,
+        options,
+        Safekeeping(folder, noted, options.most_lost),
+    )
     try:
-        with end_on_interrupt() as stop_asked:
-            return run.through(first, checkpoint, stop_asked)
+        with held(path), end_on_interrupt() as stop_asked:
+            return run.through(checkpoint or Checkpoint((), first), stop_asked)
+    except OSError as error:
+        if folder is None or not _is_in(folder.path, error):
+            raise
+        file, reason = str(error.filename), (error.strerror or str(error)).lower()
+        kept = str(folder.weights) if folder.weights.is_file() else None
+        raise SpecError((run_ends.run_not_kept(file, reason, kept),)) from error
     finally:
         if curves is not None:
             curves.close()
@@ -121,65 +113,77 @@ class _Run:
     curves: Curves | None
     progress: NotedProgress
     warnings: tuple[Diagnostic, ...]
-    redrawn: Callable[[int], Mapping[str, FloatArray]] | None
+    options: TrainingOptions
+    safe: Safekeeping
 
-    def through(
-        self,
-        weights: dict[str, FloatArray],
-        checkpoint: Checkpoint | None,
-        stop_asked: threading.Event,
-    ) -> TrainingResult:
-        done: list[StageResult] = []
-        for plan, data in self.stages:
-            if checkpoint is not None and plan.index < checkpoint.stage:
-                continue
-            stage = self._attempts(plan, data, weights, stop_asked)
-            if checkpoint is not None and plan.index == checkpoint.stage:
-                stage.resume(checkpoint)
-            self._announce(plan, data)
-            self._warn_of_same_starts(plan, weights)
-            try:
-                result = stage.run()
-            except Interrupted as event:
-                self._keep(stage.best or weights)
-                if self.folder is not None and self.folder.latest is not None:
-                    write_checkpoint(self.folder.checkpoint, event.checkpoint)
-                    self.folder.become_latest()
-                self.progress.run_ended("interrupted")
-                found = self._result(stage.best or weights, done)
-                raise TrainingInterruptedError(found) from None
-            except NonFiniteLossError as fault:
-                self._keep(stage.best or weights)
-                diagnostic = self._explained(stage.current, fault)
-                self.progress.run_ended("diverged", [diagnostic])
-                found = self._result(stage.best or weights, done)
-                latest = self.folder is not None and self.folder.is_latest
-                raise TrainingDivergedError(diagnostic, found, is_latest=latest) from None
-            done.append(result)
-            weights = dict(result.best)
-            self._keep(weights)
+    def through(self, now: Checkpoint, stop_asked: threading.Event) -> TrainingResult:
+        """From where the run stands to its end."""
+        for plan, data in self.stages[len(now.ended) :]:
+            result = self._stage(plan, data, now, stop_asked)
+            if not result.best_epoch:
+                self.progress.warned(
+                    run_ends.nothing_learned(plan.name, result.best_value, plan.span)
+                )
             self.progress.stage_ended(_stage_end(plan, result))
+            now = Checkpoint((*now.ended, result), result.best)
+            if self.safe.is_stale:
+                self.safe.save(now, now.begin)
         if self.folder is None:
-            return self._result(weights, done)
-        self.folder.checkpoint.unlink(missing_ok=True)
-        self.folder.become_latest()
-        errors = standard_errors(self.stages[-1][0], self.data, weights)
-        self.folder.write_parameters(parameters_record(self.program, weights, errors))
-        self.progress.run_ended("finished", parameter_warnings(self.program, weights, errors))
-        return replace(self._result(weights, done), standard_errors=errors)
+            return self._result(now.begin, now)
+        self._finish(now)
+        spread = standard_errors(self.stages[-1][0], self.data, now.begin)
+        self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
+        self.progress.run_ended("finished", parameter_warnings(self.program, now.begin, spread))
+        if self.options.fold is None:
+            self.folder.checkpoint.unlink(missing_ok=True)
+        return replace(self._result(now.begin, now), standard_errors=spread)
+
+    def _stage(
+        self, plan: StagePlan, data: StageData, now: Checkpoint, stop_asked: threading.Event
+    ) -> StageResult:
+        """One stage to its end, beginning or going on where the run stands."""
+        stage = self._attempts(plan, data, now, stop_asked)
+        self._announce(plan, data, stage.current.epoch)
+        self._warn_of_same_starts(plan, now.begin)
+        try:
+            return stage.run()
+        except Interrupted:
+            best = stage.best or now.begin
+            self.safe.save(stage.checkpoint(now), best)
+            if self.folder is not None:
+                self.folder.become_latest()
+            self.progress.run_ended("interrupted")
+            raise TrainingInterruptedError(self._result(best, now)) from None
+        except NonFiniteLossError as fault:
+            best = stage.best or now.begin
+            self.safe.save_weights(best)
+            diagnostic = self._explained(stage.current, fault)
+            self.progress.run_ended("diverged", [diagnostic])
+            latest = self.folder is not None and self.folder.is_latest
+            found = self._result(best, now)
+            raise TrainingDivergedError(diagnostic, found, is_latest=latest) from None
+
+    def _finish(self, now: Checkpoint) -> None:
+        """Keeps the weights of the end; a fold also that it is over, until all folds are."""
+        assert self.folder is not None
+        if self.options.fold is None:
+            self.safe.save_weights(now.begin)
+            self.folder.become_latest()
+        else:
+            self.safe.save(now, now.begin)
 
     def _attempts(
         self,
         plan: StagePlan,
         data: StageData,
-        weights: Mapping[str, FloatArray],
+        now: Checkpoint,
         stop_asked: threading.Event,
     ) -> StageAttempts:
         as_it_runs = plan  # a kernel that failed in one attempt is not tried in the next
 
         def opened(attempt: int) -> StageRun:
             nonlocal as_it_runs
-            begin = self._begin(plan, weights, attempt)
+            begin = self._begin(plan, now.begin, attempt)
             opened = open_engine(as_it_runs, self.data.series, begin, data)
             engine, as_it_runs = opened.engine, opened.plan
             for note in opened.notes if attempt == 0 else ():
@@ -190,21 +194,27 @@ class _Run:
                 opened.plan,
                 engine,
                 data,
-                self.program.spec_hash,
                 stop_asked.is_set,
                 lambda event: self._epoch_ended(event, engine),
+                keep,
                 attempt,
             )
 
-        return StageAttempts(plan, opened, self._left_out)
+        def keep(ahead: float) -> None:
+            if self.safe.is_due(ahead):
+                self.safe.save(attempts.checkpoint(now), attempts.best or now.begin)
+
+        attempts = StageAttempts(plan, opened, self._left_out)
+        attempts.resume(now)
+        return attempts
 
     def _begin(
         self, plan: StagePlan, weights: Mapping[str, FloatArray], attempt: int
     ) -> Mapping[str, FloatArray]:
         """Where an attempt begins: trained parameters at their initial values are drawn again."""
-        if attempt == 0 or self.redrawn is None:
+        if attempt == 0 or self.options.redrawn is None:
             return weights
-        initial, drawn = initial_weights(self.program), self.redrawn(attempt)
+        initial, drawn = initial_weights(self.program), self.options.redrawn(attempt)
         return {
             name: drawn[name]
             if name in plan.trained and np.array_equal(value, initial[name])
@@ -228,7 +238,7 @@ class _Run:
         now, epoch = attempt.engine.weights(), attempt.epoch + 1
         return explain_divergence(attempt.plan, self.data, now, fault, epoch)
 
-    def _announce(self, plan: StagePlan, data: StageData) -> None:
+    def _announce(self, plan: StagePlan, data: StageData, epoch: int) -> None:
         self.progress.stage_started(
             StageStart(
                 number=plan.index + 1,
@@ -239,6 +249,7 @@ class _Run:
                 horizon=str(plan.rollout.horizon),
                 monitored_on=data.watched_set,
                 attempts=plan.attempts,
+                epoch=epoch,
             )
         )
 
@@ -249,15 +260,14 @@ class _Run:
             self.curves.epoch_ended(event, engine.weights())
         self.progress.epoch_ended(event)
 
-    def _keep(self, weights: Mapping[str, FloatArray]) -> None:
-        if self.folder is not None:
-            self.folder.write_weights(weights)
-
-    def _result(
-        self, weights: Mapping[str, FloatArray], stages: Sequence[StageResult]
-    ) -> TrainingResult:
+    def _result(self, weights: Mapping[str, FloatArray], now: Checkpoint) -> TrainingResult:
         path = None if self.folder is None else self.folder.path
-        return TrainingResult(weights, tuple(stages), path, self.warnings)
+        return TrainingResult(weights, now.ended, path, self.warnings)
+
+
+def _is_in(folder: Path, error: OSError) -> bool:
+    """Whether an error is about a file of the run."""
+    return isinstance(error.filename, str) and folder in Path(error.filename).parents
 
 
 def _stage_end(plan: StagePlan, result: StageResult) -> StageEnd:

@@ -162,7 +162,7 @@ void msnn_losses(const struct problem *p, const struct group *groups, int64_t n,
 
 /* A step along the gradient of one batch; 0 if its losses or slopes are not finite. */
 static int train_batch(struct team *team, struct batch *b, struct variables *v, struct optimizer *o,
-                       struct decays *decays, const double *weights, double *sums, double *counts)
+                       const double *weights, double *sums, double *counts)
 {
     real gradient[PARAMETERS + 1];
     double batch_sums[LOSSES + 1];
@@ -191,23 +191,23 @@ static int train_batch(struct team *team, struct batch *b, struct variables *v, 
             gradient[i] *= (real)factor;
         }
     }
-    move(v, o, decays, gradient);
+    move(v, o, gradient);
     msnn_physical(v);
     return 1;
 }
 
-/* Batches of groups in order; returns how many were finite, all if none stopped it. */
+/* Batches of groups in order, their sums and counts added to those given; returns how many were
+   finite, all if none stopped it. */
 int64_t msnn_train(const struct problem *p, const struct group *groups, const int64_t *bounds,
                    int64_t batches, struct variables *v, struct optimizer *o, const double *weights,
                    const struct work *work, double *sums, double *counts)
 {
     struct team team;
-    struct decays decays = decays_at(o);
     int64_t done = 0;
     open_team(&team, work->threads);
     while (done < batches) {
         struct batch b = batch_in(p, work, groups + bounds[done], bounds[done + 1] - bounds[done], NULL);
-        if (!train_batch(&team, &b, v, o, &decays, weights, sums, counts)) {
+        if (!train_batch(&team, &b, v, o, weights, sums, counts)) {
             break;
         }
         done++;

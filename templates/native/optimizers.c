@@ -23,6 +23,8 @@ struct optimizer {
     double decay;
     double clip;                    /* 0: none */
     int64_t steps;                  /* taken so far */
+    double first_decay;             /* powers of β by which Adam corrects its moments: products, */
+    double second_decay;            /* the same wherever an epoch is divided into calls */
 };
 
 static double softplus(double x) { return fmax(x, 0.0) + log1p(exp(-fabs(x))); }
@@ -72,25 +74,18 @@ static double slope(const struct variables *v, int i)
     }
 }
 
-/* Powers of β by which Adam corrects its moments, those of the step before first. */
-struct decays {
-    double first;
-    double second;
-};
-
-static struct decays decays_at(const struct optimizer *o)
+/* The next power of β; 0 once 1 less it is 1: subnormal numbers would take their time. */
+static double next_power(double power, double beta)
 {
-    const double steps = (double)o->steps;
-    return (struct decays){pow(o->beta1, steps), pow(o->beta2, steps)};
+    return power < 1e-20 ? 0.0 : power * beta;
 }
 
 /* One step of the optimiser along the gradient in raw variables; numbers of rate 0 stay. */
-static void move(struct variables *v, struct optimizer *o, struct decays *decays,
-                 const real *restrict gradient)
+static void move(struct variables *v, struct optimizer *o, const real *restrict gradient)
 {
     o->steps += 1;
-    decays->first *= o->beta1;
-    decays->second *= o->beta2;
+    o->first_decay = next_power(o->first_decay, o->beta1);
+    o->second_decay = next_power(o->second_decay, o->beta2);
     const real *restrict const rate = v->rate;
     real *restrict const raw = v->raw;
     real *restrict const first = v->first;
@@ -111,8 +106,8 @@ static void move(struct variables *v, struct optimizer *o, struct decays *decays
     }
     const real shrunk = o->method == ADAMW ? decay : 0;
     const real added = o->method == ADAMW ? 0 : decay;
-    const real rate_scale = (real)(1.0 / (1.0 - decays->first));
-    const real size_scale = (real)(1.0 / sqrt(1.0 - decays->second));
+    const real rate_scale = (real)(1.0 / (1.0 - o->first_decay));
+    const real size_scale = (real)(1.0 / sqrt(1.0 - o->second_decay));
     const real epsilon = (real)o->epsilon;
     for (int i = 0; i < PARAMETERS; i++) {
         const real from = raw[i] - rate[i] * shrunk * raw[i];

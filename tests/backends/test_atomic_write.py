@@ -1,10 +1,13 @@
 """Files appear whole, and a writer that fails leaves the old file and nothing beside it."""
 
+import errno
+import os
+import signal
 from pathlib import Path
 
 import pytest
 
-from backends.files.atomic_write import replacing, write_bytes, write_text
+from backends.files.atomic_write import replacing, replacing_files, write_bytes, write_text
 
 
 def test_writes_text_with_unix_line_ends_into_new_folders(tmp_path: Path):
@@ -56,3 +59,74 @@ def test_an_error_names_the_file_that_was_asked_for(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="name too long") as caught:
         write_text(path, "text")
     assert caught.value.filename == str(path)
+
+
+def test_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
+    folder = tmp_path / "build" / "c"
+    with pytest.raises(OSError, match="disk full"):
+        _write_some(folder, fail=True)
+    assert not folder.exists()
+    _write_some(folder, fail=False)
+    assert _texts(folder) == {"model.c": "new", "inner/model.h": "new"}
+    (folder / "model.c").write_text("old")
+    (folder / "own.c").write_text("of the user")
+    with pytest.raises(OSError, match="disk full"):
+        _write_some(folder, fail=True)
+    assert _texts(folder) == {"model.c": "old", "inner/model.h": "new", "own.c": "of the user"}
+    _write_some(folder, fail=False)
+    assert _texts(folder) == {"model.c": "new", "inner/model.h": "new", "own.c": "of the user"}
+    assert [path.name for path in folder.parent.iterdir()] == ["c"]
+
+
+def _write_some(folder: Path, *, fail: bool) -> None:
+    with replacing_files(folder) as temporary:
+        write_text(temporary / "model.c", "new")
+        write_text(temporary / "inner" / "model.h", "new")
+        if fail:
+            raise OSError("disk full")
+
+
+def _texts(folder: Path) -> dict[str, str]:
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_text() for path in files}
+
+
+def test_an_error_in_one_of_several_files_names_it(tmp_path: Path) -> None:
+    folder = tmp_path / "c"
+    name = "x" * 250
+    with pytest.raises(OSError, match="name too long") as caught, replacing_files(folder) as files:
+        write_text(files / name, "text")
+    assert caught.value.filename == str(folder / name)
+
+
+def test_a_signal_waits_until_all_files_have_their_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "c"
+    _write_some(folder, fail=False)
+    (folder / "model.c").write_text("old")
+    (folder / "inner" / "model.h").write_text("old")
+    replace = Path.replace
+
+    def interrupted(self: Path, target: Path) -> Path:
+        if folder in target.parents:
+            signal.raise_signal(signal.SIGINT)
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        _write_some(folder, fail=False)
+    assert _texts(folder) == {"model.c": "new", "inner/model.h": "new"}
+
+
+def test_a_full_disk_is_told_with_the_name_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: Path, data: bytes) -> int:
+        del self, data
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        write_text(tmp_path / "model.c", "text")
+    assert caught.value.filename == str(tmp_path / "model.c")

@@ -144,7 +144,7 @@ def test_spoiled_files_are_no_bug(
 @pytest.mark.parametrize(
     "words",
     [
-        ("runs/plant/latest", "--program"),
+        ("runs/plant/latest", "--program", "--windows"),
         (SPEC, "--plot", "a.png"),
         ("runs/plant/latest", "--plot", "a.xyz"),
     ],

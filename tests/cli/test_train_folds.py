@@ -32,11 +32,12 @@ def test_folds_as_json(msnn: CommandLine, project: Path):
     assert {key: record[key] for key in kept} == kept
 
 
-def test_folds_cannot_be_resumed(msnn: CommandLine, project: Path):
-    said = msnn("train", SPEC, "--folds", "--resume")
-    assert said.code == 2
-    assert "a training of folds cannot be resumed" in said.err
-    assert not (project / "runs").exists()
+def test_folds_that_are_all_trained_leave_nothing_to_resume(msnn: CommandLine, project: Path):
+    assert msnn("train", SPEC, "--folds", *SHORT).code == 0
+    assert not list(project.rglob("checkpoint.safetensors"))
+    said = msnn("train", SPEC, "--folds", "--resume", *SHORT)
+    assert said.code == 1
+    assert "error[E0915]: no interrupted run to resume in runs/plant" in said.err
 
 
 def test_other_splits_have_no_folds(msnn: CommandLine, project: Path):

@@ -46,7 +46,9 @@ def specs() -> tuple[str, ...]:
         "tests/bad_specs",
     )
     files = sorted(file for place in places for file in (ROOT / place).rglob("*.yaml"))
-    texts = [file.read_bytes().decode(errors="replace") for file in files]
+    # what somebody has trained in an example is no part of the repository
+    own = [file for file in files if "runs" not in file.relative_to(ROOT).parts]
+    texts = [file.read_bytes().decode(errors="replace") for file in own]
     return tuple(text for text in texts if len(text) < 6000)
 
 

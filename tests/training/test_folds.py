@@ -132,8 +132,8 @@ def test_a_fold_that_diverges_leaves_latest_alone(tmp_path: Path) -> None:
     assert not (tmp_path / "runs" / "gain" / "latest").is_symlink()
 
 
-def test_an_interrupted_fold_ends_the_training_and_leaves_nothing_to_resume(
-    tmp_path: Path,
+def test_an_interrupted_training_of_folds_goes_on_bit_for_bit(
+    tmp_path: Path, kept: FoldsResult
 ) -> None:
     runs = tmp_path / "runs"
     with pytest.raises(TrainingInterruptedError) as caught:
@@ -142,9 +142,19 @@ def test_an_interrupted_fold_ends_the_training_and_leaves_nothing_to_resume(
     assert folder is not None
     assert folder.name == "fold_2"
     assert (folder.parent / "fold_1" / "weights.safetensors").is_file()
-    assert not (folder.parent / "folds.json").exists()
-    assert not list(runs.rglob("checkpoint.safetensors"))
+    record = json.loads((folder.parent / "folds.json").read_text())
+    assert (record["of"], [fold["fold"] for fold in record["folds"]]) == (3, [1])
     assert not (runs / "gain" / "latest").is_symlink()
+    resumed = msnn.train_folds(model(tmp_path), FRAME, runs=runs, resume=True)
+    assert resumed.folder == folder.parent
+    for fold, undisturbed in zip(resumed.folds, kept.folds, strict=True):
+        assert fold.training.weights == undisturbed.training.weights
+        assert fold.monitor == undisturbed.monitor
+        assert [row.value for row in fold.report.rows] == [
+            row.value for row in undisturbed.report.rows
+        ]
+    assert not list(runs.rglob("checkpoint.safetensors"))
+    assert (runs / "gain" / "latest").resolve().name == f"fold_{resumed.best.number}"
 
 
 def test_data_without_folds(tmp_path: Path) -> None:

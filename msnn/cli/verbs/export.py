@@ -77,7 +77,7 @@ def export(
     plans = plan_exports(model, targets, findings, extras)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
-    chosen = choose_weights(model.program, weights, runs, initial=initial)
+    chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     written: dict[str, tuple[Path, Sequence[Path]]] = {}

@@ -45,7 +45,7 @@ def show(
 
     Of a model: inputs with unit and window, outputs, states, parameters, dimensions, losses. Of the
     folder of a run: stages with their losses, learned parameters with standard errors, warnings,
-    how to go on; --plot draws the losses.
+    how to go on; --plot draws the losses. With one of the views it is that of the model it kept.
     """
     from msnn.cli.console import json_result, report, result
     from msnn.model.load import load_model
@@ -54,10 +54,7 @@ def show(
     if sum(views) > 1:
         message = "choose one of --program, --windows, --resolved, --interface, --graph, --latex"
         raise typer.BadParameter(message)
-    if spec.is_dir():
-        if any(views):
-            message = "the views of a model take a spec; of a run there is --format and --plot"
-            raise typer.BadParameter(message)
+    if spec.is_dir() and not any(views):
         _show_run(spec, plot, format)
         return
     if plot is not None:

@@ -38,7 +38,7 @@ def train(
         ),
     ] = "cpu",
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with the training that was interrupted.")
+        bool, typer.Option("--resume", help="Go on with the newest training that has not ended.")
     ] = False,
     folds: Annotated[
         bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
@@ -54,12 +54,9 @@ def train(
     """Train the parameters on data.
 
     Stage after stage, each from the best weights of the one before. Weights, metrics and the spec
-    are kept in a folder of their own; a training that was interrupted can go on. With --folds a
-    training a fold, each in a folder of its own; `latest` leads to the best.
+    are kept in a folder of their own; a training that was interrupted or killed can go on. With
+    --folds a training a fold, each in a folder of its own; `latest` leads to the best.
     """
-    if folds and resume:
-        message = "trains all folds anew: a training of folds cannot be resumed"
-        raise typer.BadParameter(message, param_hint="'--folds'")
     from msnn.cli.console import is_live, json_result, note, report, result
     from msnn.model.load import load_model, with_engine
 
@@ -79,7 +76,7 @@ def train(
     )
     from msnn.training.parameter_warnings import parameter_warnings
     from msnn.training.records.progress import Lines
-    from msnn.training.train import TrainingDivergedError, TrainingInterruptedError
+    from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
 
     progress = Recorded(Lines(sys.stderr, terminal=is_live(sys.stderr)))
     try:
@@ -88,6 +85,7 @@ def train(
                 model,
                 data_root=data_root,
                 runs=out,
+                resume=resume,
                 tensorboard=tensorboard,
                 device=device,
                 progress=progress,
@@ -110,12 +108,11 @@ def train(
         note(f"the best weights before are kept in {kept}; `latest` {leads} there")
         raise typer.Exit(ExitCode.DIVERGED) from None
     except TrainingInterruptedError as error:
-        if folds:
-            kept = error.result.folder and error.result.folder.parent
-            note(f"interrupted; what there is of its folds is kept in {kept}")
-            raise typer.Exit(ExitCode.INTERRUPTED) from None
-        note(f"interrupted; its state is kept in {error.result.folder}")
-        command = _resume_command(spec, data_root, settings, engine, device, tensorboard, out)
+        kept = error.result.folder
+        note(f"interrupted; its state is kept in {kept.parent if folds and kept else kept}")
+        command = _resume_command(
+            spec, data_root, settings, engine, device, out, folds=folds, tensorboard=tensorboard
+        )
         note(f"this goes on: {command}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None
     errors = found.standard_errors
@@ -152,8 +149,10 @@ def _resume_command(
     settings: list[str] | None,
     engine: EngineName | None,
     device: str,
-    tensorboard: bool,
     out: Path,
+    *,
+    folds: bool,
+    tensorboard: bool,
 ) -> str:
     """The command line that goes on with this training, as a shell takes it."""
     words = ["msnn", "train", str(spec), "--resume"]
@@ -161,6 +160,7 @@ def _resume_command(
     words += [word for setting in settings or () for word in ("--set", setting)]
     words += [] if engine is None else ["--engine", engine.value]
     words += [] if device == "cpu" else ["--device", device]
+    words += ["--folds"] if folds else []
     words += ["--tensorboard"] if tensorboard else []
     words += [] if out == RUNS else ["--out", str(out)]
     return shlex.join(words)

@@ -60,13 +60,21 @@ class Engine(Protocol):
         ...
 
     batches_a_call: int
-    """Batches that `train_batches` is given at once; the stage can be stopped between two calls."""
+    """Most batches that `train_batches` is given at once; a stage can stop between two calls."""
 
-    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
+    def train_batches(
+        self,
+        runs: Runs,
+        size: int,
+        members: IntArray | None = None,
+        before: LossSums | None = None,
+    ) -> LossSums:
         """One optimiser step on each `size` of the rollouts in order, the last ones fewer.
 
         `members` are those that are trained on, in that order; by default all as they stand.
-        Returns the losses before each step, summed. Raises NonFiniteLossError.
+        Returns the losses before each step, added to those of the batches `before`, one batch
+        after the other: weights and losses have the same bits wherever an epoch is divided into
+        calls. Raises NonFiniteLossError.
         """
         ...
 

@@ -91,8 +91,15 @@ class LevenbergMarquardtEngine:
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
         """Nothing: it leaves nothing out, as its steps compare totals, and has no rate."""
 
-    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
+    def train_batches(
+        self,
+        runs: Runs,
+        size: int,
+        members: IntArray | None = None,
+        before: LossSums | None = None,
+    ) -> LossSums:
         """One step from all rollouts; the losses before it. Raises NonFiniteLossError."""
+        assert not before, "an epoch is one step"
         runs = runs if members is None else runs.take(members)
         assert size >= len(runs), "every step takes all rollouts"
         if self.finished is not None:  # with other rollouts it goes on

@@ -1,4 +1,4 @@
-"""Where a run stands, on disk: enough to go on bit for bit, and nothing that could run as code."""
+"""Writes where a run stands: enough to go on bit for bit, and nothing that could run as code."""
 
 from __future__ import annotations
 
@@ -21,19 +21,16 @@ from msnn.training.plans.learning_rate import Reductions
 from msnn.training.plans.stage_result import StageResult
 from spec_schema.diagnostics.diagnostic import SpecError
 
-_FORMAT = 1
-_LEADER = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
+_FORMAT = 2
+_RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 
 @dataclass(frozen=True, slots=True)
-class Checkpoint:
-    """The position inside a stage, the engine there, and the best weights so far."""
+class Place:
+    """The position inside an attempt at a stage, the engine there, and the best weights so far."""
 
-    spec_hash: str
-    stage: int
-    attempt: int
     epoch: int
-    """Epochs of the stage that are complete."""
+    """Epochs of the attempt that are complete."""
     batch: int
     """Batches of the next epoch that are done."""
     sums: LossSums
@@ -42,34 +39,59 @@ class Checkpoint:
     best_epoch: int
     best: Mapping[str, FloatArray]
     engine: EngineState
-    leader: StageResult | None
-    """The best of the attempts before this one."""
     reductions: Reductions
     """Of the learning rate so far."""
+    seconds: float
+    """Since the attempt began, without the time between an end and going on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """Where a run stands: the stages that are over, and how far the present one is."""
+
+    ended: tuple[StageResult, ...]
+    """The present stage is the one after these; after the last there is none."""
+    begin: Mapping[str, FloatArray]
+    """The weights with which the present stage begins."""
+    attempt: int = 0
+    leader: StageResult | None = None
+    """The best of the attempts before this one."""
+    place: Place | None = None
+    """None where the attempt has not begun."""
+    metrics: int = 0
+    """Bytes of `metrics.jsonl` up to here."""
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Writes the file whole or not at all."""
-    arrays = {f"best/{name}": np.asarray(v) for name, v in checkpoint.best.items()}
-    leader = checkpoint.leader
-    if leader is not None:
-        arrays |= {f"leader/{name}": np.asarray(v) for name, v in leader.best.items()}
-    arrays |= {f"engine{name}": np.asarray(v) for name, v in checkpoint.engine.arrays.items()}
-    record = {
+    arrays = _above("begin", checkpoint.begin)
+    results = {f"ended{number}": each for number, each in enumerate(checkpoint.ended)}
+    if checkpoint.leader is not None:
+        results["leader"] = checkpoint.leader
+    for name, result in results.items():
+        arrays |= _above(name, result.best)
+    record: dict[str, Any] = {
         "format": _FORMAT,
-        "spec_hash": checkpoint.spec_hash,
-        "stage": checkpoint.stage,
+        "ended": len(checkpoint.ended),
+        "results": {n: [getattr(each, key) for key in _RESULT] for n, each in results.items()},
         "attempt": checkpoint.attempt,
-        "epoch": checkpoint.epoch,
-        "batch": checkpoint.batch,
-        "sums": {name: [s.total, s.count] for name, s in checkpoint.sums.items()},
-        "best_value": checkpoint.best_value,
-        "best_epoch": checkpoint.best_epoch,
-        "engine": checkpoint.engine.structure,
-        "reductions": [checkpoint.reductions.count, checkpoint.reductions.epoch],
-        "leader": None if leader is None else [getattr(leader, name) for name in _LEADER],
+        "metrics": checkpoint.metrics,
+        "place": None,
     }
-    write_bytes(path, safetensors_bytes(arrays, {"msnn": json.dumps(record)}))
+    if checkpoint.place is not None:
+        place = checkpoint.place
+        arrays |= _above("best", place.best) | _above("engine", place.engine.arrays)
+        record["place"] = {
+            "epoch": place.epoch,
+            "batch": place.batch,
+            "sums": {name: [s.total, s.count] for name, s in place.sums.items()},
+            "best_value": place.best_value,
+            "best_epoch": place.best_epoch,
+            "engine": place.engine.structure,
+            "reductions": [place.reductions.count, place.reductions.epoch],
+            "seconds": place.seconds,
+        }
+    write_bytes(path, safetensors_bytes(arrays, {"msnn": json.dumps(record)}), durable=True)
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
@@ -81,36 +103,49 @@ def read_checkpoint(path: Path) -> Checkpoint:
         record = json.loads(metadata["msnn"])
         if record["format"] != _FORMAT:
             raise ValueError(record["format"])
+        results = {
+            name: _result(values, _below(name, arrays))
+            for name, values in record["results"].items()
+        }
         return Checkpoint(
-            spec_hash=record["spec_hash"],
-            stage=int(record["stage"]),
+            ended=tuple(results[f"ended{number}"] for number in range(int(record["ended"]))),
+            begin=_below("begin", arrays),
             attempt=int(record["attempt"]),
-            epoch=int(record["epoch"]),
-            batch=int(record["batch"]),
-            sums={name: LossSum(float(t), int(n)) for name, (t, n) in record["sums"].items()},
-            best_value=float(record["best_value"]),
-            best_epoch=int(record["best_epoch"]),
-            best=_below("best/", arrays),
-            engine=EngineState(
-                _below("engine", arrays),
-                record["engine"],
-            ),
-            leader=_leader(record["leader"], _below("leader/", arrays)),
-            reductions=Reductions(*map(int, record["reductions"])),
+            leader=results.get("leader"),
+            place=None if record["place"] is None else _place(record["place"], arrays),
+            metrics=int(record["metrics"]),
         )
     except (OSError, SafetensorError, KeyError, ValueError, TypeError) as error:
         reason = f"{path.name} is not a checkpoint of this version"
         raise SpecError((errors.other_checkpoint(str(path.parent), reason),)) from error
 
 
+def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Place:
+    return Place(
+        epoch=int(record["epoch"]),
+        batch=int(record["batch"]),
+        sums={name: LossSum(float(t), int(n)) for name, (t, n) in record["sums"].items()},
+        best_value=float(record["best_value"]),
+        best_epoch=int(record["best_epoch"]),
+        best=_below("best", arrays),
+        engine=EngineState(_below("engine", arrays), record["engine"]),
+        reductions=Reductions(*map(int, record["reductions"])),
+        seconds=float(record["seconds"]),
+    )
+
+
+def _above(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """The arrays with a word before their names."""
+    return {f"{prefix}:{name}": np.asarray(values) for name, values in arrays.items()}
+
+
 def _below(prefix: str, arrays: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """The arrays whose names begin so, without that."""
-    return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
+    begin = f"{prefix}:"
+    return {n.removeprefix(begin): a for n, a in arrays.items() if n.startswith(begin)}
 
 
-def _leader(record: list[Any] | None, best: Mapping[str, FloatArray]) -> StageResult | None:
-    if record is None:
-        return None
+def _result(record: list[Any], best: Mapping[str, FloatArray]) -> StageResult:
     value, best_epoch, epochs, reason, seconds, attempt = record
     return StageResult(
         best,

@@ -21,6 +21,8 @@ class StageStart:
     horizon: str
     monitored_on: str
     attempts: int
+    epoch: int = 0
+    """Epochs that a resumed run has behind it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +107,7 @@ class Lines:
             f"stage {event.number}/{event.stages} {event.name}: {event.epochs} epochs, "
             f"{event.starts} starts, horizon {event.horizon}, best on {event.monitored_on}"
             + (f", best of {event.attempts} runs" if event.attempts > 1 else "")
+            + (f", goes on after epoch {event.epoch}" if event.epoch else "")
         )
 
     def epoch_ended(self, event: EpochEnd) -> None:

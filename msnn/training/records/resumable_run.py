@@ -8,9 +8,11 @@ from typing import Any, Literal
 from compiler.ir.program import Program
 from msnn.errors import stages as stage_errors
 from msnn.errors import training as errors
+from msnn.model.kept_run import LATEST, has_checkpoint, newest, spec_places
 from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
-from msnn.training.records.run_folder import RunFolder, fold_folder, interrupted_run, new_run_folder
+from msnn.training.records.run_folder import RunFolder, fold_folder, new_run_folder
+from msnn.training.records.run_lock import held
 from msnn.training.records.run_record import differences
 from msnn.training.records.training_options import TrainingOptions
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
@@ -30,20 +32,31 @@ def open_run(
         )
         begun = {
             "spec": options.spec_file,
+            "spec_places": spec_places(options.spec_file, folder.path)
+            if options.spec_file is not None
+            else [],
             "settings": list(options.settings),
             "device": options.device.name,
         }
         folder.write_description({**record, **begun}, options.spec_text, options.parts)
         return folder, None
-    folder = interrupted_run(program, options.runs)
-    if folder is None:
-        place = str(options.runs / program.name)
-        raise SpecError((errors.no_checkpoint(place),))
-    checkpoint = read_checkpoint(folder.checkpoint)
-    changes = differences(folder.description(), record)
-    if changes:
-        raise SpecError((stage_errors.another_run(str(folder.path), changes),))
-    return folder, checkpoint
+    parent = options.runs / program.name
+    if options.fold is not None:
+        return _again(RunFolder(options.fold, program, None), record)
+    found = newest(parent, has_checkpoint)
+    if found is None:
+        raise SpecError((errors.no_checkpoint(str(parent)),))
+    return _again(RunFolder(found, program, parent / LATEST), record)
+
+
+def _again(folder: RunFolder, record: Mapping[str, Any]) -> tuple[RunFolder, Checkpoint]:
+    with held(folder.path):
+        checkpoint = read_checkpoint(folder.checkpoint)
+        changes = differences(folder.description(), record)
+        if changes:
+            raise SpecError((stage_errors.another_run(str(folder.path), changes),))
+        folder.go_on_from(checkpoint.metrics)
+        return folder, checkpoint
 
 
 class NotedProgress:
@@ -54,6 +67,7 @@ class NotedProgress:
         before = {} if folder is None else folder.end()
         self._reasons: dict[str, str] = before.get("stages", {})
         self._warnings: list[str] = before.get("warnings", [])
+        self._kept = self._said()
 
     def stage_started(self, event: StageStart) -> None:
         self._shown.stage_started(event)
@@ -78,8 +92,16 @@ class NotedProgress:
         for diagnostic in said:
             self._note(diagnostic)
         if self._folder is not None:
-            end = {"state": state, "stages": self._reasons, "warnings": self._warnings}
-            self._folder.write_end(end)
+            self._folder.write_end({"state": state, **self._said()})
+
+    def keep(self) -> None:
+        """Keeps what was said so far, for a run that may be killed."""
+        if self._folder is not None and self._said() != self._kept:
+            self._kept = self._said()
+            self._folder.write_end(self._kept)
+
+    def _said(self) -> dict[str, Any]:
+        return {"stages": dict(self._reasons), "warnings": list(self._warnings)}
 
     def _note(self, diagnostic: Diagnostic) -> None:
         line = describe(diagnostic)

@@ -11,19 +11,23 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, cast
 
-from backends.files.atomic_write import write_text
+from backends.files.atomic_write import naming, sync, write_bytes, write_text
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
+from msnn.model.kept_run import (
+    CHECKPOINT,
+    DESCRIPTION,
+    LATEST,
+    PARTS,
+    SPEC,
+    WEIGHTS,
+    read_json,
+)
 from msnn.model.spec_hash import Part
 from msnn.model.weights_file import write_weights
 
-LATEST = "latest"
-WEIGHTS = "weights.safetensors"
-CHECKPOINT = "checkpoint.safetensors"
 METRICS = "metrics.jsonl"
 PARAMETERS = "parameters.json"
-SPEC = "spec.msnn.yaml"
-DESCRIPTION = "run.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +66,29 @@ class RunFolder:
         """The run as `link` says it."""
         return self.path.relative_to(link.parent)
 
+    @property
+    def metrics(self) -> Path:
+        return self.path / METRICS
+
     def append_metrics(self, record: Mapping[str, Any]) -> None:
         """Adds one line of JSON to `metrics.jsonl`."""
-        with (self.path / METRICS).open("a", encoding="utf-8") as file:
+        with naming(self.metrics), self.metrics.open("a", encoding="utf-8") as file:
             file.write(json.dumps(finite(record), ensure_ascii=False) + "\n")
+
+    def sync_metrics(self) -> int:
+        """Waits until `metrics.jsonl` has reached the disk, and returns its length in bytes."""
+        if not self.metrics.is_file():
+            return 0
+        with naming(self.metrics):
+            sync(self.metrics)
+        return self.metrics.stat().st_size
+
+    def go_on_from(self, metrics: int) -> None:
+        """Takes back what a killed process wrote after a checkpoint at this length of metrics."""
+        for left in self.path.glob(".*.part"):
+            left.unlink()
+        if self.metrics.is_file():
+            os.truncate(self.metrics, metrics)
 
     def write_parameters(self, record: Mapping[str, Any]) -> None:
         """Writes `parameters.json`: the learned values with their standard errors."""
@@ -76,34 +99,31 @@ class RunFolder:
         self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[Part] = ()
     ) -> None:
         """Writes `run.json` (resolved stages, data), the spec and its sub-models as they were."""
-        write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+        self._describe(record)
         if spec_text is not None:
             write_text(self.path / SPEC, spec_text)
         for part in parts:
-            write_text(self.path / "parts" / f"{part.name}.msnn.yaml", part.text)
+            write_text(self.path / PARTS / f"{part.name}.msnn.yaml", part.text)
+            if part.file is not None:
+                place = self.path / PARTS / f"{part.name}.safetensors"
+                write_bytes(place, part.file.read_bytes())
 
     def description(self) -> dict[str, Any]:
         """What `write_description` has written; empty where it cannot be read."""
-        return read_description(self.path)
+        return read_json(self.path / DESCRIPTION)
 
     def end(self) -> dict[str, Any]:
-        """What `write_end` has written when the run was interrupted; empty before."""
+        """What `write_end` has written last; empty before."""
         found = self.description().get("end", {})
         return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
 
     def write_end(self, end: Mapping[str, Any]) -> None:
-        """Adds to `run.json` how the run ended."""
-        record = {**self.description(), "end": dict(end)}
-        write_text(self.path / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+        """Adds to `run.json` how the run ended, or what is known of it so far."""
+        self._describe({**self.description(), "end": dict(end)})
 
-
-def read_description(folder: Path) -> dict[str, Any]:
-    """The content of `run.json`; empty where it cannot be read."""
-    try:
-        found = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+    def _describe(self, record: Mapping[str, Any]) -> None:
+        text = json.dumps(record, ensure_ascii=False, indent=2)
+        write_text(self.path / DESCRIPTION, text + "\n", durable=True)
 
 
 def new_run_folder(program: Program, runs: Path) -> RunFolder:
@@ -127,14 +147,6 @@ def fold_folder(program: Program, folder: Path) -> RunFolder:
     return RunFolder(folder, program, None)
 
 
-def interrupted_run(program: Program, runs: Path) -> RunFolder | None:
-    """The last run of the program that left a checkpoint, None if there is none."""
-    parent = runs / program.name
-    folders = sorted(path.parent for path in parent.glob(f"*/{CHECKPOINT}"))
-    folders = [folder for folder in folders if not folder.is_symlink()]
-    return RunFolder(folders[-1], program, parent / LATEST) if folders else None
-
-
 def finite(value: Any) -> Any:
     """The value with null for numbers that JSON has no word for."""
     match value:
@@ -154,3 +166,4 @@ def _point(link: Path, target: Path) -> None:
     temporary.unlink(missing_ok=True)
     temporary.symlink_to(target, target_is_directory=True)
     temporary.replace(link)
+    sync(link.parent)

@@ -13,12 +13,14 @@ from msnn.training.engines.devices import CPU, Device
 
 @dataclass(frozen=True, slots=True)
 class TrainingOptions:
-    """How a run is kept: `runs` None writes no files; `resume` goes on with the last one there."""
+    """How a run is kept: `runs` None writes no files; `resume` goes on with the newest one."""
 
     runs: Path | None = Path("runs")
     resume: bool = False
+    most_lost: float = 5.0
+    """Seconds of work that a killed run loses at most."""
     fold: Path | None = None
-    """The folder to make for one fold of a run, instead of a fresh one in `runs`."""
+    """The folder of one fold of a run, to make or to go on in, instead of a fresh one in `runs`."""
     spec_text: str | None = None
     """The text of the spec, to be kept beside the weights."""
     tensorboard: bool = False

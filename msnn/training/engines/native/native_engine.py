@@ -25,7 +25,10 @@ from spec_schema.sections.training.optimizers import (
 )
 
 BATCHES_A_CALL = 200
-"""Batches between two looks at the keyboard."""
+"""Most batches between two looks at keyboard and clock."""
+
+_MOVED = ("steps", "first_decay", "second_decay")
+"""What an optimiser remembers beside its arrays."""
 
 
 class NativeEngine:
@@ -79,12 +82,21 @@ class NativeEngine:
         self._train.write(factors_of(self._plan, self._series, epoch, attempt))
         self._variables.scale_rates(rate)
 
-    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
+    def train_batches(
+        self,
+        runs: Runs,
+        size: int,
+        members: IntArray | None = None,
+        before: LossSums | None = None,
+    ) -> LossSums:
         """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""
         steps = int(runs.steps[0]) if runs.uniform else runs.steps
         groups, bounds = self._kernel.batches(runs.t0, steps, size, members)
+        earlier = [(before or {}).get(n, LossSum(0.0, 0)) for n in self._kernel.source.losses]
+        sums = np.array([each.total for each in earlier], float)
+        counts = np.array([each.count for each in earlier], float)
         done, sums, counts = self._kernel.train(
-            self._train, groups, bounds, self._variables, self._loss_weights
+            self._train, groups, bounds, self._variables, self._loss_weights, (sums, counts)
         )
         if done < len(bounds) - 1:
             order = np.arange(len(runs)) if members is None else members
@@ -112,7 +124,9 @@ class NativeEngine:
         """Raw variables and optimiser as they are now."""
         arrays = self._variables.arrays
         kept = {name: arrays[name].copy() for name in ("raw", "first", "second")}
-        return EngineState(kept, {"engine": "native", "steps": self._variables.optimizer.steps})
+        optimizer = self._variables.optimizer
+        moved = {name: getattr(optimizer, name) for name in _MOVED}
+        return EngineState(kept, {"engine": "native", **moved})
 
     def restore(self, state: EngineState) -> None:
         """Goes back to a state of the same stage; KeyError or ValueError for any other."""
@@ -121,7 +135,8 @@ class NativeEngine:
             raise ValueError(message)
         for name in ("raw", "first", "second"):
             self._variables.arrays[name][:] = state.arrays[name]
-        self._variables.optimizer.steps = int(state.structure["steps"])
+        for name in _MOVED:
+            setattr(self._variables.optimizer, name, state.structure[name])
         self._kernel.fill_in_physical(self._variables)
 
     def _named(self, sums: FloatArray, counts: FloatArray) -> LossSums:

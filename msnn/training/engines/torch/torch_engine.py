@@ -85,10 +85,16 @@ class TorchEngine:
         for group, usual in zip(self._optimizer.param_groups, self._rates, strict=True):
             group["lr"] = rate * usual
 
-    def train_batches(self, runs: Runs, size: int, members: IntArray | None = None) -> LossSums:
+    def train_batches(
+        self,
+        runs: Runs,
+        size: int,
+        members: IntArray | None = None,
+        before: LossSums | None = None,
+    ) -> LossSums:
         """One optimiser step on each batch; the losses before it. Raises NonFiniteLossError."""
         runs = runs if members is None else runs.take(members)
-        sums: LossSums = {}
+        sums = dict(before or {})
         for batch in batches_of(runs, size):
             for name, value in self._train_batch(batch).items():
                 sums[name] = sums[name] + value if name in sums else value

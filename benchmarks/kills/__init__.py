@@ -1,0 +1,1 @@
+"""Kills trainings and exports, and looks at what is left."""

@@ -1,0 +1,117 @@
+"""Finds the runs of a model, and what a run has kept of its model."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from msnn.errors.run_ends import nothing_kept
+from msnn.errors.runs import no_run
+from spec_schema.diagnostics.diagnostic import SpecError
+
+LATEST = "latest"
+WEIGHTS = "weights.safetensors"
+CHECKPOINT = "checkpoint.safetensors"
+SPEC = "spec.msnn.yaml"
+DESCRIPTION = "run.json"
+PARTS = "parts"
+FOLD = "fold_"
+RUNS_SHOWN = 5
+
+
+@dataclass(frozen=True, slots=True)
+class KeptSpec:
+    """The texts that a run has kept, as if they stood where they stood when it began."""
+
+    path: Path
+    """Of the spec: where it was, if there is such a folder here, else in the run."""
+    text: str
+    texts: Mapping[str, str]
+    """Of sub-models, by path."""
+    weights: Mapping[str, Path]
+    """Files of sub-models' weights, by full name."""
+    settings: tuple[str, ...]
+    sha256: str
+    trained_in: str | None
+    """The folder of the spec when the run began, where it is not here."""
+
+
+def run_of(path: Path) -> Path | None:
+    """The run that a path means: its folder, or the spec in it. SpecError for other folders."""
+    if path.is_dir():
+        if path.is_symlink():  # `latest` leads elsewhere tomorrow
+            path = path.parent / path.readlink()
+        if not (path / DESCRIPTION).is_file():
+            inside = sorted(each.parent for each in path.glob(f"*/{DESCRIPTION}"))
+            named = [str(each) for each in inside if not each.is_symlink()]
+            raise SpecError((no_run(str(path), named[-RUNS_SHOWN:]),))
+        return path
+    return path.parent if path.name == SPEC and (path.parent / DESCRIPTION).is_file() else None
+
+
+def kept_spec(run: Path) -> KeptSpec:
+    """What a run has kept of its model, read without trust. SpecError where it is not there."""
+    record = read_json(run / DESCRIPTION)
+    try:
+        text = (run / SPEC).read_text(encoding="utf-8")
+        parts = cast("dict[str, dict[str, str]]", record.get("parts", {}))
+        places = [str(place) for place in record.get("spec_places", [])]
+        found = (run / place for place in places)
+        path = next((place for place in found if place.is_file()), run / SPEC)
+        texts: dict[str, str] = {}
+        weights: dict[str, Path] = {}
+        for name, part in parts.items():
+            file = run / PARTS / f"{Path(name).name}.msnn.yaml"
+            seen = os.path.relpath(part["path"], Path(record["spec"]).parent)
+            texts[os.path.normpath(path.parent / seen)] = file.read_text(encoding="utf-8")
+            weights[name] = file.with_name(f"{Path(name).name}.safetensors")
+        settings = tuple(str(text) for text in record.get("settings", []))
+        sha256 = str(record["spec_sha256"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SpecError((nothing_kept(str(run)),)) from error
+    is_gone = bool(places) and path == run / SPEC
+    trained_in = str(Path(places[-1]).parent) if is_gone else None
+    return KeptSpec(
+        Path(os.path.normpath(path)), text, texts, weights, settings, sha256, trained_in
+    )
+
+
+def spec_places(spec: str, run: Path) -> list[str]:
+    """Where the spec of a run is: seen from the run, which moves with its project, and absolute."""
+    absolute = str(Path(spec).absolute())
+    try:
+        seen = Path(os.path.relpath(absolute, os.path.realpath(run))).as_posix()
+    except ValueError:  # on another drive
+        return [absolute]
+    return [seen, absolute]
+
+
+def newest(runs: Path, wanted: Callable[[Path], bool]) -> Path | None:
+    """The newest of the runs in a folder that is wanted, None if there is none."""
+    folders = [path for path in runs.glob("*") if path.is_dir() and not path.is_symlink()]
+    return max(filter(wanted, folders), key=age, default=None)
+
+
+def has_checkpoint(run: Path) -> bool:
+    """Whether a run has begun and not ended."""
+    return (run / CHECKPOINT).is_file()
+
+
+def age(run: Path) -> tuple[str, int]:
+    """The time in a folder's name, and its number in that second: a later run has more."""
+    day, _, time = run.name.partition("_")
+    time, _, number = time.partition("_")
+    return f"{day}_{time}", int(number) if number.isdecimal() else 1
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """The object in a file; empty where it cannot be read."""
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return cast("dict[str, Any]", found) if isinstance(found, dict) else {}

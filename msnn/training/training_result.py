@@ -1,0 +1,45 @@
+"""Holds what a training returns: its result, or that it diverged or was interrupted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from msnn.data.dataset import FloatArray
+from msnn.training.plans.stage_result import StageResult
+from msnn.training.records.standard_errors import StandardErrors
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingResult:
+    """Trained weights in physical units, what each stage reached, and where the run is kept."""
+
+    weights: Mapping[str, FloatArray]
+    stages: tuple[StageResult, ...]
+    folder: Path | None
+    warnings: tuple[Diagnostic, ...]
+    standard_errors: StandardErrors | None = None
+    """Of a run that is kept in a folder and came to its end."""
+
+
+class TrainingDivergedError(Exception):
+    """A stage met a value that is not finite; the best weights so far are in `result`.
+
+    `latest` leads to them where the run had been interrupted before, and only there.
+    """
+
+    def __init__(self, diagnostic: Diagnostic, result: TrainingResult, *, is_latest: bool) -> None:
+        super().__init__(diagnostic.message)
+        self.diagnostic = diagnostic
+        self.is_latest = is_latest
+        self.result = result
+
+
+class TrainingInterruptedError(Exception):
+    """The user ended the run; `result` has the best weights so far, `resume` goes on."""
+
+    def __init__(self, result: TrainingResult) -> None:
+        super().__init__("training was interrupted; it can be resumed")
+        self.result = result
