@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from backends.files.c_compiler import CompilerMissingError
+from backends.native.kernel_cache.folders import kernel_folder
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.errors import training as errors
 from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
+from msnn.training.engines.native.kernel_folder_warnings import kernel_folder_warnings
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.plans.stage_data import StageData
@@ -67,7 +69,7 @@ def open_engine(
     notes: tuple[Diagnostic, ...] = ()
     if plan.engine != "torch":
         try:
-            return OpenedEngine(_native(plan, arguments), ())
+            return OpenedEngine(_native(plan, arguments), kernel_folder_warnings(kernel_folder()))
         except CompilerMissingError as error:
             if plan.engine == "native":
                 found = errors.no_native_engine(plan.name, str(error), plan.span)

@@ -1,0 +1,44 @@
+"""E1053, W1001, W1002: where compiled kernels are kept."""
+
+from pathlib import Path
+
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+
+def foreign_kernels(folder: Path, reason: str, taken: Path | None) -> Diagnostic:
+    """W1001: a folder of kernels into which somebody else could have put one."""
+    return Diagnostic(
+        "W1001",
+        "warning",
+        f"no kernel is loaded from {folder}, since {reason}; {_kept(taken)}",
+        None,
+        help="close it to others (`chmod go-w`), or set MSNN_CACHE to a folder of your own",
+    )
+
+
+def unusable_kernel_folder(folder: Path, reason: str, taken: Path | None) -> Diagnostic:
+    """W1002: a folder of kernels that takes no new ones."""
+    return Diagnostic(
+        "W1002",
+        "warning",
+        f"no kernel can be written to {folder} ({reason}); {_kept(taken)}",
+        None,
+        help="make room (`msnn doctor --clean-cache`), or set MSNN_CACHE to another folder",
+    )
+
+
+def foreign_folder_is_not_cleaned(folder: Path, reason: str) -> Diagnostic:
+    """E1053: a folder of kernels to be cleaned that is not the user's alone."""
+    return Diagnostic(
+        "E1053",
+        "error",
+        f"nothing is removed from {folder}, since {reason}",
+        None,
+        help="close it to others (`chmod go-w`), or set MSNN_CACHE to the folder that is meant",
+    )
+
+
+def _kept(taken: Path | None) -> str:
+    if taken is None:
+        return "every command builds its kernels again"
+    return f"they are kept in {taken}"
