@@ -131,8 +131,10 @@ def _multiplied(scope: Scope, shape: Shape, depth: int) -> Term | None:
 
 def _put_together(scope: Scope, shape: Shape, depth: int) -> Term | None:
     if shape.listed and not shape.dims:
-        kind = scope.one_of(("list", "concat", "linspace", "windows"))
+        kind = scope.one_of(("list", "concat", "linspace", "windows", "numbers"))
         n = shape.listed
+        if kind == "numbers":
+            return leaf(scope.one_of((f"0.3 * ones({n})", f"zeros({n})", f"0.2 * arange({n})")))
         if kind == "linspace":
             return leaf(f"linspace({scope.number()}, {scope.number()}, {n})")
         if kind == "windows" and n == 3 and scope.memory:
@@ -149,6 +151,8 @@ def _put_together(scope: Scope, shape: Shape, depth: int) -> Term | None:
             return Term(f"stack({inside}, dim={dim})", parts)
     if shape.is_sample and len(shape.dims) == 2 and scope.often(0.5):
         one, other = sorted(shape.dims)
+        if SIZES[one] == SIZES[other] and scope.often(0.5):
+            return Term(f"({{0}}) * eye({one}, {other})", (expression(scope, shape, depth),))
         operands = tuple(expression(scope, Shape(frozenset({d})), depth) for d in (one, other))
         return Term("0.5 * outer({0}, {1})", operands)
     return None
@@ -199,6 +203,17 @@ def _slope(scope: Scope, shape: Shape, depth: int) -> Term | None:
     )
 
 
+def _shifted(scope: Scope, shape: Shape, depth: int) -> Term | None:
+    """Earlier samples of an expression, one or a window of them."""
+    if not scope.memory or shape.listed:
+        return None
+    inner = scope.restricted(pure=True, memory=False, previews=False)
+    sample = expression(inner, Shape(shape.dims), depth)
+    if not shape.window:
+        return Term(f"({{0}})[t-{scope.one_of((1, 3))}]", (sample,))
+    return Term(f"({{0}})[t-{shape.window - 1}:t]", (sample,))
+
+
 def _own_function(scope: Scope, shape: Shape, depth: int) -> Term | None:
     body = Term(
         scope.one_of(
@@ -223,5 +238,5 @@ def _layer(scope: Scope, shape: Shape, depth: int) -> Term | None:
 MAKERS: tuple[Make, ...] = (
     *(_combined, _combined, _combined, _applied, _applied, _applied, _selected, _reduced),
     *(_multiplied, _put_together, _taken_apart, _in_time, _slope, _own_function),
-    *(_layer, _layer, _layer),
+    *(_layer, _layer, _layer, _shifted),
 )

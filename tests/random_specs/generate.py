@@ -55,6 +55,9 @@ class _Writer:
             self._state(state)
         if any("der" in state for state in self.sections.get("states", {}).values()):
             self.sections["integrator"] = self.chance.choice(INTEGRATORS)
+        for name, shape, _ in states:
+            if "der" in self.sections["states"][name]:
+                self.scope.values.append(Value(f"der({name})", shape, False, False, varies=False))
         for number in range(self.chance.choice((1, 1, 2))):
             self._output(number)
         if not self.is_part:
@@ -66,12 +69,15 @@ class _Writer:
         self.sections["use"] = {"inner": {"spec": PART}}
         if self.chance.random() < 0.3:
             self.sections["use"]["inner"]["freeze"] = self.chance.choice(("all", "none"))
+        if self.chance.random() < 0.3:
+            self.sections["use"]["other"] = {"spec": PART}
         scope = self.scope.restricted(pure=True, memory=False, previews=False)
-        self.sections["connect"] = {"inner.u": expression(scope, SCALAR, 2)}
-        for name in part.sections["outputs"]:
-            shape = part.shapes[name]
-            value = Value(f"inner.{name}", shape, from_inputs=False, has_past=False)
-            self.scope.values.append(value)
+        for name in self.sections["use"]:
+            connected = self.sections.setdefault("connect", {})
+            connected[f"{name}.u"] = expression(scope, SCALAR, 2)
+            for output, shape in part.shapes.items():
+                value = Value(f"{name}.{output}", shape, from_inputs=False, has_past=False)
+                self.scope.values.append(value)
 
     shapes: dict[str, Shape]
     """Of outputs, by name."""
@@ -186,6 +192,8 @@ class _Writer:
                 losses["cost"] = Term("0.1 * y1 ** 2")
             if chance.random() < 0.2:
                 losses["sum"] = Term("mse(y1, z) + 0.2 * l1(y1)")
+            if not self.is_static:
+                losses |= self._losses_in_time()
             self.sections["losses"] = losses
         stage: dict[str, Any] = {"epochs": 2, "dtype": "float64", "batch": 8}
         stage["optimizer"] = chance.choice(
@@ -197,8 +205,37 @@ class _Writer:
                 stage["rollout"] = {"horizon": 6, "close": []}
         if chance.random() < 0.9:
             self.sections["train"] = [stage]
-        if chance.random() < 0.3:
-            self.sections["export"] = {"c": self._c_export()}
+        export = self._export(predicted)
+        if export:
+            self.sections["export"] = export
+
+    def _losses_in_time(self) -> dict[str, Any]:
+        """Losses that look along the log."""
+        chance, found = self.chance, dict[str, Any]()
+        if chance.random() < 0.2:
+            found["slope"] = leaf("mse(y1, der(v.meas, method=central))")
+        if chance.random() < 0.2:
+            found["area"] = leaf("0.1 * l2(integral(y1 - z))")
+        for name in self.sections.get("states", {}):
+            if chance.random() < 0.2:
+                found[f"of_{name}"] = leaf(f"mse(next({name}), {name}.meas[t+1])")
+        shape = self.shapes["y1"]
+        if len(shape.dims) == 1 and chance.random() < 0.5:
+            self.sections["targets"]["shares"] = {"dims": sorted(shape.dims)}
+            found["classes"] = leaf("cross_entropy(y1, shares)")
+        return found
+
+    def _export(self, predicted: bool) -> dict[str, Any]:
+        chance, found = self.chance, dict[str, Any]()
+        if chance.random() < 0.5:
+            found["c"] = self._c_export()
+        if predicted and chance.random() < 0.4:
+            for target in ("torch", "onnx", "casadi", "c"):
+                found.setdefault(target, {})["close"] = ["v"]
+        if len(self.sections["outputs"]) > 1 and chance.random() < 0.3:
+            found.setdefault("torch", {})["outputs"] = ["y2"]
+            found.setdefault("c", {})["outputs"] = ["y2"]
+        return found
 
     def _c_export(self) -> dict[str, Any]:
         chance = self.chance

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from tests.random_specs.terms import SCALAR, Shape, Term, leaf
 
-DIMS = {"a": 2, "b": 3, "c": ["left", "mid", "right", "far"]}
-SIZES = {"a": 2, "b": 3, "c": 4}
+DIMS = {"a": 2, "b": 3, "d": 2, "c": ["left", "mid", "right", "far"]}
+SIZES = {"a": 2, "b": 3, "d": 2, "c": 4}
 WINDOWS = (5, 6)
 """Lengths that no dim has: a dim as long as a window runs along it (R3)."""
 LISTS = (2, 3)
@@ -111,6 +111,16 @@ class Scope:
             entry["learn"] = False
         return leaf(self.declare("parameters", "p", entry))
 
+    def _constant(self, shape: Shape) -> Term:
+        """A new constant of dims alone."""
+        dims = sorted(shape.dims)
+        if not dims:
+            return leaf(self.declare("constants", "k", self.one_of((0.31, "sqrt(0.2)", "-pi / 7"))))
+        entry: dict[str, Any] = {"dims": dims, "value": float(self.number())}
+        if len(dims) == 1:
+            entry["value"] = [float(self.number()) for _ in range(SIZES[dims[0]])]
+        return leaf(self.declare("constants", "k", entry))
+
     def readable(self, fits: Callable[[Value], bool]) -> list[Value]:
         """Values that may be read here and fit."""
         return [v for v in self.values if fits(v) and (v.from_inputs or not self.pure)]
@@ -134,6 +144,8 @@ class Scope:
             return leaf(value.name)
         if shape == SCALAR and self.often(0.4):
             return leaf(self.number(0.1, 0.9))
+        if self.often(0.1):
+            return self._constant(shape)
         return self.parameter(shape)
 
     def _window(self, shape: Shape) -> Term:

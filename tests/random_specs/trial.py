@@ -80,9 +80,9 @@ def fault_of(spec: RandomSpec, *, exports: bool = True, kernel: bool = True) -> 
                     return fault
             if kernel and model.spec.train:
                 stage = "train"
-                said = kernel_fault(model)
-                if said is not None:
-                    return Fault(stage, said.partition("[")[0][:20], said)
+                found = kernel_fault(model)
+                if found is not None:
+                    return Fault(stage, *found)
         except SpecError as error:
             codes = sorted({d.code for d in error.diagnostics if d.severity == "error"})
             said = "\n".join(d.message for d in error.diagnostics)
