@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from tests.random_specs.scope import DIMS, SIZES, Scope
+from tests.random_specs.scope import DIMS, SIZES, WINDOWS, Scope
 from tests.random_specs.terms import SCALAR, Shape, Term
 
 Expression = Callable[[Scope, Shape, int], Term]
@@ -52,7 +52,7 @@ def _fir(scope: Scope, shape: Shape, depth: int, draw: Expression) -> Term | Non
     options = {**out, "bias": scope.often(0.3), **_initial(scope), **_share(scope)}
     if scope.often(0.3):
         name = scope.declare("layers", "h", {"fir": options})
-        return _called(name, draw(scope, Shape(inner.dims, window=n), depth))
+        return _called(name, draw(scope, Shape(inner.dims, window=scope.one_of(WINDOWS)), depth))
     window: Any = n if scope.often(0.7) else f"{n * 100} ms"
     name = scope.declare("layers", "h", {"fir": {"window": window, **options}})
     return _called(name, draw(scope.restricted(pure=True, memory=False), inner, depth))
