@@ -12,10 +12,14 @@ _COMPILERS = ("gcc", "clang", "cc")
 
 
 class CompilerMissingError(Exception):
-    """This machine has no C compiler that is known here and works."""
+    """This machine has no C compiler that is known here and works; `remedy` is what may help."""
 
-    def __init__(self, why: str = "no C compiler found") -> None:
-        super().__init__(f"{why}: install gcc, clang or `msnn[zig]`, or set CC")
+    def __init__(
+        self,
+        why: str = "no C compiler found",
+        remedy: str = "install gcc, clang or `msnn[zig]`, or set CC",
+    ) -> None:
+        super().__init__(f"{why}: {remedy}")
 
 
 def find_compiler() -> tuple[str, ...]:

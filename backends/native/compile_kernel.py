@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import os
 import platform
 import shlex
-import subprocess
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from backends.files.atomic_write import replacing
 from backends.files.c_compiler import CompilerMissingError, find_compiler
+from backends.files.run_compiler import CompilerTooSlowError, Finished, run_compiler
+from backends.native.kernel_cache.folders import candidates, has_room, opened
+from backends.native.kernel_cache.stored_kernel import StoredKernel
 
 FLAGS = (
     "-std=gnu11",
@@ -36,21 +39,13 @@ class KernelBuildError(Exception):
     """The compiler refused a kernel: a bug of the emitter, with the compiler's own words."""
 
 
-def cache_folder() -> Path:
-    """Where kernels are kept: MSNN_CACHE, else the user's cache folder."""
-    given = os.environ.get("MSNN_CACHE")
-    if given:
-        return Path(given)
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "msnn" / "kernels"
-
-
 @dataclass(slots=True)
 class Built:
-    """A loaded kernel and the file that says it was found right."""
+    """A loaded kernel, and whether it was found right."""
 
     library: ctypes.CDLL
-    seal: Path
+    _stored: StoredKernel
+    _digest: str
     _checked: bool = False
 
     @property
@@ -61,52 +56,81 @@ class Built:
     @property
     def is_checked(self) -> bool:
         """Whether somebody compared this kernel with the interpreter."""
-        self._checked = self._checked or self.seal.exists()
+        self._checked = self._checked or self._stored.is_checked(self._digest)
         return self._checked
 
     def mark_checked(self) -> None:
         """Remembers that the comparison went well."""
-        self.seal.touch()
+        self._checked = True
+        self._stored.mark_checked(self._digest)
 
 
 def compiled_kernel(source: str) -> Built:
     """The loaded kernel of a source, compiled if it was not yet.
 
-    Raises CompilerMissingError and KernelBuildError. Several processes may ask for one kernel at
-    once: each builds its own file and the rename is atomic.
+    The first folder that is trusted and has the kernel or room for it keeps it. Raises
+    CompilerMissingError and KernelBuildError.
     """
     compiler = find_compiler()
     described = "\n".join((source, *FLAGS, *compiler, _version(compiler), _processor()))
     key = hashlib.sha256(described.encode()).hexdigest()[:32]
-    path = cache_folder() / f"{key}.so"
-    if not path.exists():
-        _compile(compiler, source, path)
-    return Built(ctypes.CDLL(str(path)), path.with_suffix(".checked"))
+
+    def build(library: Path, folder: Path) -> None:
+        _compile(compiler, source, library, folder)
+
+    for folder in candidates():
+        with suppress(OSError):  # full, closed, or nothing there may be executed
+            real, reason = opened(folder)
+            if reason is None:
+                return _loaded(StoredKernel(real, key), build)
+    try:
+        # what is loaded stays in memory when its file is gone
+        with tempfile.TemporaryDirectory(prefix="msnn-kernel-") as place:
+            return _loaded(StoredKernel(Path(place), key), build)
+    except OSError as error:
+        raise CompilerMissingError(
+            f"no folder takes a kernel ({error.strerror or error})",
+            "set MSNN_CACHE to a folder with room",
+        ) from None
 
 
-def _compile(compiler: tuple[str, ...], source: str, path: Path) -> None:
-    with replacing(path) as temporary:
-        done = _run(compiler, source, temporary)
-        if done.returncode == 0:
-            return
-        tried = _run(compiler, "int answer(void) { return 42; }\n", temporary)
-        if tried.returncode != 0:
-            raise CompilerMissingError(f"`{shlex.join(compiler)}` compiles nothing")
-        raise KernelBuildError(done.stderr[-2000:] or f"it ended with code {done.returncode}")
+def _loaded(stored: StoredKernel, build: Callable[[Path, Path], None]) -> Built:
+    digest = stored.whole() or stored.built(build)
+    return Built(stored.load(), stored, digest)
 
 
-def _run(compiler: tuple[str, ...], source: str, library: Path) -> subprocess.CompletedProcess[str]:
+def _compile(compiler: tuple[str, ...], source: str, library: Path, folder: Path) -> None:
+    """Compiles a source. Raises OSError where the folder is what is wrong."""
+    done = _run(compiler, source, library, folder)
+    if done.code == 0:
+        return
+    has_room(folder)
+    tried = _run(compiler, "int answer(void) { return 42; }\n", library, folder)
+    if tried.code != 0:
+        raise CompilerMissingError(f"`{shlex.join(compiler)}` compiles nothing")
+    raise KernelBuildError(done.errors[-2000:] or f"it ended with code {done.code}")
+
+
+def _run(compiler: tuple[str, ...], source: str, library: Path, folder: Path) -> Finished:
     command = [*compiler, *FLAGS, "-o", str(library), "-x", "c", "-", "-lm"]
-    # a session of its own: Ctrl-C is for the training, which ends once there is a kernel
-    return subprocess.run(
-        command, input=source, capture_output=True, text=True, check=False, start_new_session=True
-    )
+    return _ended(compiler, command, source, folder)
 
 
 def _version(compiler: tuple[str, ...]) -> str:
     """What the compiler says of itself."""
-    told = subprocess.run([*compiler, "--version"], capture_output=True, text=True, check=False)
-    return told.stdout.partition("\n")[0]
+    return _ended(compiler, [*compiler, "--version"]).output.partition("\n")[0]
+
+
+def _ended(
+    compiler: tuple[str, ...], command: list[str], source: str = "", folder: Path | None = None
+) -> Finished:
+    try:
+        return run_compiler(command, source, folder)
+    except CompilerTooSlowError as error:
+        raise CompilerMissingError(
+            f"`{shlex.join(compiler)}` {error}",
+            "set CC to another compiler, or MSNN_COMPILER_SECONDS to the seconds that it needs",
+        ) from None
 
 
 def _processor() -> str:

@@ -13,6 +13,7 @@ from spec_schema.expressions.language import INDICES, LENGTH
 from spec_schema.expressions.tree import Call, Expression, Keyword, LanguageName, Member, Name
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.located import Located
+from spec_schema.sections.layers import EQUATION_TERMS, EquationLearner
 from spec_schema.sections.values import Function, Initializer
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit
@@ -58,12 +59,16 @@ class Renaming:
                 return self._member(value)
             case Call():
                 return self._call(value, arguments)
+            case EquationLearner():
+                own = frozenset(name for name in EQUATION_TERMS if name not in self.names)
+                return self._entry(value, arguments | own)
             case Keyword(name="method"):
                 return value  # of an integral or derivative: a word, no name
             case Keyword():
                 return replace(value, value=self._renamed(value.value, arguments))
             case Located(value=str() as text):
-                return replace(cast("Located[str]", value), value=self.name(text))
+                named = text if text in arguments else self.name(text)
+                return replace(cast("Located[str]", value), value=named)
             case Function():
                 own = frozenset(argument.value for argument in value.args)
                 return value.model_copy(update={"expr": self._renamed(value.expr, own)})

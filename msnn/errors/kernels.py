@@ -1,4 +1,6 @@
-"""W0950-W0954: training kernels that are no good, a mistake of msnn's own."""
+"""E1053, W0950-W0954, W1001-W1002: training kernels, and where they are kept."""
+
+from pathlib import Path
 
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
@@ -28,3 +30,42 @@ def kernel_not_made(stage: str, reason: str, instead: str, span: Span | None) ->
         "no kernel",
         help=_REPORT,
     )
+
+
+def foreign_kernels(folder: Path, reason: str, taken: Path | None) -> Diagnostic:
+    """W1001: a folder of kernels into which somebody else could have put one."""
+    return Diagnostic(
+        "W1001",
+        "warning",
+        f"no kernel is loaded from {folder}, since {reason}; {_kept(taken)}",
+        None,
+        help="close it to others (`chmod go-w`), or set MSNN_CACHE to a folder of your own",
+    )
+
+
+def unusable_kernel_folder(folder: Path, reason: str, taken: Path | None) -> Diagnostic:
+    """W1002: a folder of kernels that takes no new ones."""
+    return Diagnostic(
+        "W1002",
+        "warning",
+        f"no kernel can be written to {folder} ({reason}); {_kept(taken)}",
+        None,
+        help="make room (`msnn doctor --clean-cache`), or set MSNN_CACHE to another folder",
+    )
+
+
+def foreign_folder_is_not_cleaned(folder: Path, reason: str) -> Diagnostic:
+    """E1053: a folder of kernels to be cleaned that is not the user's alone."""
+    return Diagnostic(
+        "E1053",
+        "error",
+        f"nothing is removed from {folder}, since {reason}",
+        None,
+        help="close it to others (`chmod go-w`), or set MSNN_CACHE to the folder that is meant",
+    )
+
+
+def _kept(taken: Path | None) -> str:
+    if taken is None:
+        return "every command builds its kernels again"
+    return f"they are kept in {taken}"

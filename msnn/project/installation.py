@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import platform
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler
-from backends.native.compile_kernel import cache_folder
 from spec_schema.version import __version__
 
 
@@ -49,7 +47,6 @@ def installation() -> Iterator[Part]:
     for package, extra, purpose in _PACKAGES:
         install = f"pip install {package}" if extra is None else f"pip install 'msnn[{extra}]'"
         yield Part(package, purpose, _version(package), install)
-    yield _cache()
 
 
 def _compiler() -> Part:
@@ -66,11 +63,3 @@ def _version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
-
-
-def _cache() -> Part:
-    folder = cache_folder()
-    above = next(path for path in (folder, *folder.parents) if path.exists())
-    writable = above.is_dir() and os.access(above, os.W_OK)
-    found = str(folder) if writable else None
-    return Part("cache", "compiled kernels", found, "set MSNN_CACHE to a folder you may write")

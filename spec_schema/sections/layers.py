@@ -182,6 +182,10 @@ class Mlp(Entry):
     dropout: Share = 0.0
 
 
+EQUATION_TERMS = ("identity", "neg", "square", "add", "sub", "mul")
+"""Functions that an equation learner knows besides those of the language and of the spec."""
+
+
 class EquationLearner(Entry):
     """A weighted sum of `functions` of learned combinations of the argument's elements."""
 

@@ -79,6 +79,29 @@ def test_training_prints_losses_and_parameters_with_units(msnn: CommandLine, pro
     assert "stage 1/1 fit: 2 epochs" in said.err
 
 
+def test_a_folder_of_others_for_kernels_is_warned_of_once(
+    msnn: CommandLine, project: Path, monkeypatch: pytest.MonkeyPatch
+):
+    require_tool("gcc", install="apt install gcc")
+    shared, own = project / "shared", project / "own"
+    shared.mkdir()
+    shared.chmod(0o777)
+    monkeypatch.setenv("MSNN_CACHE", str(shared))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(own))
+    stage = "{epochs: 1}"
+    said = msnn("train", SPEC, "--set", f"train=[{stage}, {stage}, {stage}]")
+    warning = (
+        f"warning[W1001]: no kernel is loaded from {shared}, since others may write to {shared}; "
+        f"they are kept in {own}/msnn/kernels"
+    )
+    assert said.code == 0
+    assert [line for line in said.err.splitlines() if "W1001" in line] == [warning]
+    assert json.loads((project / "runs/plant/latest/run.json").read_text())["end"]["warnings"] == [
+        warning
+    ]
+    assert list(shared.iterdir()) == []
+
+
 def test_training_as_json(msnn: CommandLine, project: Path):
     said = msnn("train", SPEC, "--set", "train.0.epochs=1", "--format", "json", "--engine", "torch")
     record = json.loads(said.out)

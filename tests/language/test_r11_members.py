@@ -142,6 +142,27 @@ def test_r11_a_name_of_a_part_is_never_one_of_the_parent(tmp_path: Path) -> None
     assert [label for _, label in found[0].secondary] == ["used here as `part`"]
 
 
+def test_r11_terms_of_an_equation_learner_are_no_members(tmp_path: Path) -> None:
+    text = """
+        use: {p: learner.yaml}
+        inputs: {u: V}
+        connect: {p.u: u}
+        outputs: {y: p.y}
+        """
+    functions = "[identity, neg, square, add, sub, mul, sin, own]"
+    learner = f"""
+        inputs: {{u: V}}
+        functions: {{own: {{args: [a], expr: 2 * a}}}}
+        layers: {{f: {{equation_learner: {{functions: {functions}, init: 1, bias: false}}}}}}
+        outputs: {{y: f(u)}}
+        """
+    program = model_of(tmp_path, text, learner=learner).program
+    weights = {"p.f.weight_in": np.ones((11, 1)), "p.f.weight_out": np.ones(8)}
+    x = 0.7
+    expected = x - x + x * x + 2 * x + 0 + x * x + np.sin(x) + 2 * x
+    np.testing.assert_allclose(run(program, {"u": [x]}, weights=weights), [expected], rtol=1e-14)
+
+
 def test_r11_weights_and_freezing(tmp_path: Path) -> None:
     write_weights(tmp_path / "w.safetensors", {"k": 4.0, "h.weight": [1.0, 2.0]})
     part = """

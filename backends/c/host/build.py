@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import shlex
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
 from backends.files.c_compiler import find_compiler
+from backends.files.run_compiler import CompilerTooSlowError, run_compiler
 
 
 class CompilerFailedError(Exception):
-    """The compiler rejected the sources; `output` is what it wrote."""
+    """The compiler rejected the sources or hung; `output` is what it wrote, or how long it had."""
 
     def __init__(self, command: Sequence[str], output: str) -> None:
         super().__init__(f"{shlex.join(command)}\n{output}")
@@ -53,7 +53,10 @@ def build_test(
 
 def _compile(head: Sequence[str], arguments: Sequence[str], result: Path) -> Path:
     command = [*head, *arguments, "-o", str(result), "-lm"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise CompilerFailedError(command, done.stderr + done.stdout)
+    try:
+        done = run_compiler(command)
+    except CompilerTooSlowError as error:
+        raise CompilerFailedError(command, f"it {error}") from None
+    if done.code != 0:
+        raise CompilerFailedError(command, done.errors + done.output)
     return result

@@ -1,25 +1,52 @@
-"""`msnn doctor`: what is installed, and the line that installs what is missing."""
+"""`msnn doctor`: what is installed, how to install what is missing, and the cache of kernels."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import Annotated
+
+import typer
 
 from msnn.cli.arguments import OutputFormat, ResultFormat
 
 
-def doctor(format: OutputFormat = ResultFormat.TEXT) -> None:
+def doctor(
+    clean_cache: Annotated[
+        bool, typer.Option("--clean-cache", help="Remove the compiled kernels first.")
+    ] = False,
+    unused_for: Annotated[
+        float | None,
+        typer.Option(metavar="DAYS", min=0, help="Remove only kernels not used for so long."),
+    ] = None,
+    down_to: Annotated[
+        float | None,
+        typer.Option(metavar="MB", min=0, help="Remove the longest unused until so much is left."),
+    ] = None,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
     """Say what is installed.
 
-    Versions, the C compiler, optional packages, where kernels are kept; what is missing with the
-    line that installs it. All of it is optional but what comes with msnn.
+    Versions, the C compiler, optional packages; what is missing with the line that installs it. All
+    of it is optional but what comes with msnn. Where compiled kernels are kept and how many.
     """
-    from msnn.cli.console import json_result, result
-    from msnn.project.installation import installation
+    from msnn.cli.console import json_result, note, report, result
+    from msnn.project.installation import Part, installation
+    from msnn.project.kernels import Limits, cleaned_cache, kernel_cache
     from msnn.tables import table_text
 
-    parts = list(installation())
+    if not clean_cache and not (unused_for is None and down_to is None):
+        message = "what is removed is said beside --clean-cache"
+        raise typer.BadParameter(message, param_hint="'--unused-for', '--down-to'")
+    if clean_cache:
+        everything = unused_for is None and down_to is None
+        note(cleaned_cache(Limits(0.0 if everything else unused_for, down_to)))
+    cache = kernel_cache()
+    remedy = "set MSNN_CACHE to a folder you may write"
+    parts = [*installation(), Part("cache", "compiled kernels", cache.text, remedy)]
     if format is ResultFormat.JSON:
-        json_result("doctor", {"parts": [asdict(part) for part in parts]})
-        return
-    rows = [(p.name, p.found or f"missing: {p.install}", p.purpose) for p in parts]
-    result(table_text(("part", "found", "for"), rows))
+        record = {"parts": [asdict(part) for part in parts], "kernels": cache.values()}
+        json_result("doctor", record)
+    else:
+        rows = [(p.name, p.found or f"missing: {p.install}", p.purpose) for p in parts]
+        result(table_text(("part", "found", "for"), rows))
+    report(cache.warnings, ())

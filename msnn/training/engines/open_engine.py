@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from backends.files.c_compiler import CompilerMissingError
+from backends.native.kernel_cache.folders import kernel_folder
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.errors import training as errors
 from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
+from msnn.training.engines.native.kernel_folder_warnings import kernel_folder_warnings
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.native.native_squares import NativeSquares
@@ -79,7 +81,8 @@ def open_engine(
         try:
             tried = try_natively(plan, native, in_double=not second_order)
             if tried.made is not None:
-                return OpenedEngine(tried.made, tried.plan, tried.notes)
+                kept = kernel_folder_warnings(kernel_folder())
+                return OpenedEngine(tried.made, tried.plan, (*kept, *tried.notes))
             plan, notes = tried.plan, tried.notes
         except CompilerMissingError as error:
             if plan.engine == "native":

@@ -65,6 +65,7 @@ class NotedProgress:
     def __init__(self, shown: Progress, folder: RunFolder | None) -> None:
         self._shown, self._folder = shown, folder
         before = {} if folder is None else folder.end()
+        self._said: list[Diagnostic] = []
         self._reasons: dict[str, str] = before.get("stages", {})
         self._warnings: list[str] = before.get("warnings", [])
         self._kept = self._said()
@@ -80,6 +81,9 @@ class NotedProgress:
         self._shown.stage_ended(event)
 
     def warned(self, diagnostic: Diagnostic) -> None:
+        if diagnostic in self._said:  # of what is no stage's own every stage warns
+            return
+        self._said.append(diagnostic)
         self._note(diagnostic)
         self._shown.warned(diagnostic)
 

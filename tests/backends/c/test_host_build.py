@@ -32,3 +32,12 @@ def test_values_are_checked_before_they_reach_c(tmp_path: Path) -> None:
         step.step({"tau": np.zeros(4)})
     with pytest.raises(ValueError, match="values wanted"):
         step.reset({"nothing": 0.0})
+
+
+def test_a_compiler_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = tmp_path / "hangs"
+    compiler.write_text("#!/bin/sh\nsleep 1000\n")
+    compiler.chmod(0o755)
+    monkeypatch.setenv("MSNN_COMPILER_SECONDS", "0.2")
+    with pytest.raises(CompilerFailedError, match=r"it did not end within 0\.2 s"):
+        build_library(tmp_path, tmp_path / "never.so", (str(compiler),))

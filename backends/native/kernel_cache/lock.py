@@ -1,0 +1,55 @@
+"""Lets one process at a time build a file; a process that dies gives its lock back."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from backends.files.waiting import wait_until
+
+_WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
+
+
+@contextmanager
+def locked(path: Path, limit: float) -> Generator[None]:
+    """Holds the lock file `path`, which is gone afterwards; waits `limit` seconds at most.
+
+    After the limit, or on a file system without locks, the block runs all the
+    same: what is built is renamed into its place whole, so that two builders only do the work
+    twice. Raises OSError where no file can be made.
+    """
+    descriptors: list[int] = []
+
+    def taken() -> bool:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        if not _is_ours(path, descriptor):
+            os.close(descriptor)
+            return False
+        descriptors.append(descriptor)
+        return True
+
+    wait_until(taken, limit)
+    try:
+        yield
+    finally:
+        for descriptor in descriptors:
+            with suppress(FileNotFoundError):
+                path.unlink()
+            os.close(descriptor)
+
+
+def _is_ours(path: Path, descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # the holder before may have removed the file: a lock on what is gone keeps nobody out
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except (BlockingIOError, FileNotFoundError):
+        return False
+    except OSError as error:
+        if error.errno not in _WITHOUT_LOCKS:
+            raise
+        return True

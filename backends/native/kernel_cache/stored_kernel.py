@@ -1,0 +1,125 @@
+"""Keeps one kernel in a folder: the library, and beside it the hash of its bytes."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from backends.files.atomic_write import replacing
+from backends.files.run_compiler import compiler_limit
+from backends.native.kernel_cache.lock import locked
+from backends.native.kernel_cache.trust import is_trusted_file
+
+_A_DAY = 86_400.0
+
+
+@dataclass(frozen=True, slots=True)
+class StoredKernel:
+    """A kernel by its key in a folder that is trusted."""
+
+    folder: Path
+    key: str
+
+    @property
+    def library(self) -> Path:
+        """The shared library."""
+        return self.folder / f"{self.key}.so"
+
+    @property
+    def digest(self) -> Path:
+        """The file with the hash of the library's bytes, written after them."""
+        return self.folder / f"{self.key}.sha256"
+
+    @property
+    def seal(self) -> Path:
+        """The file that says that these bytes were found right."""
+        return self.folder / f"{self.key}.checked"
+
+    def whole(self) -> str | None:
+        """The hash of the library, if it is that of the day it was built; else None.
+
+        A library that is cut off or changed would end the process at a signal when it is loaded. A
+        file that others could write is as good as none.
+        """
+        noted, bytes_ = _read(self.digest), _read(self.library)
+        if noted is None or bytes_ is None:
+            return None
+        found = hashlib.sha256(bytes_).hexdigest()
+        return found if noted == found.encode() else None
+
+    def load(self) -> ctypes.CDLL:
+        """The library in this process. OSError where the system refuses it."""
+        with suppress(OSError):  # a folder that can only be read
+            if time.time() - self.digest.stat().st_mtime > _A_DAY:
+                os.utime(self.digest)  # when it was used last, for who cleans up
+        return ctypes.CDLL(str(self.library))
+
+    def built(self, build: Callable[[Path, Path], None]) -> str:
+        """Builds the library unless somebody else did meanwhile; its hash.
+
+        `build` makes a library of that path and may use that folder. Raises what it raises, and
+        OSError where the folder takes no files.
+        """
+        with locked(self.folder / f"{self.key}.lock", 2 * compiler_limit()):
+            found = self.whole()
+            if found is not None:
+                return found
+            for left in self.folder.glob(f".build-{self.key}-*"):  # of a process that was killed
+                shutil.rmtree(left, ignore_errors=True)
+            with tempfile.TemporaryDirectory(
+                prefix=f".build-{self.key}-", dir=self.folder, ignore_cleanup_errors=True
+            ) as place:
+                library = Path(place) / "kernel.so"
+                build(library, Path(place))
+                bytes_ = library.read_bytes()
+            found = hashlib.sha256(bytes_).hexdigest()
+            self.seal.unlink(missing_ok=True)
+            _write(self.library, bytes_)
+            _write(self.digest, found.encode())
+            return found
+
+    def is_checked(self, digest: str) -> bool:
+        """Whether somebody found the library with this hash right."""
+        return _read(self.seal) == digest.encode()
+
+    def mark_checked(self, digest: str) -> None:
+        """Notes that the library with this hash is right; nothing where nothing can be written."""
+        with suppress(OSError):
+            _write(self.seal, digest.encode())
+
+
+def _read(path: Path) -> bytes | None:
+    """The bytes of a file that only this user could write, or None."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:
+        return None
+    with open(descriptor, "rb") as file:  # noqa: PTH123  (there is a descriptor, not a path)
+        try:
+            return file.read() if is_trusted_file(descriptor) else None
+        except OSError:
+            return None
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Puts the bytes on the disk, then under their name, then the name on the disk."""
+    with replacing(path) as temporary:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+        descriptor = os.open(temporary, flags, 0o600)
+        with open(descriptor, "wb") as file:  # noqa: PTH123  (there is a descriptor, not a path)
+            file.write(data)
+            file.flush()
+            os.fsync(descriptor)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

@@ -1,0 +1,81 @@
+"""Takes random specs through check, every export and a training kernel; keeps what is wrong.
+
+`python -m benchmarks.fuzz.specs [--count 10000] [--first SEED] [--findings FOLDER]`. Goes on after
+the last seed that FOLDER/next_seed names, so that it may be ended at any time and started again.
+A finding is a folder: the smallest spec with the fault, the spec of the seed, and what was wrong.
+A second each on an idle core, more where compilers wait: 10,000 take some hours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+from backends.files.atomic_write import write_text
+from tests.random_specs.generate import random_spec
+from tests.random_specs.random_spec import RandomSpec
+from tests.random_specs.shrink import shrunk
+from tests.random_specs.trial import Fault, fault_of
+
+SHRINKING = 120.0
+"""Seconds for a finding."""
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--first", type=int, help="default: where the last run ended, else 0")
+    parser.add_argument("--findings", type=Path, default=Path("build/random_specs"))
+    parser.add_argument("--shrink", type=float, default=SHRINKING, metavar="SECONDS")
+    arguments = parser.parse_args()
+    folder: Path = arguments.findings
+    first = arguments.first if arguments.first is not None else _next_seed(folder)
+    began, kinds, refused = time.monotonic(), set[tuple[str, str]](), 0
+    last = first
+    with suppress(KeyboardInterrupt):
+        for seed in range(first, first + arguments.count):
+            spec = random_spec(seed)
+            fault = fault_of(spec)
+            last = seed + 1
+            write_text(folder / "next_seed", f"{last}\n")
+            if fault is None:
+                continue
+            refused += fault.stage == "check" and fault.kind.startswith("refused")
+            new = (fault.stage, fault.kind) not in kinds
+            kinds.add((fault.stage, fault.kind))
+            print(
+                f"seed {seed}: {fault.stage}: {fault.kind}{'' if new else ' (again)'}", flush=True
+            )
+            if new:
+                _keep(folder / f"seed_{seed}", spec, fault, arguments.shrink)
+    seconds = time.monotonic() - began
+    print(f"{last - first} specs ({refused} refused), {len(kinds)} kinds of fault, {seconds:.0f} s")
+    return 1 if kinds else 0
+
+
+def _next_seed(folder: Path) -> int:
+    try:
+        return int((folder / "next_seed").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return 0
+
+
+def _keep(folder: Path, spec: RandomSpec, fault: Fault, seconds: float) -> None:
+    """Writes the finding, then a smaller spec in its place."""
+    write_text(folder / "fault.txt", f"{fault.stage}: {fault.kind}\n\n{fault.detail}\n")
+    for name, text in spec.texts().items():
+        write_text(folder / "seed" / name, text)
+    needed = {
+        "exports": fault.stage not in ("check", "show", "train"),
+        "kernel": fault.stage == "train",
+    }
+    smallest = shrunk(spec, fault, partial(fault_of, **needed), seconds)
+    for name, text in smallest.texts().items():
+        write_text(folder / name, text)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,77 @@
+"""Says where compiled kernels are kept and what lies there, and cleans it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from backends.native.kernel_cache.contents import KeptKernel, Limits, clean, kept_kernels
+from backends.native.kernel_cache.folders import KernelFolder, cache_folder, kernel_folder
+from msnn.errors.kernels import foreign_folder_is_not_cleaned
+from msnn.training.engines.native.kernel_folder_warnings import kernel_folder_warnings
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+
+@dataclass(frozen=True, slots=True)
+class KernelCache:
+    """The folder that is taken, why it is not the wanted one, and the kernels in it."""
+
+    taken: KernelFolder
+    kernels: Sequence[KeptKernel]
+
+    @property
+    def text(self) -> str | None:
+        """The folder and what lies there on one line; None where no folder can be taken."""
+        if self.taken.path is None:
+            return None
+        return f"{self.taken.path} (trusted; {_size(self.kernels)})"
+
+    @property
+    def warnings(self) -> tuple[Diagnostic, ...]:
+        """That another folder was wanted, where it was."""
+        return kernel_folder_warnings(self.taken)
+
+    def values(self) -> dict[str, Any]:
+        """The same as JSON."""
+        refused = self.taken.refused
+        return {
+            "folder": None if self.taken.path is None else str(self.taken.path),
+            "kernels": len(self.kernels),
+            "bytes": _bytes(self.kernels),
+            "refused": None
+            if refused is None
+            else {
+                "folder": str(refused.folder),
+                "reason": refused.reason,
+                "trusted": not refused.is_foreign,
+            },
+        }
+
+
+def kernel_cache() -> KernelCache:
+    """What there is now."""
+    taken = kernel_folder()
+    return KernelCache(taken, [] if taken.path is None else kept_kernels(taken.path))
+
+
+def cleaned_cache(limits: Limits) -> str:
+    """Cleans the folder that is wanted, full as it may be; says what was removed.
+
+    SpecError where others may write to it: nobody knows then whose files these are.
+    """
+    refused = kernel_folder().refused
+    folder = cache_folder()
+    if refused is not None and refused.is_foreign:
+        raise SpecError((foreign_folder_is_not_cleaned(folder, refused.reason),))
+    removed = clean(folder, limits) if folder.is_dir() else ()
+    return f"removed {_size(removed)}, from {folder}"
+
+
+def _size(kernels: Sequence[KeptKernel]) -> str:
+    count = len(kernels)
+    return f"{count} kernel{'' if count == 1 else 's'}, {_bytes(kernels) / 1e6:.1f} MB"
+
+
+def _bytes(kernels: Sequence[KeptKernel]) -> int:
+    return sum(kernel.size for kernel in kernels)

@@ -1,0 +1,16 @@
+"""Warns that kernels are kept in another folder than the one that was wanted."""
+
+from __future__ import annotations
+
+from backends.native.kernel_cache.folders import KernelFolder
+from msnn.errors.kernels import foreign_kernels, unusable_kernel_folder
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+
+def kernel_folder_warnings(found: KernelFolder) -> tuple[Diagnostic, ...]:
+    """The warning, where there is something to warn of."""
+    refused = found.refused
+    if refused is None:
+        return ()
+    of = foreign_kernels if refused.is_foreign else unusable_kernel_folder
+    return (of(refused.folder, refused.reason, found.path),)

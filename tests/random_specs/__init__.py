@@ -1,0 +1,1 @@
+"""Random well-typed specs over the whole language, through every backend."""

@@ -1,0 +1,45 @@
+"""Some random specs through everything; `benchmarks/fuzz/specs.py` takes as many as are wanted."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.random_specs.generate import random_spec
+from tests.random_specs.random_spec import RandomSpec
+from tests.random_specs.shrink import shrunk
+from tests.random_specs.trial import Fault, fault_of
+
+EVERYWHERE = (2, 3)
+"""Seeds of small specs: with a compiler each takes a second or two."""
+
+
+@pytest.mark.parametrize("first", range(0, 24, 8))
+def test_random_specs_are_checked_and_shown(first: int) -> None:
+    for seed in range(first, first + 8):
+        fault = fault_of(random_spec(seed), exports=False, kernel=False)
+        assert fault is None, f"seed {seed}: {fault.stage}: {fault.detail}"
+
+
+@pytest.mark.parametrize("seed", EVERYWHERE)
+def test_random_specs_mean_the_same_everywhere(seed: int) -> None:
+    fault = fault_of(random_spec(seed))
+    assert fault is None, f"{fault.stage}: {fault.detail}"
+
+
+def test_a_seed_is_the_same_spec_everywhere() -> None:
+    assert random_spec(7).texts() == random_spec(7).texts()
+    assert random_spec(7).texts() != random_spec(8).texts()
+
+
+def test_a_fault_is_shown_by_a_small_spec() -> None:
+    """As if every call of a function were wrong."""
+    wrong = Fault("show", "tanh", "")
+
+    def fault_of_tanh(spec: RandomSpec) -> Fault | None:
+        return wrong if "tanh(" in str(spec.sections.get("outputs")) else None
+
+    seed = next(s for s in range(100) if fault_of_tanh(random_spec(s)) is not None)
+    small = shrunk(random_spec(seed), wrong, fault_of_tanh, 30.0)
+    assert list(small.sections) == ["msnn", "name", "outputs"]
+    assert len(small.sections["outputs"]) == 1
+    assert small.size < 120

@@ -1,0 +1,150 @@
+"""Takes one spec through check, compile, every export and a training kernel, against the judge."""
+
+from __future__ import annotations
+
+import traceback
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from unittest.mock import patch
+
+import numpy as np
+
+from backends.c.selftest import selftest_text
+from backends.native import compile_kernel
+from compiler.program_file.file import program_from_json, program_to_json
+from msnn.agreement.compare import compare
+from msnn.agreement.deviation import worst_deviation
+from msnn.agreement.judge import judge
+from msnn.agreement.record import Record, drawn_record
+from msnn.data.dataset import FloatArray
+from msnn.exports.export import TARGETS, ExportPlan, plan_exports, write_export
+from msnn.model.load import load_model
+from msnn.model.model import Model
+from msnn.model.weights_file import initial_weights
+from msnn.reports.graph import mermaid_text
+from msnn.reports.latex import latex_text
+from msnn.reports.show import interface_text, windows_text
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.editors.format_spec import format_spec
+from spec_schema.editors.spec_data import spec_data
+from spec_schema.reading.reader import read_spec
+from spec_schema.yaml_tree.writer import yaml_text
+from tests.random_specs.kernel_trial import kernel_fault
+from tests.random_specs.random_spec import RandomSpec
+
+STEPS = 24
+"""Steps that are compared: four times the longest window."""
+
+ROUNDINGS = 100 * 2.0**-29
+"""What of the judge's deviation in float32 a backend may have in float64: its roundings are 2⁻²⁹ as
+large, and up to 100 times as many where it computes in another order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What went wrong, where, and what tells it from other faults."""
+
+    stage: str
+    kind: str
+    """The same for the same fault of a smaller spec."""
+    detail: str
+
+
+def fault_of(spec: RandomSpec, *, exports: bool = True, kernel: bool = True) -> Fault | None:
+    """The first thing that is wrong with the treatment of a spec; None where all is well."""
+    with (
+        TemporaryDirectory(prefix="msnn-spec-") as place,
+        warnings.catch_warnings(),
+        # what takes most of the time and is judged elsewhere: many steps of the test program that
+        # an export brings along, and the last tenths of a kernel's speed
+        patch.object(selftest_text, "_TEST_STEPS", 1),
+        patch.object(selftest_text, "SELFTEST_STEPS", 1),
+        patch.object(compile_kernel, "FLAGS", _quick(compile_kernel.FLAGS)),
+    ):
+        warnings.simplefilter("error")
+        folder = Path(place)
+        for name, text in spec.texts().items():
+            (folder / name).write_text(text, encoding="utf-8")
+        stage = "check"
+        try:
+            model = load_model(folder / "spec.msnn.yaml")
+            stage = "show"
+            _shown(model)
+            if exports:
+                stage = "export"
+                fault = _exported(model, folder)
+                if fault is not None:
+                    return fault
+            if kernel and model.spec.train:
+                stage = "train"
+                found = kernel_fault(model)
+                if found is not None:
+                    return Fault(stage, *found)
+        except SpecError as error:
+            codes = sorted({d.code for d in error.diagnostics if d.severity == "error"})
+            said = "\n".join(d.message for d in error.diagnostics)
+            return Fault(stage, "refused: " + " ".join(codes), said)
+        except Exception as error:  # noqa: BLE001  (whatever it is, it is what we look for)
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            kind = f"{type(error).__name__} in {Path(last.filename).name}: {last.name}"
+            return Fault(stage, kind, "".join(traceback.format_exception(error)))
+    return None
+
+
+def _quick(flags: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple("-O1" if flag == "-O3" else flag for flag in flags if flag != "-funroll-loops")
+
+
+def _shown(model: Model) -> None:
+    """What `show`, `fmt` and `compile` make of the model is well-formed and means the same."""
+    mermaid_text(model.spec)
+    latex_text(model.spec)
+    interface_text(model.program)
+    windows_text(model.program)
+    once = format_spec(str(model.path), model.text)
+    assert format_spec(str(model.path), once) == once, "`fmt` is not stable"
+    text = program_to_json(model.program)
+    assert program_to_json(program_from_json(text, "random")) == text, "a program file changes"
+    resolved = yaml_text(spec_data(model.read.spec))
+    again = read_spec(model.path, resolved)
+    assert yaml_text(spec_data(again.spec)) == resolved, "`show --resolved` reads differently"
+
+
+def _exported(model: Model, folder: Path) -> Fault | None:
+    findings = Findings()
+    plans = plan_exports(model, TARGETS, findings)
+    findings.raise_errors()
+    weights = initial_weights(model.program)
+    for plan in plans:
+        place = folder / plan.target
+        with np.errstate(all="ignore"):
+            files = write_export(plan, weights, place)
+            record = _record(plan)
+            found = compare(plan, weights, files, place, record)
+            if found.bits:
+                said = f"{found.bits} values differ in bits from the judge"
+                return Fault(plan.target, "bits", said)
+            if plan.dtype == "float32" or found.agrees:
+                continue  # in float32 the bits say more than any limit
+            allowed = ROUNDINGS * _rounding(plan, weights, record)
+            if found.one_step is None or not found.one_step <= allowed:
+                return Fault(plan.target, "differs", f"{found} (allowed {allowed:.1e})")
+    return None
+
+
+def _record(plan: ExportPlan) -> Record:
+    found = drawn_record(plan.program, "drawn numbers")
+    return Record(found.log, found.t0, min(found.steps, STEPS), found.origin)
+
+
+def _rounding(plan: ExportPlan, weights: Mapping[str, FloatArray], record: Record) -> float:
+    """How far the judge in float32 is from the judge in float64: how well the model is posed."""
+    exact = judge(plan.program, weights, record, np.float64)
+    rough = judge(plan.program, weights, record, np.float32)
+    return max(
+        worst_deviation(rough.outputs, exact.outputs),
+        worst_deviation(rough.next_states, exact.next_states),
+    )
