@@ -8,7 +8,7 @@ import numpy as np
 
 from compiler.ir.scalar_functions import Array
 from compiler.ir.types import Axis, describe_axes
-from compiler.lowering.arrays.named_draws import generator_of
+from compiler.lowering.arrays.named_draws import generator_of, uniform_draws
 from compiler.lowering.arrays.number_file import UnusableFileError, read_numbers
 from compiler.lowering.environment import Argument, Environment, Part
 from compiler.lowering.failure import LoweringFailed
@@ -46,7 +46,7 @@ def initial_values(
         case NormalInitializer() as normal:
             return generator_of(name, model.draw).normal(normal.mean, normal.std, shape)
         case UniformInitializer() as uniform:
-            return generator_of(name, model.draw).uniform(uniform.min, uniform.max, shape)
+            return uniform_draws(name, uniform.min, uniform.max, shape, model.draw)
         case ExpInitializer() | NegexpInitializer() | LinInitializer() as shaped:
             position = _position(model, name, shaped, axes)
             along = [1] * len(axes)
