@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -47,8 +47,11 @@ class LaneFunctions(FunctionTable):
         return Call(f"{PREFIX}_{kernel}", arguments)
 
 
-def kernel_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
-    """The kernel of one program whose loops are closed."""
+def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = False) -> KernelSource:
+    """The kernel of one program whose loops are closed.
+
+    A `reproducible` one fuses by many instructions where a processor has none for it.
+    """
     memory = Memory(step)
     functions = LaneFunctions(FunctionNames(PREFIX, dtype, "own"))
     writer = ModelFunctions(memory, functions)
@@ -73,7 +76,8 @@ def kernel_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
     bounds = c_definitions(("sigmoid", "softplus"), "double", "double")
     files = ("threads.c", "optimizers.c", "batches.c", "epochs.c")
     loops = (group, bounds, *map(_text, files))
-    return whole_source(memory, dtype, functions, made, tables, loops)
+    found = whole_source(memory, dtype, functions, made, tables, loops)
+    return replace(found, text=f"#define REPRODUCIBLE\n{found.text}") if reproducible else found
 
 
 def whole_source(

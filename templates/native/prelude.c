@@ -84,15 +84,15 @@ inline_function lanes lane_sign(lanes x)
     return choose(x > splat(0), splat(1), choose(x < splat(0), splat(-1), x));
 }
 
-/* Whether the processor rounds a · b + c once in one instruction; without it `fused` rounds twice. */
+/* Whether the processor rounds a · b + c once, in one instruction. */
 #if defined(__FMA__) || defined(__aarch64__) || defined(__FP_FAST_FMAF)
-#define FUSES 1
-#else
-#define FUSES 0
+#define HAS_FMA
 #endif
 
-/* a · b + c. Nothing else is fused: kernels are compiled without contraction. */
-#if !FUSES
+/* a · b + c rounded once: of a processor that cannot only where its bits shall be those of others,
+   since the library takes many times as long. Nothing else is fused: kernels are compiled
+   without contraction. */
+#if !defined(HAS_FMA) && !defined(REPRODUCIBLE)
 inline_function lanes fused(lanes a, lanes b, lanes c) { return a * b + c; }
 #elif defined(__FMA__) && !defined(__clang__)
 /* gcc makes one instruction of the loop below only sometimes */

@@ -92,9 +92,9 @@ class Machine:
     runner: tuple[str, ...] = ()
 
 
-def kernel_program(program: Program, dtype: Dtype) -> str:
+def kernel_program(program: Program, dtype: Dtype, *, reproducible: bool = False) -> str:
     """The C of the program."""
-    source = kernel_source(training_step(program), dtype)
+    source = kernel_source(training_step(program), dtype, reproducible=reproducible)
     weights = initial(program)
     log = log_of(program, ROLLOUTS + STEPS + 20)
     parameters = program.parameters

@@ -76,6 +76,24 @@ def test_compilers_vector_widths_and_processors_find_the_same_bits(
     assert {compiler: said for compiler, said in found.items() if said != first} == {}
 
 
+def test_a_processor_without_fma_has_the_same_bits_where_they_are_asked_for(
+    tmp_path: Path,
+) -> None:
+    """By the library, of which QEMU's Nehalem runs the version for such processors."""
+    program = close_loop(compiled_model(MODEL), ())
+    emulator = require_tool("qemu-x86_64", install="apt install qemu-user")
+    without = Machine(("gcc", "-march=x86-64-v2"), (emulator, "-cpu", "Nehalem"))
+    machines = {"fused": aarch64(), "twice rounded": without, "asked for": without}
+    found = {
+        name: output(
+            kernel_program(program, "float32", reproducible=name == "asked for"), machine, tmp_path
+        )
+        for name, machine in machines.items()
+    }
+    assert found["asked for"] == found["fused"]
+    assert found["twice rounded"] != found["fused"]
+
+
 STAGES = """
 msnn: 1
 name: plant

@@ -8,7 +8,6 @@ from typing import assert_never
 
 import numpy as np
 
-from compiler.kernels.trace.evaluate import evaluate
 from spec_schema.sections.training.schedules import Cosine, Exponential, Plateau, Step
 
 Rule = Cosine | Exponential | Step | Plateau | None
@@ -47,6 +46,9 @@ def rate_factor(rule: Rule, epoch: int, epochs: int, reductions: Reductions) -> 
 
 def _kernel(name: str, *arguments: float) -> float:
     """The project's own function: that of the system has other bits elsewhere."""
+    # `check` plans stages too, and asks for no rate
+    from compiler.kernels.trace.evaluate import evaluate
+
     return float(evaluate(name, *(np.asarray(value, np.float64) for value in arguments)))
 
 
