@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.ir.program import Parameter
+from compiler.kernels.evaluate import evaluate
 
 FloatArray = NDArray[np.float64]
 
 BOUND_MARGIN = 1e-6
 """Loaded values closer to a bound than this part of the range (or scale) are moved off it."""
+
+_STRAIGHT = 40.0
+"""From here on softplus(x) is x: exp(−40) is less than its rounding."""
 
 
 class Mapping(IntEnum):
@@ -53,7 +57,7 @@ def raw_value(parameter: Parameter, physical: FloatArray) -> tuple[FloatArray, b
         case None, float(high):
             return -_inverse_softplus((high - inside) / parameter.scale), moved
         case float(low), float(high):
-            return np.log(inside - low) - np.log(high - inside), moved
+            return _log(inside - low) - _log(high - inside), moved
         case _:
             raise AssertionError("bounds are floats or None")
 
@@ -64,9 +68,9 @@ def physical_value(parameter: Parameter, raw: FloatArray) -> FloatArray:
         case None, None:
             return raw * parameter.scale
         case float(low), None:
-            return low + parameter.scale * np.logaddexp(raw, 0.0)
+            return low + parameter.scale * _softplus(raw)
         case None, float(high):
-            return high - parameter.scale * np.logaddexp(-raw, 0.0)
+            return high - parameter.scale * _softplus(-raw)
         case float(low), float(high):
             return low + (high - low) * _sigmoid(raw)
         case _:
@@ -88,11 +92,6 @@ def physical_slope(parameter: Parameter, raw: FloatArray) -> FloatArray:
             raise AssertionError("bounds are floats or None")
 
 
-def _sigmoid(raw: FloatArray) -> FloatArray:
-    small = np.exp(-np.abs(raw))
-    return np.where(raw >= 0.0, 1.0, small) / (1.0 + small)
-
-
 def _inside(parameter: Parameter, physical: FloatArray) -> FloatArray:
     low, high = parameter.minimum, parameter.maximum
     span = high - low if low is not None and high is not None else abs(parameter.scale)
@@ -104,5 +103,24 @@ def _inside(parameter: Parameter, physical: FloatArray) -> FloatArray:
 
 
 def _inverse_softplus(value: FloatArray) -> FloatArray:
-    # log(exp(v) − 1) without overflow for large v and without cancellation for small v
-    return value + np.log(-np.expm1(-value))
+    # log(exp(v) − 1) = v/2 + log(2 sinh(v/2)), without overflow for large v, where it is v, and
+    # without cancellation for small v
+    half = np.minimum(value, _STRAIGHT) / 2
+    return np.where(value < _STRAIGHT, half + _log(2.0 * _kernel("sinh", half)), value)
+
+
+def _log(value: FloatArray) -> FloatArray:
+    return _kernel("log", value)
+
+
+def _softplus(raw: FloatArray) -> FloatArray:
+    return _kernel("softplus", raw)
+
+
+def _sigmoid(raw: FloatArray) -> FloatArray:
+    return _kernel("sigmoid", raw)
+
+
+def _kernel(name: str, value: FloatArray) -> FloatArray:
+    """The project's own function: numpy's has other bits on other processors."""
+    return evaluate(name, np.asarray(value, np.float64))

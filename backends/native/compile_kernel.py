@@ -22,7 +22,7 @@ FLAGS = (
     "-O3",
     "-funroll-loops",
     "-march=native",
-    "-ffp-contract=fast",
+    "-ffp-contract=off",
     "-fno-math-errno",
     "-fno-trapping-math",
     "-Wno-psabi",
@@ -31,8 +31,9 @@ FLAGS = (
     "-fPIC",
 )
 """Never -ffast-math: gcc then links code that turns denormals off in the whole process, NaN cannot
-be told from numbers, and the math kernels lose the roundings they are made of. The emitter itself
-writes long sums as several short ones."""
+be told from numbers, and the math kernels lose the roundings they are made of. Nor contraction:
+each compiler fuses other products. The emitter itself writes long sums as several short ones, and
+`fused` where one rounding is enough (lanes/fused_products.py)."""
 
 
 class KernelBuildError(Exception):

@@ -54,13 +54,21 @@ class Kernel:
     """One program, its loops closed, compiled for this machine. Raises CompilerMissingError."""
 
     def __init__(
-        self, program: Program, dtype: Dtype, threads: int = 1, kept_bytes: int = KEPT_BYTES
+        self,
+        program: Program,
+        dtype: Dtype,
+        threads: int = 1,
+        kept_bytes: int = KEPT_BYTES,
+        *,
+        reproducible: bool = False,
     ) -> None:
         self._threads = threads
         self._kept_bytes = kept_bytes
         self._memory = np.zeros(0, np.uint8)
         self._reserved, self._reservation = (0, 0), WorkStruct()
-        self.source: KernelSource = kernel_source(training_step(program), dtype)
+        self.source: KernelSource = kernel_source(
+            training_step(program), dtype, reproducible=reproducible
+        )
         self.program = program
         self.dtype = np.dtype(dtype)
         self.lanes = LANES[dtype]

@@ -14,7 +14,7 @@ from backends.native.lanes.lane_memory import Memory, size_of
 from backends.native.loop_splitting import Addends, LateGradient, is_zero, read_from_rows
 from backends.native.tiled_sums import HORIZON, MOMENT, TIME, TiledSum
 from compiler.ir.ops import Concat, Contract
-from compiler.ir.program import Graph, NodeId
+from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import Axis
 
 
@@ -79,10 +79,10 @@ class ModelFunctions:
         assert isinstance(made.op, Contract)
         row = array(f"row_{node}", made.type.shape)
         sums = TiledSum(
-            tuple(writer.factors(node)),
+            tuple(writer.factors(made)),
             made.type.axis_names,
             (made.op.axis,),
-            _sizes(writer.graph, node),
+            _sizes(writer.graph, made),
             over_time=False,
         )
 
@@ -171,7 +171,10 @@ class ModelFunctions:
         return self._made(writer, "kernel_reverse_step", passed, "Adjoints at t from those at t+1.")
 
     def after(self) -> ModelFunction:
-        """Gradients of parameters that are sums over the time of products of rows."""
+        """Gradients of parameters that are sums over the time of products of rows.
+
+        A product may stand in rows itself, as a factor of another: its own factors do too.
+        """
         writer = LaneWriter(self._memory, self._after, self._functions)
         for late in self._memory.phases.late:
             self._write_late(writer, late)
@@ -180,14 +183,14 @@ class ModelFunctions:
         return self._made(writer, "kernel_after", passed, "Gradients that are sums over the time.")
 
     def _write_late(self, writer: LaneWriter, late: LateGradient) -> None:
-        made = writer.graph[late.product]
+        made = self._reverse[late.product]
         target = self._gradient_place(late.parameter)
         summed = (made.op.axis,) if isinstance(made.op, Contract) else ()
         sums = TiledSum(
-            tuple(writer.factors(late.product)),
+            tuple(writer.factors(made)),
             made.type.axis_names,
             summed,
-            _sizes(writer.graph, late.product),
+            _sizes(writer.graph, made),
             over_time=True,
         )
 
@@ -255,9 +258,9 @@ def _horizon() -> Passed:
     return Passed(Argument("size_t", HORIZON), HORIZON)
 
 
-def _sizes(graph: Graph, node: NodeId) -> dict[str, int]:
+def _sizes(graph: Graph, node: Node) -> dict[str, int]:
     """Sizes of all axes of the operands of a node."""
-    axes: list[Axis] = [axis for arg in graph[node].args for axis in graph[arg].type.axes]
+    axes: list[Axis] = [axis for arg in node.args for axis in graph[arg].type.axes]
     return {axis.name: axis.size for axis in axes}
 
 

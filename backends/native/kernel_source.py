@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -12,11 +12,13 @@ from backends.c_language.functions import FunctionNames, FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.tree import Call, Expression
 from backends.native.kernel_functions import ModelFunction, ModelFunctions
+from backends.native.lanes.fused_products import with_fused_products
 from backends.native.lanes.lane_kernels import lane_kernels
 from backends.native.lanes.lane_memory import Memory, size_of
 from backends.native.lanes.lane_printer import LanePrinter
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.kernels.c_sources import c_definitions
 from compiler.kernels.tables.formats import DOUBLE, FLOAT
 
 _TEMPLATES = Path(__file__).resolve().parents[2] / "templates" / "native"
@@ -45,8 +47,11 @@ class LaneFunctions(FunctionTable):
         return Call(f"{PREFIX}_{kernel}", arguments)
 
 
-def kernel_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
-    """The kernel of one program whose loops are closed."""
+def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = False) -> KernelSource:
+    """The kernel of one program whose loops are closed.
+
+    A `reproducible` one fuses by many instructions where a processor has none for it.
+    """
     memory = Memory(step)
     functions = LaneFunctions(FunctionNames(PREFIX, dtype, "own"))
     writer = ModelFunctions(memory, functions)
@@ -68,8 +73,11 @@ def kernel_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
     ]
     echoes = [Rows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
     group = rendered("group.c.j2", made, **forward_arrays(memory), echoes=echoes)
-    loops = (group, *map(_text, ("threads.c", "optimizers.c", "batches.c", "epochs.c")))
-    return whole_source(memory, dtype, functions, made, tables, loops)
+    bounds = c_definitions(("sigmoid", "softplus"), "double", "double")
+    files = ("threads.c", "optimizers.c", "batches.c", "epochs.c")
+    loops = (group, bounds, *map(_text, files))
+    found = whole_source(memory, dtype, functions, made, tables, loops)
+    return replace(found, text=f"#define REPRODUCIBLE\n{found.text}") if reproducible else found
 
 
 def whole_source(
@@ -90,7 +98,7 @@ def whole_source(
         _text("prelude.c"),
         lane_kernels(functions.kernels, DOUBLE if dtype == "float64" else FLOAT, PREFIX),
         *tables,
-        *(printer.function(one.function) for one in made.values()),
+        *(printer.function(with_fused_products(one.function)) for one in made.values()),
         _text("driver.c"),
         *loops,
     ]

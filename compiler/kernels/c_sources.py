@@ -61,6 +61,14 @@ def c_sources(
     )
 
 
+def c_definitions(names: Iterable[str], real: RealName, prefix: str) -> str:
+    """The kernels named as static functions `<prefix>_<name>`, callees first, for a source that
+    includes float.h, math.h, stdbool.h and stdint.h."""
+    roots = [trace(KERNELS[name].subroutine, FORMATS[real]) for name in sorted(set(names))]
+    bodies = [RoutineText(routine, prefix) for routine in _callees_first(roots)]
+    return "\n".join(_function(body, public=False) for body in bodies)
+
+
 def _callees_first(roots: list[Routine]) -> list[Routine]:
     ordered: dict[str, Routine] = {}
 

@@ -1,8 +1,9 @@
-"""E0980-E0989: folders of training runs."""
+"""E0980-E0989: folders of training runs, and what runs can promise."""
 
 from collections.abc import Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
 
 
 def no_run(folder: str, inside: Sequence[str]) -> Diagnostic:
@@ -26,4 +27,16 @@ def unreadable_run(folder: str) -> Diagnostic:
         None,
         help="its weights may be good all the same: `msnn validate SPEC --weights "
         f"{folder}/weights.safetensors`",
+    )
+
+
+def not_reproducible(stage: str, reason: str, span: Span | None) -> Diagnostic:
+    """E0988: the same bits asked of what has others on other machines."""
+    return Diagnostic(
+        "E0988",
+        "error",
+        f"the stage `{stage}` cannot be reproducible: {reason}",
+        span,
+        "other bits on other machines",
+        help="train with adam, adamw or sgd in native kernels, or leave `reproducible:` out",
     )

@@ -22,6 +22,7 @@ TRAINING_DOCS: Mapping[str, Mapping[str, str]] = {
         "dtype": "Precision of the arithmetic.",
         "engine": "What computes: native kernels or torch.",
         "threads": "Threads of the native engine; any number gives the same bits.",
+        "reproducible": "Insists on kernels with the same bits on every processor.",
         "starts": "Runs from different initial values, of which the best goes on.",
         "weight_decay": "Pull of the weights towards 0.",
     },

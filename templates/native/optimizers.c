@@ -1,4 +1,5 @@
-/* Raw variables, their physical values, and the optimisers that move them. */
+/* Raw variables, their physical values, and the optimisers that move them. Of libm only what is
+   rounded correctly: its other functions differ from one system to the next. */
 enum { LINEAR = 0, BETWEEN = 1, ABOVE = 2, BELOW = 3 };
 enum { ADAM = 0, ADAMW = 1, SGD = 2 };
 
@@ -27,14 +28,6 @@ struct optimizer {
     double second_decay;            /* the same wherever an epoch is divided into calls */
 };
 
-static double softplus(double x) { return fmax(x, 0.0) + log1p(exp(-fabs(x))); }
-
-static double sigmoid(double x)
-{
-    const double small = exp(-fabs(x));
-    return x >= 0.0 ? 1.0 / (1.0 + small) : small / (1.0 + small);
-}
-
 /* Physical values of the raw variables that move: those without bounds at once, then the others. */
 void msnn_physical(struct variables *v)
 {
@@ -54,9 +47,9 @@ void msnn_physical(struct variables *v)
             continue;
         }
         switch (v->kind[i]) {
-        case BETWEEN: v->physical[i] = (real)(v->low[i] + (v->high[i] - v->low[i]) * sigmoid(raw)); break;
-        case ABOVE: v->physical[i] = (real)(v->low[i] + v->scale[i] * softplus(raw)); break;
-        case BELOW: v->physical[i] = (real)(v->high[i] - v->scale[i] * softplus(-raw)); break;
+        case BETWEEN: v->physical[i] = (real)(v->low[i] + (v->high[i] - v->low[i]) * double_sigmoid(raw)); break;
+        case ABOVE: v->physical[i] = (real)(v->low[i] + v->scale[i] * double_softplus(raw)); break;
+        case BELOW: v->physical[i] = (real)(v->high[i] - v->scale[i] * double_softplus(-raw)); break;
         default: break;
         }
     }
@@ -67,9 +60,9 @@ static double slope(const struct variables *v, int i)
 {
     const double raw = (double)v->raw[i];
     switch (v->kind[i]) {
-    case BETWEEN: return (v->high[i] - v->low[i]) * sigmoid(raw) * sigmoid(-raw);
-    case ABOVE: return v->scale[i] * sigmoid(raw);
-    case BELOW: return v->scale[i] * sigmoid(-raw);
+    case BETWEEN: return (v->high[i] - v->low[i]) * double_sigmoid(raw) * double_sigmoid(-raw);
+    case ABOVE: return v->scale[i] * double_sigmoid(raw);
+    case BELOW: return v->scale[i] * double_sigmoid(-raw);
     default: return v->scale[i];
     }
 }

@@ -1,5 +1,7 @@
 /* A training kernel: LANES samples in every `lanes`, arithmetic of the language's own vectors. */
+#include <float.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <stddef.h>
 #include <string.h>
@@ -81,6 +83,52 @@ inline_function lanes lane_sign(lanes x)
 {
     return choose(x > splat(0), splat(1), choose(x < splat(0), splat(-1), x));
 }
+
+/* Whether the processor rounds a · b + c once, in one instruction. */
+#if defined(__FMA__) || defined(__aarch64__) || defined(__FP_FAST_FMAF)
+#define HAS_FMA
+#endif
+
+/* a · b + c rounded once: of a processor that cannot only where its bits shall be those of others,
+   since the library takes many times as long. Nothing else is fused: kernels are compiled
+   without contraction. */
+#if !defined(HAS_FMA) && !defined(REPRODUCIBLE)
+inline_function lanes fused(lanes a, lanes b, lanes c) { return a * b + c; }
+#elif defined(__FMA__) && !defined(__clang__)
+/* gcc makes one instruction of the loop below only sometimes */
+#if MSNN_DOUBLE
+#define FUSED_256 __builtin_ia32_vfmaddpd256
+#define FUSED_512(a, b, c) __builtin_ia32_vfmaddpd512_mask(a, b, c, (uint8_t)-1, 4)
+#else
+#define FUSED_256 __builtin_ia32_vfmaddps256
+#define FUSED_512(a, b, c) __builtin_ia32_vfmaddps512_mask(a, b, c, (uint16_t)-1, 4)
+#endif
+inline_function lanes fused(lanes a, lanes b, lanes c)
+{
+#if defined(__AVX512F__)
+    return FUSED_512(a, b, c);
+#else
+    typedef real half __attribute__((vector_size(sizeof(lanes) / 2)));
+    union { lanes whole; half part[2]; } x = {a}, y = {b}, z = {c};
+    z.part[0] = FUSED_256(x.part[0], y.part[0], z.part[0]);
+    z.part[1] = FUSED_256(x.part[1], y.part[1], z.part[1]);
+    return z.whole;
+#endif
+}
+#else
+inline_function lanes fused(lanes a, lanes b, lanes c)
+{
+    lanes r;
+    for (int i = 0; i < LANES; i++) {
+#if MSNN_DOUBLE
+        r[i] = __builtin_fma(a[i], b[i], c[i]);
+#else
+        r[i] = __builtin_fmaf(a[i], b[i], c[i]);
+#endif
+    }
+    return r;
+}
+#endif
 
 inline_function real square_root(real x)
 {

@@ -88,6 +88,17 @@ outputs: {z: "net(u[t-2], u)"}
 losses:
   fit: {expr: "cross_entropy(z, share) - 0.5 * cross_entropy(z, number) + 0.1 * mse(z) / 2"}
 """
+KNOWN_CELLS = """
+dims: {a: 3, b: 3}
+inputs: {u: N, w: N}
+targets: {z: m}
+layers:
+  A: {fuzzify: {centers: {linspace: [-1, 1, 3]}, dim: a}}
+  B: {fuzzify: {centers: {linspace: [0, 1, 3]}, dim: b}}
+  lm: {local_model: {by: ["A(w)", "B(0.7)"], cell: {fir: {window: 4, bias: true}}}}
+outputs: {y: {expr: lm(u), predicts: "z"}}
+"""
+"""The product that is the gradient of the biases is a factor of that of the weights."""
 LEARNED_START = """
 inputs: {u: N}
 targets: {z: m}
@@ -104,6 +115,7 @@ MODELS = {
     "joints": (JOINTS, ("q",)),
     "two_windows": (TWO_WINDOWS, ("x",)),
     "classes": (CLASSES, ()),
+    "known_cells": (KNOWN_CELLS, ()),
     "filtered_joints": (FILTERED_JOINTS, ("q",)),
     "learned_start": (LEARNED_START, ()),
     **CALCULUS,

@@ -153,10 +153,10 @@ class LaneWriter:
         newest = adjoint_of(buffer.place(source.type.shape, buffer.last, None))
         self._add_value(value, newest)
 
-    def factors(self, node: NodeId) -> list[Factor]:
+    def factors(self, product: Node) -> list[Factor]:
         """The operands of a product or contraction, views of what stands in rows over time."""
-        args = self.graph[node].args
-        until = Graph(self.graph.nodes[: node + 1])
+        args = product.args
+        until = Graph(self.graph.nodes[: max(args) + 1])
         moved: list[list[Place]] = []
         for time in (0, 1):
             self.time = Index(time)

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import assert_never
 
+from backends.native.lanes.fused_kernels import FusedSum, fused_sums
+from backends.native.lanes.fused_products import FUSED
 from compiler.kernels.c_literals import literal, unsigned_literal
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import Format
@@ -86,12 +88,17 @@ class _RoutineText:
         self.lines: list[str] = []
         self.tables: dict[str, str] = {}
         self.called: list[Routine] = []
+        self._fused = fused_sums(routine)
         self._format = routine.format
         self._prefix = prefix
 
     def block(self, block: Block, depth: int) -> list[str]:
         for statement in block.statements:
             match statement:
+                case Assign(target) if target.index in self._fused.products:
+                    pass  # where the sum is that it is added to
+                case Assign(target) if (fused := self._fused.sums.get(target.index)) is not None:
+                    self._line(depth, f"const lanes v{target.index} = {self._sum(fused)};")
                 case Assign(target, operation):
                     text = self._operation(operation, target.kind)
                     self._line(depth, f"const {_TYPES[target.kind]} v{target.index} = {text};")
@@ -176,6 +183,11 @@ class _RoutineText:
                 return self._look_up(table, self._text(index))
             case _:
                 assert_never(operation)
+
+    def _sum(self, fused: FusedSum) -> str:
+        first, second, addend = map(self._text, (fused.first, fused.second, fused.addend))
+        product = f"{'-' if fused.minus_product else ''}{first}, {second}"
+        return f"{FUSED}({product}, {'-' if fused.minus_addend else ''}{addend})"
 
     def _unary(self, function: Function, operand: str) -> str:
         match function:

@@ -17,7 +17,7 @@ from compiler.ir.scalar_functions import Array
 from compiler.ir.types import WINDOW, Axis, describe_axes
 from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.arrays.initial_values import initial_values
-from compiler.lowering.arrays.named_draws import generator_of
+from compiler.lowering.arrays.named_draws import uniform_draws
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Argument, Environment
 from compiler.lowering.failure import LoweringFailed
@@ -145,8 +145,8 @@ class LayerContext:
         name = f"{self.name}.{suffix}"
         if initializer is not None:
             return initial_values(self.lowering, name, initializer, full)
-        generator = generator_of(name, self.lowering.draw)
-        return generator.uniform(-bound, bound, tuple(axis.size for axis in full))
+        shape = [axis.size for axis in full]
+        return uniform_draws(name, -bound, bound, shape, self.lowering.draw)
 
     def dropout(self, value: NodeId, rate: float) -> NodeId:
         """The value, of which training leaves out this share of the elements."""

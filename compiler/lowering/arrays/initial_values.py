@@ -6,7 +6,7 @@ import numpy as np
 
 from compiler.ir.scalar_functions import Array
 from compiler.ir.types import Axis, describe_axes
-from compiler.lowering.arrays.named_draws import generator_of
+from compiler.lowering.arrays.named_draws import generator_of, uniform_draws
 from compiler.lowering.arrays.number_file import UnusableFileError, read_numbers
 from compiler.lowering.constants import evaluate, shaped
 from compiler.lowering.context import Context
@@ -37,7 +37,7 @@ def initial_values(
         case NormalInitializer() as normal:
             return generator_of(name, context.draw).normal(normal.mean, normal.std, shape)
         case UniformInitializer() as uniform:
-            return generator_of(name, context.draw).uniform(uniform.min, uniform.max, shape)
+            return uniform_draws(name, uniform.min, uniform.max, shape, context.draw)
         case ExpInitializer() | NegexpInitializer() | LinInitializer() as shaped:
             position = _position(context, name, shaped, axes)
             along = [1] * len(axes)

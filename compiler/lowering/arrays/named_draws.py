@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def uniform_draws(name: str, low: float, high: float, shape: Sequence[int], draw: int = 0) -> Array:
+    """Uniform numbers between two; numpy's own way to scale them is fused by some compilers."""
+    return low + (high - low) * generator_of(name, draw).random(tuple(shape))
 
 
 def generator_of(name: str, draw: int = 0) -> np.random.Generator:

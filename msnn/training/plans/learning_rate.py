@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import assert_never
 
+import numpy as np
+
 from spec_schema.sections.training.schedules import Cosine, Exponential, Plateau, Step
 
 Rule = Cosine | Exponential | Step | Plateau | None
@@ -31,15 +33,23 @@ def rate_factor(rule: Rule, epoch: int, epochs: int, reductions: Reductions) -> 
         case None:
             return 1.0
         case Cosine(to=to):
-            return to + (1 - to) * (1 + math.cos(math.pi * epoch / epochs)) / 2
+            return to + (1 - to) * (1 + _kernel("cos", math.pi * epoch / epochs)) / 2
         case Exponential(factor=factor):
-            return factor**epoch
+            return _kernel("pow", factor, epoch)
         case Step(every=every, factor=factor):
-            return factor ** (epoch // every)
+            return _kernel("pow", factor, epoch // every)
         case Plateau(factor=factor, least=least):
-            return max(factor**reductions.count, least)
+            return max(_kernel("pow", factor, reductions.count), least)
         case _:
             assert_never(rule)
+
+
+def _kernel(name: str, *arguments: float) -> float:
+    """The project's own function: that of the system has other bits elsewhere."""
+    # `check` plans stages too, and asks for no rate
+    from compiler.kernels.evaluate import evaluate
+
+    return float(evaluate(name, *(np.asarray(value, np.float64) for value in arguments)))
 
 
 def after_epoch(rule: Rule, epoch: int, better: int, reductions: Reductions) -> Reductions:

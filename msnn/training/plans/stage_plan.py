@@ -10,7 +10,7 @@ from typing import Literal
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
 from compiler.ir.program import Program
 from compiler.passes.draw_dropout import Mask, draw_dropout
-from msnn.errors import second_order
+from msnn.errors import runs, second_order
 from msnn.errors import training as errors
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
 from msnn.training.plans.curriculum import Phase, plan_curriculum
@@ -67,6 +67,8 @@ class StagePlan:
     device: str
     """Where torch computes, as torch names it."""
     threads: int
+    reproducible: bool
+    """Whether kernels keep their bits where a processor needs many instructions for that."""
     attempts: int
     """How often the stage is run, from other initial values each time."""
     span: Span | None
@@ -103,6 +105,7 @@ class StagePlan:
             "engine": self.engine,
             "device": self.device,
             "threads": self.threads,
+            "reproducible": self.reproducible,
             "starts": self.attempts,
         }
 
@@ -141,6 +144,8 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         place = next(iter(stage.lr.values())).span
         findings.report(errors.no_factors_with_lbfgs(place))
     of_squares = isinstance(optimizer, LevenbergMarquardt)
+    if stage.reproducible:
+        _check_reproducible(name, stage, findings)
     if of_squares:
         _check_keys(stage, findings)
     known = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
@@ -194,9 +199,10 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         patience=patience,
         seed=stage.seed,
         dtype="float64" if of_squares else stage.dtype,
-        engine=stage.engine,
+        engine="native" if stage.reproducible else stage.engine,
         device="cpu",
         threads=stage.threads,
+        reproducible=stage.reproducible,
         attempts=stage.starts,
         span=span,
     )
@@ -241,6 +247,21 @@ def _check_keys(stage: Stage, findings: Findings) -> None:
     if "dtype" in stage.model_fields_set and stage.dtype != "float64":
         reason = "its products lose half of the digits, so that it always runs in float64"
         findings.report(second_order.not_of_second_order("dtype", reason, place))
+
+
+def _check_reproducible(name: str, stage: Stage, findings: Findings) -> None:
+    """What steps outside of a kernel has the bits of other libraries."""
+    place = stage.optimizer.choice.place.key
+    match stage.optimizer.choice:
+        case Lbfgs() | TorchOptimizer():
+            findings.report(runs.not_reproducible(name, "its optimiser is torch's", place))
+        case LevenbergMarquardt():
+            reason = "levenberg_marquardt solves its equations by LAPACK"
+            findings.report(runs.not_reproducible(name, reason, place))
+        case _ if stage.engine == "torch":
+            findings.report(runs.not_reproducible(name, "it asks for torch", stage.place.key))
+        case _:
+            pass
 
 
 def _check_losses(

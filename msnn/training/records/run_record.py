@@ -15,6 +15,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
 from msnn.model.spec_hash import Part
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.records.bits_record import bits_record
 from spec_schema.version import __version__
 
 _FORMAT = 1
@@ -26,7 +27,7 @@ _SAME_BITS = frozenset({"threads"})
 def run_record(
     program: Program, plans: Sequence[StagePlan], data: Dataset, parts: Sequence[Part] = ()
 ) -> dict[str, Any]:
-    """The resolved stages, hashes of the spec and of the data as read, and versions."""
+    """The resolved stages, hashes of spec and data as read, versions, what decides the bits."""
     return {
         "format": _FORMAT,
         "program": program.name,
@@ -37,6 +38,7 @@ def run_record(
             "python": platform.python_version(),
             **{name: version(name) for name in _LIBRARIES},
         },
+        "bits": bits_record(program, plans),
         "stages": [plan.record() for plan in plans],
         "data": {
             "files": [record.file for record in data.records],

@@ -20,6 +20,7 @@ from spec_schema.fields.plain import (
     PositiveNumber,
     Reference,
     References,
+    Switch,
     Weight,
     choice,
     reads,
@@ -110,6 +111,7 @@ class Stage(Entry):
     dtype: Dtype = "float32"
     engine: EngineName = "auto"
     threads: PositiveCount = 1
+    reproducible: Switch = False
     starts: PositiveCount = 1
     weight_decay: NonNegativeNumber = 0.0
 

@@ -50,7 +50,9 @@ class NativeEngine:
     ) -> None:
         self._plan = plan
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
-        self._kernel = Kernel(plan.program, plan.dtype, plan.threads)
+        self._kernel = Kernel(
+            plan.program, plan.dtype, plan.threads, reproducible=plan.reproducible
+        )
         rule, rate = _rule(plan)
         rates = {name: rate * plan.lr_factors.get(name, 1.0) for name in plan.trained}
         self._variables = Variables(self._kernel, rule, weights, rates)

@@ -1,0 +1,67 @@
+"""Asks the compiler of kernels what it is and which instructions it makes them of."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+from dataclasses import dataclass
+
+from backends.files.c_compiler import CompilerMissingError, find_compiler
+from backends.native.compile_kernel import FLAGS
+
+_FEATURES = {
+    "__FMA__": "FMA",
+    "__AVX2__": "AVX2",
+    "__AVX512F__": "AVX-512",
+    "__aarch64__": "AArch64",
+    "__FP_FAST_FMAF": "FMA",
+}
+"""Macros of gcc and clang for the instructions that change a kernel's speed or bits."""
+
+_FUSE = {"FMA", "AArch64"}
+"""Features with which templates/native/prelude.c defines HAS_FMA."""
+
+_SECONDS = 30
+
+
+@dataclass(frozen=True, slots=True)
+class KernelDescription:
+    """What kernels of this machine are made by and for."""
+
+    compiler: str
+    command: str
+    flags: tuple[str, ...]
+    features: tuple[str, ...]
+
+    @property
+    def fuses(self) -> bool:
+        """Whether a·b + c is one instruction, so that bits are those of other processors."""
+        return not _FUSE.isdisjoint(self.features)
+
+
+def kernel_description() -> KernelDescription | None:
+    """The description, or None where no compiler says anything of itself."""
+    try:
+        compiler = find_compiler()
+        told = subprocess.run(
+            [*compiler, *FLAGS, "-dM", "-E", "-x", "c", "-"],
+            input="",
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=_SECONDS,
+            start_new_session=True,
+        )
+    except (CompilerMissingError, OSError, subprocess.SubprocessError):
+        return None
+    macros = dict(re.findall(r"^#define (\w+) ?(.*)$", told.stdout, re.MULTILINE))
+    family = "clang" if "__clang__" in macros else "gcc"
+    version = macros.get("__VERSION__", "").strip('"').strip()
+    found = dict.fromkeys(name for macro, name in _FEATURES.items() if macro in macros)
+    return KernelDescription(
+        compiler=version if family in version.lower() else f"{family} {version}",
+        command=shlex.join(compiler),
+        flags=FLAGS,
+        features=tuple(found),
+    )
