@@ -68,6 +68,8 @@ class Histories:
         if last > 0:
             self._model.findings.report(errors.future_of(f"`{name}`", span))
             raise LoweringFailed
+        if first == 0:
+            return self._newest(name, entry, span)
         self._lengths[name] = max(-first, self._lengths.get(name, 0))
         self._places.setdefault(name, span)
         known = self._known.get(name, Remembered(0))
@@ -142,6 +144,16 @@ class Histories:
         return made
 
     # ---- inside
+
+    def _newest(self, name: str, entry: State | Equation | Output, span: Span) -> NodeId:
+        """The window of one sample: it holds what is there now, and nothing is remembered."""
+        builder = self._model.builder(_STEP)
+        now = self._now(name, entry, span)
+        axes = builder.type(now).axes
+        if any(axis.name == WINDOW for axis in axes):
+            self._model.findings.report(errors.window_of_window(span))
+            raise LoweringFailed
+        return builder.reshape(now, (*axes, Axis(WINDOW, 1)))
 
     def _entry(self, name: str) -> State | Equation | Output:
         entry = self._model.scope[name].entry
