@@ -37,6 +37,7 @@ from compiler.ir.ops import (
 )
 from compiler.ir.program import Graph, NodeId
 from compiler.ir.rules.alignment import align, contracted
+from compiler.ir.rules.infinite_values import InfiniteValues
 from compiler.ir.rules.unit_rules import (
     UnitConflict,
     function_unit,
@@ -57,6 +58,7 @@ class GraphBuilder(NodeStore):
         super().__init__(graph)
         self.conflicts: list[UnitConflict] = []
         """Units that did not fit since the caller last looked; the caller knows the place."""
+        self.infinite_values = InfiniteValues(self)
 
     # ---- leaves
 

@@ -18,6 +18,7 @@ from compiler.kernels.definitions import (
     logistic,
     one_minus_square,
     one_plus_square,
+    slope_product,
     soft_plus,
     sum_of_squares,
     tangent,
@@ -183,10 +184,10 @@ _ROWS = (
     ScalarFunction(
         "pow", np.power,
         (
-            lambda b, a, v: b.multiply(
-                a[1], b.apply("pow", a[0], b.subtract(a[1], b.constant(1.0)))
+            lambda b, a, v: slope_product(
+                b, a[1], b.apply("pow", a[0], b.subtract(a[1], b.constant(1.0)))
             ),
-            lambda b, a, v: b.multiply(v, b.apply("log", a[0])),
+            lambda b, a, v: slope_product(b, v, b.apply("log", a[0])),
         ),
         _NUMBER, "pow", "power", "Pow", "pow", None, ((0.1, 10.0), (-3.0, 3.0)),
         "x to a real power; NaN for a negative x and a power that is no integer.",

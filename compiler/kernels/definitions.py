@@ -76,3 +76,42 @@ def inverse(b: GraphBuilder, value: NodeId) -> NodeId:
 def sum_of_squares(b: GraphBuilder, a: Arguments) -> NodeId:
     """a₀² + a₁²."""
     return b.add(b.multiply(a[0], a[0]), b.multiply(a[1], a[1]))
+
+
+def slope_product(b: GraphBuilder, first: NodeId, second: NodeId) -> NodeId:
+    """The product of two factors of a derivative: 0 where a factor is 0, whatever the other is.
+
+    A factor is tested only where the other one can be infinite (or NaN, as 0/0 is).
+    """
+    product = b.multiply(first, second)
+    if b.infinite_values.can_be_infinite(first):
+        product = zero_with(b, second, product)
+    if b.infinite_values.can_be_infinite(second):
+        product = zero_with(b, first, product)
+    return product
+
+
+def slope_quotient(b: GraphBuilder, slope: NodeId, divisor: NodeId) -> NodeId:
+    """slope · 1/divisor by the same rule."""
+    quotient = b.divide(slope, divisor)
+    if b.infinite_values.divides(divisor):
+        return quotient
+    return zero_with(b, slope, quotient)
+
+
+def divisor_slope(b: GraphBuilder, slope: NodeId, divisor: NodeId, quotient: NodeId) -> NodeId:
+    """slope · −quotient/divisor by the same rule; the slope is looked at once."""
+    if b.infinite_values.can_be_infinite(slope) or b.infinite_values.divides(divisor):
+        return b.negate(slope_product(b, slope_quotient(b, slope, divisor), quotient))
+    return zero_with(b, slope, b.negate(b.multiply(b.divide(slope, divisor), quotient)))
+
+
+def zero_with(b: GraphBuilder, factor: NodeId, product: NodeId) -> NodeId:
+    """0 where the factor is 0, else the product; a factor that is NaN is not 0."""
+    from compiler.ir.ops import Relation
+
+    if b.infinite_values.is_never_zero(factor):
+        return product
+    is_zero = b.compare(Relation.LESS_EQUAL, b.apply("abs", factor), b.constant(0.0))
+    zero = b.broadcast(b.constant(0.0), b.type(product).axes)
+    return b.select(is_zero, zero, product)
