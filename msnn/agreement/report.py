@@ -88,7 +88,7 @@ def check_exports(
 
 
 def agreement_table(report: AgreementReport) -> str:
-    """One row a target, failed ones last; deviations are relative to each signal's largest magnitude."""
+    """One row a target, failed ones last; deviations are relative to the largest of each signal."""
     rows = [
         (
             row.target,
