@@ -90,6 +90,22 @@ def branches() -> Program:
     return Program("branches", None, signals, (), (), b.graph(), Graph(), outputs)
 
 
+def steep() -> Program:
+    """Functions with an infinite slope somewhere, and two that are kept away from there."""
+    b = GraphBuilder()
+    x, y = b.signal("x", 0, 0, Type()), b.signal("y", 0, 0, Type())
+    one = b.constant(1.0)
+    away = b.add(one, b.multiply(x, x))
+    outputs = (
+        Output("log", b.apply("log", x)),
+        Output("arc", b.apply("acos", x)),
+        Output("power", b.apply("pow", x, y)),
+        Output("away", b.divide(b.apply("sqrt", away), b.apply("exp", x))),
+    )
+    signals = (Signal("x", Role.INPUT), Signal("y", Role.INPUT))
+    return Program("steep", None, signals, (), (), b.graph(), Graph(), outputs)
+
+
 def leftovers() -> Program:
     """A state, a parameter, an input and nodes that no output needs; a target that a loss needs."""
     b, starts = GraphBuilder(), GraphBuilder()
@@ -205,6 +221,7 @@ def expectations() -> Program:
 PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "numbers": numbers,
     "branches": branches,
+    "steep": steep,
     "twins": twins,
     "leftovers": leftovers,
     "functions": functions,

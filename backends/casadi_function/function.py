@@ -13,6 +13,7 @@ from compiler.ir.program import Parameter, Program
 from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis
 from compiler.passes.expand_functions import expand_functions
+from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
 from compiler.passes.guard_untaken import guard_untaken
 
 NATIVE = frozenset(name for name, row in SCALAR_FUNCTIONS.items() if row.casadi)
@@ -75,7 +76,7 @@ def casadi_names(program: Program) -> PortNames:
 
 
 def _prepared(program: Program) -> Program:
-    return guard_untaken(expand_functions(program, NATIVE))
+    return guard_infinite_slopes(guard_untaken(expand_functions(program, NATIVE)))
 
 
 def _symbol(name: str, axes: Iterable[Axis]) -> Expression:

@@ -18,6 +18,7 @@ from backends.torch_module.lowering import Leaf, LoweredGraph, lower_graph, stat
 from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState
 from compiler.ir.program import Graph, NodeId, Parameter, Program
 from compiler.ir.types import Axis
+from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
 from compiler.passes.guard_untaken import guard_untaken
 from spec_schema.units.unit import Unit
 from spec_schema.version import __version__
@@ -34,7 +35,7 @@ def torch_source(program: Program, prefix: str, dtype: str) -> str:
 
     Names and descriptions of the spec appear as text only, never as code.
     """
-    program = guard_untaken(program)
+    program = guard_infinite_slopes(guard_untaken(program))
     interface = step_interface(program)
     names = _attribute_names(program)
     outputs = [output.node for output in program.outputs]

@@ -5,13 +5,13 @@ derivative of every element of y in each of them. Every node on the way gets ẏ
 x of ∂y/∂x ẋ (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). Tangents are made of core
 operations, so that every backend computes them as it computes the values.
 
-Conventions at kinks are those of `differentiate`. What a `where` does not take adds nothing, even
-where its slope is infinite: the tangents are chosen as the values are.
+Conventions at kinks and at infinite slopes are those of reverse mode. What a `where` does not take
+adds nothing: the tangents are chosen as the values are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import assert_never
 
@@ -48,7 +48,8 @@ from compiler.ir.ops import (
 )
 from compiler.ir.program import NodeId
 from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
-from compiler.ir.types import Axis, Type
+from compiler.ir.slope_products import slope_product, slope_quotient
+from compiler.ir.types import Axis, Type, in_order
 
 
 def tangents(
@@ -56,11 +57,13 @@ def tangents(
     directions: Axis,
     seeds: Mapping[NodeId, NodeId],
     buffers: Mapping[str, str],
+    infinite: Collection[str] = (),
 ) -> dict[NodeId, NodeId]:
     """The tangents of all nodes of the builder's graph that depend on the keys of `seeds`.
 
     `seeds` has the tangents of leaves. `buffers` names for each buffer state that depends on
     something the state that keeps the tangents of its samples; one that is not named is constant.
+    The tangents in the buffers of `infinite` may be infinite.
     Nodes are added to the builder, their number is linear in that of the graph's.
     """
     found: dict[NodeId, NodeId] = dict(seeds)
@@ -68,7 +71,7 @@ def tangents(
         if node in found or builder.type(node).kind == "bool":
             continue
         with builder.at(builder.node(node).span):
-            tangent = _Rule(builder, directions, found, buffers, node).tangent()
+            tangent = _Rule(builder, directions, found, buffers, infinite, node).tangent()
         if tangent is not None:
             found[node] = tangent
     return found
@@ -87,6 +90,7 @@ class _Rule:
     directions: Axis
     known: Mapping[NodeId, NodeId]
     buffers: Mapping[str, str]
+    infinite: Collection[str]
     node: NodeId
 
     def tangent(self) -> NodeId | None:
@@ -96,7 +100,10 @@ class _Rule:
         moving = [self.known.get(arg) for arg in args]
         if isinstance(op, Window) and op.state in self.buffers:
             length = made.type.shape[-1] - 1
-            return b.window(self.buffers[op.state], self._or_zero(args[0]), length)
+            samples = b.window(self.buffers[op.state], self._or_zero(args[0]), length)
+            if op.state in self.infinite:
+                b.infinite_values.expect(samples)
+            return samples
         if all(tangent is None for tangent in moving):
             return None
         axes = (self.directions, *made.type.axes)
@@ -114,7 +121,12 @@ class _Rule:
             case Divide():
                 rest = self._negative(self._times(1, self.node))
                 total = self._sum(moving[0], rest)
-                return None if total is None else b.divide(total, self._repeated(args[1]))
+                if total is None:
+                    return None
+                quotient = slope_quotient(b, total, self._repeated(args[1]))
+                if not b.infinite_values.divides(args[1]):
+                    b.infinite_values.expect(quotient)
+                return quotient
             case Minimum():
                 return self._chosen(b.compare(Relation.LESS_EQUAL, *args), *args)
             case Maximum():
@@ -175,7 +187,13 @@ class _Rule:
     def _times(self, position: int, slope: NodeId) -> NodeId | None:
         """The operand's tangent times a value that is the same for every direction."""
         tangent = self.known.get(self.builder.node(self.node).args[position])
-        return None if tangent is None else self.builder.multiply(tangent, self._repeated(slope))
+        if tangent is None:
+            return None
+        product = slope_product(self.builder, tangent, self._repeated(slope))
+        if self.builder.infinite_values.can_be_infinite(slope):
+            # the factors that are 0 where what is differentiated is infinite come after it
+            self.builder.infinite_values.expect(product)
+        return product
 
     def _chosen(self, condition: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
         return self.builder.select(
@@ -197,6 +215,13 @@ class _Rule:
             return None
         b = self.builder
         axes = (self.directions, *b.type(self.node).axes)
+        infinite = b.infinite_values
+        if infinite.can_be_infinite(tangent) or infinite.can_be_infinite(other):
+            # a sum of products looks at no factor
+            along = b.type(moving).axes[b.type(moving).position(axis)]
+            whole = (self.directions, *in_order((*b.type(self.node).axes, along)))
+            left, right = b.broadcast(tangent, whole), b.broadcast(other, whole)
+            return b.broadcast(b.sum(slope_product(b, left, right), axis), axes)
         picked = self._picked(moving, other, axis)
         product = b.contract_over(tangent, other, axis) if picked is None else picked
         return b.broadcast(product, axes)

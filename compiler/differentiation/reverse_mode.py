@@ -6,8 +6,10 @@ gradient is made of core operations, so that every backend computes it as it com
 
 Conventions at kinks, the same in every backend: abs, sign and relu have slope 0 at 0; a tie of min
 or max goes to the first operand; clamp has slope 1 on its bounds; fuzzy sets take the right-hand
-slope. The pass `guard_untaken` comes before: the branch of a `where` that is not taken then adds
-nothing, even where its own slope is infinite, as in `where(x > 0, sqrt(x), 0)` at 0.
+slope. The derivative is the sum over all paths of the product of local slopes, and a product with
+a factor 0 is 0, whichever it is: `sqrt(max(x, 0))` has slope 0 below 0. Where no factor is 0 and
+one is infinite it is ±∞ (`slope_product`). The pass `guard_untaken` comes before: the branch of a
+`where` that is not taken then adds nothing, as in `where(x > 0, sqrt(x), 0)` at 0.
 """
 
 from __future__ import annotations
@@ -46,7 +48,8 @@ from compiler.ir.ops import (
 )
 from compiler.ir.program import NodeId
 from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
-from compiler.ir.types import WINDOW, Axis
+from compiler.ir.slope_products import divisor_slope, slope_product, slope_quotient
+from compiler.ir.types import WINDOW, Axis, in_order
 
 
 def gradients(
@@ -168,8 +171,9 @@ class _Rule:
             case Multiply():
                 return self._times(args[1 - position])
             case Divide():
-                share = b.divide(g, args[1])
-                return share if position == 0 else b.negate(b.multiply(share, self.node))
+                if position == 0:
+                    return slope_quotient(b, g, args[1])
+                return divisor_slope(b, g, args[1], self.node)
             case Minimum():
                 first = b.compare(Relation.LESS_EQUAL, args[0], args[1])
                 return self._chosen(first, position == 0)
@@ -212,7 +216,7 @@ class _Rule:
             seed = b.node(seed.args[0])
         if seed.op == Constant((1.0,)) and b.type(slope).axes == b.type(self.adjoint).axes:
             return slope
-        return b.multiply(self.adjoint, slope)
+        return slope_product(b, self.adjoint, slope)
 
     def _chosen(self, condition: NodeId, when: bool) -> NodeId:
         """The adjoint where the condition has this value, elsewhere 0."""
@@ -280,10 +284,22 @@ class _Rule:
         summed = [axis.name for axis in shared if axis.name not in kept]
         if not summed:
             left, right = self._in_axes(self.adjoint, wanted), self._in_axes(other, wanted)
-            return b.multiply(left, right)
+            return slope_product(b, left, right)
+        infinite = b.infinite_values
+        if infinite.can_be_infinite(self.adjoint) or infinite.can_be_infinite(other):
+            # a sum of products looks at no factor
+            return self._summed_to(wanted, slope_product(b, *self._in_all_axes(other)))
         # One axis is summed by the contraction itself, the others after it.
         product = b.contract_over(self.adjoint, other, summed[-1])
         return self._summed_to(wanted, product)
+
+    def _in_all_axes(self, other: NodeId) -> tuple[NodeId, NodeId]:
+        """The adjoint and the other operand, each repeated along the axes that only one has."""
+        b = self.builder
+        mine, others = b.type(self.adjoint), b.type(other).axes
+        more = tuple(axis for axis in others if mine.axis(axis.name) is None)
+        axes = in_order((*mine.axes, *more))
+        return b.broadcast(self.adjoint, axes), b.broadcast(other, axes)
 
     def _in_axes(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
         return self.builder.broadcast(self._summed_to_present(value, axes), axes)

@@ -7,6 +7,7 @@ of the next states, and one scale a loss; its results are added to the gradients
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from compiler.differentiation.reverse_mode import StepGradients, step_gradients
@@ -69,14 +70,13 @@ def training_step(program: Program) -> TrainingStep:
     losses = loss_terms(builder, program)
     newest = newest_samples(program)
     forward = replace(program, step=builder.graph())
-    return TrainingStep(
-        forward, losses, newest, _reverse_step(forward, losses, newest), _reverse_start(forward)
-    )
+    reverse_step, infinite = _reverse_step(forward, losses, newest)
+    return TrainingStep(forward, losses, newest, reverse_step, _reverse_start(forward, infinite))
 
 
 def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
     """What one step adds to every loss; `builder` has the nodes of the program's step."""
-    return tuple(_loss_term(builder, loss) for loss in program.losses)
+    return tuple(loss_term(builder, loss) for loss in program.losses)
 
 
 def newest_samples(program: Program) -> dict[str, NodeId]:
@@ -97,7 +97,7 @@ def _newest(program: Program, state: State) -> NodeId:
     return window.args[0]
 
 
-def _loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
+def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
     """The sum of a loss's cost over the elements whose target is a number."""
     if loss.target is None:
         elements = builder.type(loss.prediction).size
@@ -138,19 +138,40 @@ def _sum_of_all(builder: GraphBuilder, value: NodeId) -> NodeId:
 
 def _reverse_step(
     program: Program, losses: tuple[LossTerm, ...], newest: dict[str, NodeId]
-) -> Reverse:
-    builder = GraphBuilder(program.step)
-    adjoints: dict[NodeId, NodeId] = {}
-    for term in losses:
-        scale = builder.parameter(f"{SCALE}{term.loss.name}", Type(unit=None))
-        _add(builder, adjoints, term.total, scale)
-    for state in program.states:
-        result = newest.get(state.name, state.next)
-        type = builder.type(result).with_unit(None)
-        seed = builder.state(f"{ADJOINT}{state.name}", type)
-        _add(builder, adjoints, result, seed)
-    gradients = step_gradients(builder, adjoints, signals=False)
-    return _read_back(builder.graph(), gradients, {node: name for name, node in newest.items()})
+) -> tuple[Reverse, frozenset[str]]:
+    """The reverse of the step, and the states whose adjoints can be infinite.
+
+    An adjoint is carried from step to step: what one makes infinite the next one must expect.
+    """
+    infinite: frozenset[str] = frozenset()
+    while True:
+        builder = GraphBuilder(program.step)
+        adjoints: dict[NodeId, NodeId] = {}
+        for term in losses:
+            scale = builder.parameter(f"{SCALE}{term.loss.name}", Type(unit=None))
+            _add(builder, adjoints, term.total, scale)
+        for state in program.states:
+            result = newest.get(state.name, state.next)
+            _add(builder, adjoints, result, _seed(builder, state, result, infinite))
+        gradients = step_gradients(builder, adjoints, signals=False)
+        found = infinite.union(
+            name
+            for name, gradient in gradients.states.items()
+            if builder.infinite_values.can_be_infinite(gradient)
+        )
+        if found == infinite:
+            names = {node: name for name, node in newest.items()}
+            return _read_back(builder.graph(), gradients, names), infinite
+        infinite = found
+
+
+def _seed(builder: GraphBuilder, state: State, result: NodeId, infinite: Collection[str]) -> NodeId:
+    """The adjoint of what a step or the start gives a state."""
+    type = builder.type(result).with_unit(None)
+    seed = builder.state(f"{ADJOINT}{state.name}", type)
+    if state.name in infinite:
+        builder.infinite_values.expect(seed)
+    return seed
 
 
 def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]) -> Reverse:
@@ -163,12 +184,11 @@ def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]
     return Reverse(Graph(tuple(nodes)), gradients)
 
 
-def _reverse_start(program: Program) -> Reverse:
+def _reverse_start(program: Program, infinite: Collection[str]) -> Reverse:
     builder = GraphBuilder(program.start)
     adjoints: dict[NodeId, NodeId] = {}
     for state in program.states:
-        type = builder.type(state.start).with_unit(None)
-        _add(builder, adjoints, state.start, builder.state(f"{ADJOINT}{state.name}", type))
+        _add(builder, adjoints, state.start, _seed(builder, state, state.start, infinite))
     gradients = step_gradients(builder, adjoints, signals=False)
     return Reverse(builder.graph(), gradients)
 

@@ -68,6 +68,8 @@ class Histories:
         if last > 0:
             self._context.findings.report(errors.future_of(f"`{name}`", span))
             raise LoweringFailed
+        if first == 0:
+            return self._newest(name, span)
         self._lengths[name] = max(-first, self._lengths.get(name, 0))
         self._places.setdefault(name, span)
         known = self._known.get(name, Remembered(0))
@@ -153,6 +155,16 @@ class Histories:
         """Whether a state is known to be logged; where it matters, the next lowering knows it."""
         self._asked_measured = True
         return name in self._context.measured or name in self._known_measured
+
+    def _newest(self, name: str, span: Span) -> NodeId:
+        """The window of one sample: it holds what is there now, and nothing is remembered."""
+        builder = self._context.builder(_STEP)
+        now = self._now(name, span)
+        axes = builder.type(now).axes
+        if any(axis.name == WINDOW for axis in axes):
+            self._context.findings.report(errors.window_of_window(span))
+            raise LoweringFailed
+        return builder.reshape(now, (*axes, Axis(WINDOW, 1)))
 
     def _entry(self, name: str) -> State | Equation | Output:
         entry = self._context.scope[name].entry

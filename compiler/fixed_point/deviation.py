@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compiler.fixed_point.constants import finite
 from compiler.fixed_point.golden import drawn
 from compiler.fixed_point.integers.interpret import reset, step
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
@@ -56,14 +57,14 @@ def output_errors(
     for run in range(_RUNS):
         windows = {port.name: drawn(port, random) for port in integers.windows}
         state = reset(integers, windows)
-        log, t0 = _record(integers, windows)
+        log, t0 = _record(program, integers, windows)
         states = _saturated(program, interpreter.start(log, t0))
         words: dict[str, list[int]] = {}
         for k in range(_STEPS):
             if run % 2 == 0 or k % _HELD == 0:
                 words = {entry.port.name: drawn(entry.port, random) for entry in integers.inputs}
             answer = step(integers, state, words)
-            row_log, row = _row(integers, words, extents)
+            row_log, row = _row(program, integers, words, extents)
             result = interpreter.step(row_log, row, states, losses=False)
             states = _saturated(program, result.next_states)
             for name, words_out in answer.outputs.items():
@@ -114,7 +115,7 @@ def _real(port: WordPort, words: list[int]) -> NDArray[np.float64]:
 
 
 def _record(
-    integers: IntegerProgram, windows: Mapping[str, list[int]]
+    program: Program, integers: IntegerProgram, windows: Mapping[str, list[int]]
 ) -> tuple[dict[str, NDArray[Any]], int]:
     """The record that the windows are cut from, and the row of the first step in it."""
     t0 = max([0, *(-first for first in integers.window_firsts)])
@@ -124,7 +125,7 @@ def _record(
         series = np.zeros((t0 + first + len(samples), *samples.shape[1:]))
         series[t0 + first :] = samples
         log[port.name] = series
-    return _padded(log, t0 + 1), t0
+    return _padded(program, log, t0 + 1), t0
 
 
 def _extents(program: Program) -> dict[str, tuple[int, bool]]:
@@ -137,6 +138,7 @@ def _extents(program: Program) -> dict[str, tuple[int, bool]]:
 
 
 def _row(
+    program: Program,
     integers: IntegerProgram,
     words: Mapping[str, list[int]],
     extents: Mapping[str, tuple[int, bool]],
@@ -151,13 +153,23 @@ def _row(
         series = np.zeros((row + first + len(samples), *samples.shape[1:]))
         series[row + first :] = samples
         log[entry.port.name] = series
-    return _padded(log, row + 1), row
+    return _padded(program, log, row + 1), row
 
 
-def _padded(log: dict[str, NDArray[Any]], least: int) -> dict[str, NDArray[Any]]:
-    """All series with as many rows as the longest."""
+def _padded(program: Program, log: dict[str, NDArray[Any]], least: int) -> dict[str, NDArray[Any]]:
+    """A series of every signal, with as many rows as the longest.
+
+    The integers may do without an input that float64 reads, as what multiplies it is 0: it stands
+    somewhere in its range.
+    """
     rows = max([least, *(len(series) for series in log.values())])
-    return {
-        name: np.concatenate([series, np.zeros((rows - len(series), *series.shape[1:]))])
-        for name, series in log.items()
-    }
+    found: dict[str, NDArray[Any]] = {}
+    for signal in program.signals:
+        shape = tuple(axis.size for axis in signal.axes)
+        series = log.get(signal.name)
+        if series is None:
+            low, _ = finite(signal.range) or (0.0, 0.0)
+            found[signal.name] = np.full((rows, *shape), low)
+        else:
+            found[signal.name] = np.concatenate([series, np.zeros((rows - len(series), *shape))])
+    return found

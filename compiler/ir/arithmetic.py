@@ -5,6 +5,15 @@ from __future__ import annotations
 from typing import Protocol, TypeVar
 
 V = TypeVar("V")
+W = TypeVar("W", contravariant=True)
+
+
+class InfiniteFacts(Protocol[W]):
+    """Knows which values can be infinite and which can be 0."""
+
+    def can_be_infinite(self, value: W, /) -> bool: ...
+    def divides(self, value: W, /) -> bool: ...
+    def is_never_zero(self, value: W, /) -> bool: ...
 
 
 class Arithmetic(Protocol[V]):
@@ -21,4 +30,13 @@ class Arithmetic(Protocol[V]):
 
     def apply(self, function: str, /, *args: V) -> V:
         """The scalar function of that name."""
+        ...
+
+    @property
+    def infinite_values(self) -> InfiniteFacts[V]:
+        """What is known of values, so that only those that need it are tested."""
+        ...
+
+    def zero_with(self, factor: V, product: V, /) -> V:
+        """0 where the factor is 0, else the product; a factor that is NaN is not 0."""
         ...

@@ -37,6 +37,7 @@ from compiler.ir.ops import (
 )
 from compiler.ir.program import Graph, NodeId
 from compiler.ir.rules.alignment import align, contracted
+from compiler.ir.rules.infinite_values import InfiniteValues
 from compiler.ir.rules.unit_rules import (
     UnitConflict,
     function_unit,
@@ -57,6 +58,7 @@ class GraphBuilder(NodeStore):
         super().__init__(graph)
         self.conflicts: list[UnitConflict] = []
         """Units that did not fit since the caller last looked; the caller knows the place."""
+        self.infinite_values = InfiniteValues(self)
 
     # ---- leaves
 
@@ -143,6 +145,14 @@ class GraphBuilder(NodeStore):
         value, high, axes = self.aligned(value, high)
         _, low, _ = self.aligned(value, low)  # it has an axis that the window of high renamed
         return self.emit(Clamp(), (value, low, high), Type(axes, unit))
+
+    def zero_with(self, factor: NodeId, product: NodeId) -> NodeId:
+        """0 where the factor is 0, else the product; a factor that is NaN is not 0."""
+        if self.infinite_values.is_never_zero(factor):
+            return product
+        is_zero = self.compare(Relation.LESS_EQUAL, self.apply("abs", factor), self.constant(0.0))
+        zero = self.broadcast(self.constant(0.0), self.type(product).axes)
+        return self.select(is_zero, zero, product)
 
     def apply(self, function: str, *args: NodeId) -> NodeId:
         row = SCALAR_FUNCTIONS[function]

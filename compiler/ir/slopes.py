@@ -9,6 +9,7 @@ from compiler.ir.scalar_formulas import (
     one_plus_square,
     sum_of_squares,
 )
+from compiler.ir.slope_products import slope_product
 
 
 def slope_of_sine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
@@ -103,9 +104,9 @@ def slope_of_angle_in_x(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
 
 def slope_of_power_in_base(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """∂ xᵖ / ∂x = p xᵖ⁻¹."""
-    return b.multiply(a[1], b.apply("pow", a[0], b.subtract(a[1], b.constant(1.0))))
+    return slope_product(b, a[1], b.apply("pow", a[0], b.subtract(a[1], b.constant(1.0))))
 
 
 def slope_of_power_in_exponent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """∂ xᵖ / ∂p = xᵖ log x."""
-    return b.multiply(v, b.apply("log", a[0]))
+    return slope_product(b, v, b.apply("log", a[0]))

@@ -91,7 +91,8 @@ class _Entries:
         for place, value in zip(places, known, strict=True):
             self.known[place] = value
         if None in known:
-            self.blocks.append(Block(slope, places[0], strides))
+            infinite = self._builder.infinite_values.is_made_of_infinite(slope)
+            self.blocks.append(Block(slope, places[0], strides, infinite))
 
 
 def _name_in(vector: Vector, leaf: Leaf) -> str | None:

@@ -52,6 +52,8 @@ class Block:
     node: NodeId
     offset: int
     strides: tuple[int, ...]
+    can_be_infinite: bool
+    """Though states, inputs and parameters are finite."""
 
     def places(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
         """The entry of every element of the node."""
@@ -87,6 +89,11 @@ class Matrix:
     def nodes(self) -> list[NodeId]:
         """The nodes of its computed entries."""
         return [block.node for block in self.blocks]
+
+    @property
+    def perhaps_infinite(self) -> tuple[Block, ...]:
+        """The blocks with entries that can be infinite though what they depend on is finite."""
+        return tuple(block for block in self.blocks if block.can_be_infinite)
 
     def filled(
         self, values: Mapping[NodeId, NDArray[Any]], members: int, dtype: np.dtype[Any]

@@ -281,4 +281,5 @@ class _Made:
 def _stand_in(part: Part) -> Op:
     """A leaf of its own for every part, so that the slope of one holds nothing of another."""
     place = ",".join(f"{name}={index}" for name, index in part.fixed)
-    return ReadState(f"{part.leaf!r}[{place}]")
+    name = f"{part.leaf!r}[{place}]"
+    return ReadParameter(name) if isinstance(part.leaf, ReadParameter) else ReadState(name)

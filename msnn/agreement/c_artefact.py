@@ -53,8 +53,10 @@ class CModel:
     def reset(self, judged: Judgement) -> None:
         """Sets the states from the samples around the judge's first step."""
         windows = {
-            field.name: judged.windows[field.name].reshape(field.shape)
-            for field, _ in self.interface.windows
+            field.name: judged.window(field.name, port.first, port.last - port.first + 1).reshape(
+                field.shape
+            )
+            for field, port in self.interface.windows
         }
         supplied = {
             field.name: judged.states[state.name][0] for field, state in self.interface.supplied

@@ -24,10 +24,17 @@ class Judgement:
 
     windows: Arrays
     """What the first states are made of: one window a signal, (*shape)."""
+    window_firsts: Mapping[str, int]
+    """The first sample in each of them, counted from the judge's first step."""
     inputs: Arrays
     states: Arrays
     outputs: Arrays
     next_states: Arrays
+
+    def window(self, signal: str, first: int, length: int) -> NDArray[Any]:
+        """As many samples of a signal from `first` on, (…, length): some backends need fewer."""
+        begin = first - self.window_firsts[signal]
+        return self.windows[signal][..., begin : begin + length]
 
 
 def judge(
@@ -53,6 +60,7 @@ def judge(
             port.signal.name: window[0]
             for port, window in _samples(interface.start_windows, log, rows[:1])
         },
+        window_firsts={port.signal.name: port.first for port in interface.start_windows},
         inputs={port.signal.name: s for port, s in _samples(interface.inputs, log, rows)},
         states=_joined(states),
         outputs=_joined(outputs),

@@ -45,7 +45,10 @@ def judged_words(
 ) -> JudgedWords:
     """The first steps along the inputs of the judge, rounded to words."""
     integers = integer_program(program, physical_weights(program, weights), WIDTHS[format])
-    windows = {port.name: _words(port, judged.windows[port.name]) for port in integers.windows}
+    windows = {
+        port.name: _words(port, judged.window(port.name, first, port.axes[-1].size))
+        for port, first in zip(integers.windows, integers.window_firsts, strict=True)
+    }
     steps = min(most_steps, len(next(iter(judged.outputs.values()))))
     inputs = {
         entry.port.name: _words(entry.port, judged.inputs[entry.port.name][:steps], steps)

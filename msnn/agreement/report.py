@@ -17,13 +17,41 @@ from msnn.tables import table_text
 
 
 @dataclass(frozen=True, slots=True)
+class Failure:
+    """A target whose comparison came to no end, and why."""
+
+    target: str
+    dtype: str
+    error: Exception
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """Its row of the table."""
+        missing = isinstance(self.error, MissingExtraError)
+        why = "not compared" if missing else f"FAILED: {type(self.error).__name__}"
+        return self.target, self.dtype, "", "", "", "", why
+
+
+@dataclass(frozen=True, slots=True)
 class AgreementReport:
     """What each target's comparison gave, and what kept others from being compared."""
 
     origin: str
     """The record along which they were compared."""
     rows: tuple[Agreement, ...]
-    missing: tuple[MissingExtraError, ...]
+    failures: tuple[Failure, ...]
+
+    @property
+    def missing(self) -> tuple[MissingExtraError, ...]:
+        """What is not installed and kept targets from being compared."""
+        errors = (failure.error for failure in self.failures)
+        return tuple(error for error in errors if isinstance(error, MissingExtraError))
+
+    @property
+    def first_error(self) -> Exception | None:
+        """What ended the comparison of a target although everything that it needs is there."""
+        errors = (failure.error for failure in self.failures)
+        return next((e for e in errors if not isinstance(e, MissingExtraError)), None)
 
     @property
     def agrees(self) -> bool:
@@ -42,10 +70,11 @@ def check_exports(
     `written` has the folder and the files of each target.
 
     Relative data paths start in `data_folder`. A target that needs something which is not
-    installed is left out and named.
+    installed, or that fails, does not keep the others from being compared: the report has the
+    error, and it is for the caller to raise it when the report is printed.
     """
     rows: list[Agreement] = []
-    missing: list[MissingExtraError] = []
+    failures: list[Failure] = []
     origins: dict[str, None] = {}
     for plan in plans:
         record = agreement_record(model, plan.program, data_folder)
@@ -53,13 +82,13 @@ def check_exports(
         try:
             folder, files = written[plan.target]
             rows.append(compare(plan, weights, files, folder, record))
-        except MissingExtraError as error:
-            missing.append(error)
-    return AgreementReport(", ".join(origins), tuple(rows), tuple(missing))
+        except Exception as error:  # noqa: BLE001  (raised again once the table is printed)
+            failures.append(Failure(plan.target, plan.fixed_point or plan.dtype, error))
+    return AgreementReport(", ".join(origins), tuple(rows), tuple(failures))
 
 
 def agreement_table(report: AgreementReport) -> str:
-    """One row a target; deviations are relative to the largest magnitude of each signal."""
+    """One row a target, failed ones last; deviations are relative to the largest of each signal."""
     rows = [
         (
             row.target,
@@ -72,6 +101,7 @@ def agreement_table(report: AgreementReport) -> str:
         )
         for row in report.rows
     ]
+    rows += [failure.row for failure in report.failures]
     header = ("target", "type", "steps", "one step", "free run", "differing bits", "")
     table = table_text(header, rows, numbers=[2, 3, 4, 5])
     return f"Worst deviation from the interpreter in float64, along {report.origin}:\n{table}"
@@ -83,5 +113,5 @@ def agreement_values(report: AgreementReport) -> dict[str, Any]:
         "along": report.origin,
         "agrees": report.agrees,
         "targets": [{**asdict(row), "agrees": row.agrees} for row in report.rows],
-        "not_checked": [str(error) for error in report.missing],
+        "not_checked": [str(failure.error) for failure in report.failures],
     }

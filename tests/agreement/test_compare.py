@@ -15,8 +15,10 @@ from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.compare import compare
 from msnn.agreement.deviation import differing_bits, worst_deviation
 from msnn.agreement.record import drawn_record
-from msnn.exports.export import Dtype, ExportPlan, TargetName, write_export
+from msnn.exports.export import Dtype, ExportPlan, TargetName, plan_exports, write_export
+from msnn.model.load import load_model
 from msnn.model.weights_file import initial_weights
+from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
 from tests.programs import SAMPLES
 
@@ -101,3 +103,26 @@ def test_the_jacobian_of_c_is_compared_too(dtype: Dtype, tmp_path: Path) -> None
     assert count == 1
     source.write_text(spoiled, encoding="utf-8")
     assert not compare(plan, weights, files, tmp_path, record).agrees
+
+
+SHORTER_WINDOW = """msnn: 1
+name: m
+sample_time: 10 ms
+inputs: {u: {}}
+states:
+  x: {der: u - x, init: x.meas}
+  v: {der: x - v, init: "x.meas[t+1] - x.meas"}
+outputs: {y: x + v}
+"""
+
+
+def test_a_state_that_c_takes_from_the_caller_leaves_shorter_windows(tmp_path: Path):
+    """`v` begins at a later sample of `x`, so that C's `reset` reads one sample of it, not two."""
+    require_tool("gcc", install="apt install gcc")
+    spec = tmp_path / "m.msnn.yaml"
+    spec.write_text(SHORTER_WINDOW, encoding="utf-8")
+    model = load_model(spec)
+    (plan,) = plan_exports(model, ["c"], Findings())
+    files = write_export(plan, {}, tmp_path / "c")
+    record = drawn_record(plan.program, "drawn")
+    assert compare(plan, {}, files, tmp_path / "c", record).agrees

@@ -106,6 +106,21 @@ def test_a_compiler_that_is_not_there_ends_with_5(
     assert "error[E1037]: a C compiler is not installed" in said.err
 
 
+def test_a_target_that_fails_does_not_hide_the_table_of_the_others(
+    msnn: CommandLine, project: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def broken(*arguments: object) -> None:
+        raise ZeroDivisionError("ours")
+
+    monkeypatch.setattr("msnn.agreement.compare.built_c", broken)
+    said = msnn("export", SPEC, "--initial", "--to", "c,casadi", "--check")
+    assert said.code == ExitCode.BUG
+    assert "msnn met a mistake of its own (ZeroDivisionError: ours)" in said.err
+    rows = {line.split()[0]: line.split()[-2:] for line in said.out.splitlines() if line.split()}
+    assert rows["casadi"][-1] == "agrees"
+    assert rows["c"] == ["FAILED:", "ZeroDivisionError"]
+
+
 def test_a_folder_that_cannot_be_written_ends_with_1(msnn: CommandLine, project: Path):
     (project / "file").write_text("")
     said = msnn("compile", SPEC, "--out", "file/build")

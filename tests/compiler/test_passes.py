@@ -21,6 +21,7 @@ from compiler.passes.draw_dropout import draw_dropout
 from compiler.passes.drop_unused import drop_unused
 from compiler.passes.expand_functions import expand_functions
 from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
+from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
 from compiler.passes.guard_untaken import guard_untaken
 from compiler.passes.limit_expected import limit_expected
 from compiler.passes.prune_outputs import prune_outputs
@@ -73,6 +74,10 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
         ("functions", PASS_PROGRAMS["functions"], lambda p: expand_functions(p, NATIVE))
     ],
     "limit_expected": [("expectations", PASS_PROGRAMS["expectations"], limit_expected)],
+    "guard_infinite_slopes": [
+        ("steep", PASS_PROGRAMS["steep"], guard_infinite_slopes),
+        ("branches", PASS_PROGRAMS["branches"], guard_infinite_slopes),
+    ],
     "guard_untaken": [("branches", PASS_PROGRAMS["branches"], guard_untaken)],
 }
 

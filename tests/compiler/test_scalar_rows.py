@@ -39,6 +39,22 @@ class Numbers:
     def negate(self, value: float, /) -> float:
         return -value
 
+    @property
+    def infinite_values(self) -> Numbers:
+        return self
+
+    def can_be_infinite(self, value: float, /) -> bool:
+        return True
+
+    def divides(self, value: float, /) -> bool:
+        return False
+
+    def is_never_zero(self, value: float, /) -> bool:
+        return value != 0
+
+    def zero_with(self, factor: float, product: float, /) -> float:
+        return 0.0 if factor == 0 else product
+
     def apply(self, function: str, /, *args: float) -> float:
         return float(SCALAR_FUNCTIONS[function].numpy(*args))
 

@@ -37,3 +37,19 @@ def test_other_weights_give_other_words(tmp_path: Path) -> None:
     found = compare(plan, weights, files, tmp_path / "c", drawn_record(plan.program, "drawn"))
     assert found.bits
     assert not found.agrees
+
+
+@pytest.mark.parametrize("formula", ["where(k <= 0, w[t-2], 0.5 * u)", "0.5 * u + 0 * w[t-2]"])
+def test_an_input_that_the_numbers_make_needless_is_left_out(formula: str, tmp_path: Path) -> None:
+    require_tool("gcc", "apt-get install gcc")
+    text = f"""msnn: 1
+name: m
+sample_time: 10 ms
+inputs: {{u: {{range: [-1, 1]}}, w: {{range: [-1, 1]}}}}
+parameters: {{k: {{init: 0.6, learn: false}}}}
+outputs: {{y: "{formula}", z: "k * u"}}
+"""
+    plan = planned(fixed_model(tmp_path, text, "q15"))
+    files = write_export(plan, {}, tmp_path / "c")
+    found = compare(plan, {}, files, tmp_path / "c", drawn_record(plan.program, "drawn"))
+    assert found.agrees

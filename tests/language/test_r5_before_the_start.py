@@ -161,3 +161,38 @@ def test_r5_buffers_are_as_long_as_the_longest_use() -> None:
 def test_r5_mistakes(expression: str, code: str) -> None:
     text = "inputs: {u: m}\nstates: {s: {unit: m, next: s + u}}\n"
     assert codes(text + f'outputs: {{y: "sum({expression})"}}') == [code]
+
+
+@pytest.mark.parametrize("history", ["", ", history: 2"])
+def test_r5_a_window_of_one_sample_needs_no_past(history: str) -> None:
+    text = f"""
+        inputs: {{x: m, u: m}}
+        states: {{s: {{unit: m, next: 0.8 * s + u, init: 0.5{history}}}}}
+        layers: {{h: {{fir: {{window: 1, init: [3]}}}}}}
+        outputs: {{y: h(s), used: x}}
+        """
+    s = leaky([0.0, 0.0])
+    runs(text, 3 * s[2 : STEPS + 2])
+    assert not [state for state in compiled(text).states if state.name == "s.history"]
+
+
+def test_r5_windows_of_one_and_of_three_samples_share_a_buffer() -> None:
+    text = """
+        inputs: {x: m, u: m}
+        states: {s: {unit: m, next: 0.8 * s + u, init: 0.5, history: 2}}
+        layers: {h: {fir: {window: 1, init: [3]}}}
+        outputs: {y: "h(s) + sum(s.past(3))", used: x}
+        """
+    s = leaky([2.0, 2.0])
+    runs(text, 4 * s[2 : STEPS + 2] + s[1 : STEPS + 1] + s[:STEPS])
+
+
+def test_r5_a_window_of_one_sample_of_a_window_is_one_of_a_window() -> None:
+    text = """
+        inputs: {u: m}
+        states: {s: {unit: m, next: 0.8 * s + u, history: 0}}
+        equations: {w: "s.past(3)"}
+        layers: {h: {fir: {window: 1}}}
+        outputs: {y: "sum(h(w))"}
+        """
+    assert codes(text)[:1] == ["E0604"]

@@ -16,6 +16,8 @@ from msnn.data.dataset import FloatArray
 from msnn.model.weights_file import initial_weights
 from msnn.training.stage_loss_module import stage_loss
 from msnn.training.starts.initial_weights_of_run import first_weights
+from msnn.training.starts.linear_fit import Piece, Structure, fitted_filter, power_series
+from msnn.training.starts.linear_fit import filtered as through
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.language.compiled import codes
@@ -187,3 +189,50 @@ outputs: {o: "%s"}
 def test_mistake(target: str, out: str, call: str, code: str) -> None:
     # `f` and `g` have the same target: each says so, whether something calls it or not
     assert set(codes(HEAD % (target, target, out, call))) == ({code} if code else set())
+
+
+@pytest.mark.parametrize("order", [3, 6])
+def test_a_long_record_of_slow_poles_determines_its_filter(order: int) -> None:
+    """Power series divided by transforms let roundings grow with the rows until they overflow."""
+    rows, true = 20_000, poles(0.99, 0.98, 0.97)
+    u = np.random.default_rng(0).normal(size=rows)
+    y = filtered_by_recursion(np.convolve(u, [0.0, 1.0, 0.5, 0.2])[:rows], true)
+    found = fitted_filter([Piece(u, y)], Structure(0, order, order, 1.0))
+    assert found is not None
+    count = 50
+    wanted = filtered_by_recursion(np.eye(count)[1] + 0.5 * np.eye(count)[2], true)
+    wanted += filtered_by_recursion(0.2 * np.eye(count)[3], true)
+    response = np.convolve(found.numerator, power_series(found.denominator, count))[:count]
+    # with poles that cancel the equations are nearly singular: half of the digits are left
+    np.testing.assert_allclose(response, wanted, atol=1.5e-8 * np.max(wanted))
+
+
+def test_many_poles_near_the_limit_stay_a_stable_filter() -> None:
+    """Six poles at 1 − 1e-6 are not those of the rounded coefficients; the error overflowed."""
+    rows = 20_000
+    u = np.random.default_rng(0).normal(size=rows)
+    y = filtered_by_recursion(1e-9 * u, poles(*[0.999] * 5))
+    found = fitted_filter([Piece(u, y)], Structure(0, 6, 6, 1.0))
+    assert found is not None
+    assert np.all(np.abs(np.roots(found.denominator)) < 1)
+    assert np.any(found.numerator)
+
+
+def filtered_by_recursion(signal: FloatArray, denominator: FloatArray) -> FloatArray:
+    """x[n] = u[n] − Σ aⱼ x[n−j], one number after the other."""
+    x = [0.0] * len(signal)
+    for n in range(len(x)):
+        past = (a * x[n - j] for j, a in enumerate(denominator) if 0 < j <= n)
+        x[n] = signal[n] - sum(past)
+    return np.array(x)
+
+
+@pytest.mark.parametrize("order", [0, 1, 3, 6])
+@pytest.mark.parametrize("rows", [1, 2, 5, 127, 128, 129, 300])
+def test_blocks_compute_what_the_recursion_does(order: int, rows: int) -> None:
+    random = np.random.default_rng(order)
+    denominator = np.concatenate(([1.0], 0.2 * random.normal(size=order)))
+    signal = random.normal(size=rows)
+    wanted = filtered_by_recursion(signal, denominator)
+    # sums of at most 128 terms of size 1, in another order
+    np.testing.assert_allclose(through(signal, denominator), wanted, atol=1e-13)

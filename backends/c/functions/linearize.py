@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from backends.c.functions.function_writer import FunctionWriter, Model
 from backends.c.functions.input_policy import checked_input
 from backends.c.functions.jacobian_comments import entries_comment, pattern_comments
 from backends.c.functions.number_runs import number_runs
 from backends.c.functions.step import report_unset
+from backends.c.functions.valid_range import report_outside
 from backends.c.interface.jacobian_interface import OUT, JacobianInterface, MatrixField
+from backends.c.interface.status import Status
 from backends.c_language.places import Index, Place
 from backends.c_language.tree import Argument, CType, Declare, Discard, Function, Name, Real, Return
 from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.state_memory import DelayLine, PlainState
 from compiler.ir.liveness import needed
 from compiler.ir.ops import ReadSignal, ReadState
+from compiler.ir.program import Graph
+from compiler.jacobian.matrices import Block
 
 _FEW = 16
 """Known entries that are written one after the other."""
@@ -33,13 +39,8 @@ def linearize_function(model: Model, interface: JacobianInterface) -> Function:
         writer.write_known(field)
         for block in field.matrix.blocks:
             writer.comment(entries_comment(field.matrix, block, graph[block.node].type))
-            strided = Place(
-                field.place.storage,
-                graph[block.node].type.shape,
-                block.strides,
-                Index(block.offset),
-            )
-            lowered.store(block.node, strided)
+            lowered.store(block.node, _entries(field, block, graph))
+    writer.report_infinite(graph)
     writer.scope.add(Return(Name("status")))
     prefix = model.interface.prefix
     structs = (
@@ -48,6 +49,12 @@ def linearize_function(model: Model, interface: JacobianInterface) -> Function:
     )
     doc = "Slopes of one step in its states and inputs."
     return writer.finished("linearize", f"{prefix}_status_t", structs, doc, reads_only=True)
+
+
+def _entries(field: MatrixField, block: Block, graph: Graph) -> Place:
+    """Where the entries of a block stand."""
+    shape = graph[block.node].type.shape
+    return Place(field.place.storage, shape, block.strides, Index(block.offset))
 
 
 class _LinearizeWriter(FunctionWriter):
@@ -73,7 +80,8 @@ class _LinearizeWriter(FunctionWriter):
         if not self._fields:
             scope.add(Discard(OUT))
         ok = Name(f"{interface.prefix.upper()}_OK")
-        constant = not (checked or interface.from_record)
+        infinite = any(field.matrix.perhaps_infinite for field in self._fields)
+        constant = not (checked or interface.from_record or infinite)
         scope.add(Declare(CType.STATUS, "status", ok, constant=constant))
         for memory in interface.states:
             if not isinstance(memory, PlainState | DelayLine) and memory.state.name in self._states:
@@ -87,6 +95,16 @@ class _LinearizeWriter(FunctionWriter):
             self.inputs[name] = valid
             if name not in self._signals and isinstance(valid.storage, Name):
                 scope.add(Discard(valid.storage.text))
+
+    def report_infinite(self, graph: Graph) -> None:
+        """Sets a bit where a slope that can be infinite is so, or is NaN."""
+        blocks = [(f, block) for f in self._fields for block in f.matrix.perhaps_infinite]
+        if blocks:
+            self.comment("slopes that can be infinite")
+        largest = float(np.finfo(self.interface.options.dtype).max)
+        for field, block in blocks:
+            place, shape = _entries(field, block, graph), graph[block.node].type.shape
+            report_outside(self, place, shape, (-largest, largest), Status.SLOPE_NOT_FINITE)
 
     def write_known(self, field: MatrixField) -> None:
         """Entries that are always the same."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from backends.c.functions.function_writer import FunctionWriter, Model
 from backends.c.functions.input_policy import checked_input
-from backends.c.functions.valid_range import within
+from backends.c.functions.valid_range import report_outside
 from backends.c.interface.status import Status, status_macro
-from backends.c_language.places import Index, Place
-from backends.c_language.scope import Scope
+from backends.c_language.places import Place
 from backends.c_language.tree import (
     Argument,
     Binary,
@@ -20,11 +19,8 @@ from backends.c_language.tree import (
     If,
     Member,
     Name,
-    Real,
     Return,
     SetBits,
-    Statement,
-    Unary,
     Unsigned,
 )
 from backends.c_lowering.active_sums import ActiveSets, active_sets
@@ -151,32 +147,16 @@ class _StepWriter(FunctionWriter):
             self.comment(f"expected of {entry.name}: {low:.9g} .. {high:.9g}")
             value = lowered.place(entry.node, f"{entry.name}_checked")
             shape = program.step[entry.node].type.shape
-            self._check(value, shape, entry.range, Status.EQUATION_OUT_OF_RANGE)
+            report_outside(self, value, shape, entry.range, Status.EQUATION_OUT_OF_RANGE)
 
     def check_states(self) -> None:
         """Reports declared states outside their range."""
         for memory in self.interface.states:
             if isinstance(memory, PlainState) and memory.state.range is not None:
                 limits = memory.state.range
-                self._check(memory.samples, memory.shape, limits, Status.STATE_OUT_OF_RANGE)
-
-    def _check(
-        self, place: Place, shape: tuple[int, ...], limits: tuple[float, float], bit: Status
-    ) -> None:
-        low, high = limits
-        functions = self.model.functions
-
-        def check(indices: tuple[Index, ...], scope: Scope) -> None:
-            value = place.element(indices)
-            if self.interface.options.constant_time:
-                outside = functions.helper("outside", (value, Real(low), Real(high)))
-                macro = status_macro(self.interface.prefix, bit)
-                scope.add(SetBits(Name("status"), Binary("*", outside, Name(macro))))
-                return
-            valid = within(value, low, high, functions)
-            scope.add(If(Unary("!", valid), (self._bit(bit),)))
-
-        self.scope.each(shape, self.unroll, check)
+                report_outside(
+                    self, memory.samples, memory.shape, limits, Status.STATE_OUT_OF_RANGE
+                )
 
     @property
     def _unset(self) -> Member:
@@ -189,6 +169,3 @@ class _StepWriter(FunctionWriter):
 
     def _marked(self, bit: int) -> Binary:
         return Binary("!=", Binary("&", self._unset, Unsigned(bit)), Unsigned(0))
-
-    def _bit(self, bit: Status) -> Statement:
-        return SetBits(Name("status"), Name(status_macro(self.interface.prefix, bit)))

@@ -1,9 +1,13 @@
-"""The test whether a number lies in the range that the spec declares for it."""
+"""Tests whether numbers lie in a range, and reports those that do not."""
 
 from __future__ import annotations
 
+from backends.c.functions.function_writer import FunctionWriter
+from backends.c.interface.status import Status, status_macro
 from backends.c_language.functions import FunctionTable
-from backends.c_language.tree import Binary, Expression, Real
+from backends.c_language.places import Index, Place
+from backends.c_language.scope import Scope
+from backends.c_language.tree import Binary, Expression, If, Name, Real, SetBits, Unary
 
 
 def within(value: Expression, low: float, high: float, functions: FunctionTable) -> Expression:
@@ -11,3 +15,27 @@ def within(value: Expression, low: float, high: float, functions: FunctionTable)
     if low == -high:
         return Binary("<=", functions.library("abs", (value,)), Real(high))
     return Binary("&&", Binary(">=", value, Real(low)), Binary("<=", value, Real(high)))
+
+
+def report_outside(
+    writer: FunctionWriter,
+    place: Place,
+    shape: tuple[int, ...],
+    limits: tuple[float, float],
+    bit: Status,
+) -> None:
+    """Sets a bit of the status where an element is not within the limits, as NaN never is."""
+    low, high = limits
+    functions = writer.model.functions
+    macro = Name(status_macro(writer.interface.prefix, bit))
+
+    def check(indices: tuple[Index, ...], scope: Scope) -> None:
+        value = place.element(indices)
+        if writer.interface.options.constant_time:
+            outside = functions.helper("outside", (value, Real(low), Real(high)))
+            scope.add(SetBits(Name("status"), Binary("*", outside, macro)))
+            return
+        valid = within(value, low, high, functions)
+        scope.add(If(Unary("!", valid), (SetBits(Name("status"), macro),)))
+
+    writer.scope.each(shape, writer.unroll, check)

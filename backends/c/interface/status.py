@@ -6,7 +6,7 @@ from enum import IntFlag
 
 
 class Status(IntFlag):
-    """Bits of a step's result; 0 means that nothing was out of order."""
+    """Bits of the result of a step or of linearize; 0 means that nothing was out of order."""
 
     OUT_OF_RANGE = 1
     NOT_A_NUMBER = 2
@@ -15,6 +15,7 @@ class Status(IntFlag):
     STATE_OUT_OF_RANGE = 16
     UNINITIALISED = 32
     EQUATION_OUT_OF_RANGE = 64
+    SLOPE_NOT_FINITE = 128
 
 
 class SelfTest(IntFlag):
@@ -34,6 +35,7 @@ MEANING: dict[Status | SelfTest, str] = {
     Status.STATE_OUT_OF_RANGE: "a state left its range",
     Status.UNINITIALISED: "the step began without values that only reset can give",
     Status.EQUATION_OUT_OF_RANGE: "an equation was outside its range",
+    Status.SLOPE_NOT_FINITE: "a slope that linearize gave is infinite or NaN",
     SelfTest.STEP_DIFFERS: "a golden step gave other numbers",
     SelfTest.KERNEL_DIFFERS: "a mathematical function gave other numbers",
     SelfTest.CONTRACTED: "the compiler fuses multiplications with additions",

@@ -16,7 +16,7 @@ _OF_POLICY: dict[InvalidPolicy, Status] = {
 
 
 def step_bits(interface: Interface) -> list[Status]:
-    """Bits of the step's result."""
+    """Bits of the results of the step and of linearize."""
     bits = Status(0)
     for input in interface.inputs:
         bits |= _OF_POLICY[input.port.signal.on_invalid]
@@ -27,6 +27,10 @@ def step_bits(interface: Interface) -> list[Status]:
         bits |= Status.EQUATION_OUT_OF_RANGE
     if interface.from_record:
         bits |= Status.UNINITIALISED
+    if interface.jacobian is not None and any(
+        field.matrix.perhaps_infinite for field in interface.jacobian.fields
+    ):
+        bits |= Status.SLOPE_NOT_FINITE
     return list(bits)
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
@@ -45,7 +46,12 @@ def slopes_function(
     golden, prefix = joined(runs), interface.prefix
     scope = Scope(LocalNames(prefix))
     scope.reserve(OUT)
-    bits = [float(status & ~_OF_RESULTS) for status in golden.status.tolist()]
+    bits = [
+        float((status & ~_OF_RESULTS) | infinite)
+        for status, infinite in zip(
+            golden.status.tolist(), _infinite(jacobian, golden.slopes).tolist(), strict=True
+        )
+    ]
     scope.add(Table("golden_status", tuple(bits), CType.UNSIGNED))
     expected = Element(Name("golden_status"), Name("step"))
     scope.add(Declare(CType.BOOL, "differ", Binary("!=", Name("status"), expected)))
@@ -68,6 +74,17 @@ def slopes_function(
     )
     body = tuple(scope.statements)
     return Function(f"{prefix}_slopes_differ", "bool", arguments, body, static=True)
+
+
+def _infinite(jacobian: JacobianInterface, slopes: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    """For every step the bit that linearize sets where a slope is infinite."""
+    found: NDArray[Any] = np.zeros(len(next(iter(slopes.values()), ())), bool)
+    for field in jacobian.fields:
+        entries = slopes[field.matrix.name].reshape(len(found), -1)
+        for block in field.matrix.perhaps_infinite:
+            places = block.places(jacobian.jacobian.graph[block.node].type.shape).ravel()
+            found = found | ~np.isfinite(entries[:, places]).all(axis=1)
+    return found * int(Status.SLOPE_NOT_FINITE)
 
 
 _OF_RESULTS = int(Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE)

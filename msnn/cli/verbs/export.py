@@ -103,6 +103,8 @@ def export(
             result(f"\n{agreement_table(found)}")
     if format is ResultFormat.JSON:
         json_result("export", record)
+    if found is not None and found.first_error is not None:
+        raise found.first_error
     if found is not None and found.missing:
         report([error.diagnostic for error in found.missing], ())
         raise typer.Exit(ExitCode.MISSING_EXTRA)

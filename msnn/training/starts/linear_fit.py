@@ -15,6 +15,8 @@ import numpy as np
 from msnn.data.dataset import FloatArray
 
 ITERATIONS = 10
+_BLOCK = 128
+"""Rows that a filter computes at once."""
 MARGIN = 1e-6
 """What keeps poles off the limit, where a filter is no longer stable."""
 
@@ -71,30 +73,51 @@ def fitted_filter(pieces: Sequence[Piece], structure: Structure) -> Filter | Non
 
 
 def power_series(denominator: FloatArray, count: int) -> FloatArray:
-    """The first elements of 1/A, by Newton's iteration: each doubles how many are right."""
-    found = np.ones(1)
-    while len(found) < count:
-        size = min(2 * len(found), count)
-        product = convolved(denominator[:size], found, size)
-        found = convolved(found, 2 * (np.arange(size) == 0) - product, size)
-    return found
+    """The first elements of 1/A."""
+    return filtered(np.concatenate(([1.0], np.zeros(count - 1))), denominator)
+
+
+def filtered(signal: FloatArray, denominator: FloatArray) -> FloatArray:
+    """The signal through 1/A: x[n] = u[n] − Σ aⱼ x[n−j], as many rows at once as a block has.
+
+    Within a block x = S (u − past), where S has the first elements of 1/A below its diagonal. The
+    recursion forgets roundings as the filter forgets its input; a division of power series by
+    transforms lets them grow with the length.
+    """
+    order, rows = len(denominator) - 1, min(_BLOCK, len(signal))
+    response = np.zeros(rows)
+    for n in range(rows):
+        reached = min(order, n)
+        last = response[n - reached : n][::-1]
+        response[n] = (n == 0) - denominator[1 : reached + 1] @ last
+    distance = np.subtract.outer(np.arange(rows), np.arange(rows))
+    solution = np.where(distance >= 0, response[np.maximum(distance, 0)], 0.0)
+    # the share of x[n−j], which lies j − row places before the block, in each row of the block
+    reach = min(order, rows)
+    past = np.zeros((rows, order))
+    for row in range(reach):
+        past[row, row:] = denominator[row + 1 :][::-1][: order - row]
+    found = np.zeros(order + len(signal))
+    for begin in range(0, len(signal), rows):
+        block = signal[begin : begin + rows]
+        size = len(block)
+        free = block - past[:size] @ found[begin : begin + order]
+        found[order + begin : order + begin + size] = solution[:size, :size] @ free
+    return found[order:]
 
 
 def convolved(first: FloatArray, second: FloatArray, count: int) -> FloatArray:
-    """The first elements of the product of two series, zeros after the last of each."""
-    size = len(first) + len(second) + count
-    product = np.fft.rfft(first, size) * np.fft.rfft(second, size)
-    return np.fft.irfft(product, size)[:count]
+    """The first elements of the product of two series."""
+    return np.convolve(first, second)[:count]
 
 
 def _denominator(pieces: Sequence[Piece], structure: Structure, poles: FloatArray) -> FloatArray:
     """A of A y = B u, with both sides filtered by 1/A of the iteration before."""
     rows: list[FloatArray] = []
     for piece in pieces:
-        series = power_series(poles, len(piece.input))
-        output = convolved(series, piece.output, len(series))
+        output = filtered(piece.output, poles)
         columns = [-_later(output, delay) for delay in range(1, structure.den + 1)]
-        rows.append(_reduced(piece, structure, series, columns, output))
+        rows.append(_reduced(piece, structure, poles, columns, output))
     found, _ = _solved(rows)
     return np.concatenate(([1.0], found[structure.taps :]))
 
@@ -103,10 +126,7 @@ def _numerator(
     pieces: Sequence[Piece], structure: Structure, poles: FloatArray
 ) -> tuple[FloatArray, float]:
     """B of y = B/A u, and the error that is left."""
-    rows = [
-        _reduced(piece, structure, power_series(poles, len(piece.input)), [], piece.output)
-        for piece in pieces
-    ]
+    rows = [_reduced(piece, structure, poles, [], piece.output) for piece in pieces]
     found, error = _solved(rows)
     return np.concatenate((np.zeros(structure.first), found)), error
 
@@ -114,7 +134,7 @@ def _numerator(
 def _reduced(
     piece: Piece,
     structure: Structure,
-    series: FloatArray,
+    poles: FloatArray,
     columns: Sequence[FloatArray],
     wanted: FloatArray,
 ) -> FloatArray:
@@ -123,7 +143,7 @@ def _reduced(
     The past acts through the first rows only, as impulses filtered by 1/A: any multiple of them
     is free. An orthogonal transformation leaves the sum of squares as it is.
     """
-    signal = convolved(series, piece.input, len(series))
+    signal, series = filtered(piece.input, poles), power_series(poles, len(piece.input))
     past = [_later(series, delay) for delay in range(structure.depth)]
     taps = [_later(signal, delay) for delay in range(structure.first, structure.num + 1)]
     table = np.stack([*past, *taps, *columns, wanted], axis=1)
@@ -154,4 +174,7 @@ def _stable(denominator: FloatArray, radius: float) -> FloatArray:
     sizes = np.abs(inside)
     inside = np.where(sizes > limit, inside * limit / np.maximum(sizes, limit), inside)
     found = np.asarray(np.real(np.poly(inside)), dtype=np.float64)
+    # many poles in one place are those of rounded coefficients: some can lie outside again
+    while (largest := float(np.max(np.abs(np.roots(found)), initial=0.0))) >= radius:
+        found *= (limit / largest) ** np.arange(len(found))
     return np.concatenate((found, np.zeros(len(denominator) - len(found))))

@@ -1,0 +1,212 @@
+"""Finds the values that can be infinite or 0, so that a product of slopes knows what to test.
+
+Decided by the operations alone, in one look at each node: a divisor is not 0 where it is a constant
+that is not, is made of parameters alone (at 0 the model itself has no finite value), or is made of
+those and of positive things (`1 + x²`, `exp`, `cosh`). What overflows counts as finite.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from compiler.ir.node_store import NodeStore
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadParameter,
+    Reshape,
+    Select,
+    Slice,
+    Sum,
+)
+from compiler.ir.program import Node, NodeId
+
+
+class Sign(IntEnum):
+    """What is known of every element, the more the higher."""
+
+    ANY = 0
+    NOT_NEGATIVE = 1
+    NOT_ZERO = 2
+    POSITIVE = 3
+
+
+_POSITIVE = frozenset({"exp", "cosh", "sigmoid", "softplus"})
+_BOUNDED = frozenset({"sin", "cos", "asin", "acos", "atan", "atan2", "tanh", "sigmoid", "sign"})
+
+
+class Infinite(IntEnum):
+    """When a value can be infinite although what is read is finite."""
+
+    NEVER = 0
+    WITH_MODEL = 1
+    """Like the slope of 1/x or log(x): what they differentiate is infinite there too, unless the
+    factors between it and the result are 0."""
+    ALONE = 2
+    """Like the slope of sqrt(x), which is finite itself."""
+
+
+class InfiniteValues:
+    """Answers for the nodes of a graph that may still grow; every node is looked at once."""
+
+    def __init__(self, graph: NodeStore) -> None:
+        self._graph = graph
+        self._signs: list[Sign] = []
+        self._divisor_signs: list[Sign] = []
+        """The same where no parameter, and nothing made of parameters alone, is 0."""
+        self._fixed: list[bool] = []
+        self._infinite: list[Infinite] = []
+        self._made_of: list[bool] = []
+
+    def expect(self, node: NodeId) -> None:
+        """Says of a new node that its value can be infinite whatever it is made of."""
+        self._look(node)
+        self._infinite[node] = Infinite.ALONE
+        self._made_of[node] = True
+
+    def is_never_zero(self, node: NodeId) -> bool:
+        """Whether no element of the value can be 0."""
+        self._look(node)
+        return self._signs[node] >= Sign.NOT_ZERO
+
+    def divides(self, node: NodeId) -> bool:
+        """Whether no element of a divisor is 0 where the model has finite values."""
+        self._look(node)
+        return self._divisor_signs[node] >= Sign.NOT_ZERO
+
+    def can_be_infinite(self, node: NodeId) -> bool:
+        """Whether a factor 0 must be looked for that meets this one in a product of slopes."""
+        self._look(node)
+        return self._infinite[node] is not Infinite.NEVER
+
+    def is_made_of_infinite(self, node: NodeId) -> bool:
+        """Whether anything that it is computed from can be infinite."""
+        self._look(node)
+        return self._made_of[node]
+
+    def _look(self, last: NodeId) -> None:
+        for index in range(len(self._signs), last + 1):
+            node = self._graph.node(index)
+            made_of = any(self._made_of[arg] for arg in node.args)
+            sign = _sign(node, [self._signs[arg] for arg in node.args])
+            divisor_sign = _sign(node, [self._divisor_signs[arg] for arg in node.args])
+            fixed = isinstance(node.op, Constant | ReadParameter)
+            fixed = fixed or (bool(node.args) and all(self._fixed[arg] for arg in node.args))
+            if fixed and divisor_sign is Sign.ANY:
+                divisor_sign = Sign.NOT_ZERO
+            if made_of and isinstance(node.op, Divide | Apply):
+                sign = _WITH_ZERO.get(sign, sign)  # 1/∞ and exp(−∞) are 0
+                divisor_sign = _WITH_ZERO.get(divisor_sign, divisor_sign)
+            self._signs.append(sign)
+            self._divisor_signs.append(divisor_sign)
+            self._fixed.append(fixed)
+            self._infinite.append(self._when_infinite(node))
+            self._made_of.append(made_of or self._infinite[index] is not Infinite.NEVER)
+
+    def _when_infinite(self, node: Node) -> Infinite:
+        of = [self._infinite[arg] for arg in node.args]
+        match node.op:
+            case Compare():
+                return Infinite.NEVER
+            case Apply(function) if function in _BOUNDED:
+                return Infinite.NEVER
+            case Clamp():
+                return max(of[1:])
+            case _ if Infinite.ALONE in of:
+                return Infinite.ALONE
+            case Negate() | Broadcast() | Reshape() | Slice():
+                return of[0]
+            case Divide():
+                return _BY_DIVISOR.get(self._divisor_signs[node.args[1]], Infinite.NEVER)
+            case Apply("log") if self._signs[node.args[0]] < Sign.NOT_ZERO:
+                return Infinite.WITH_MODEL
+            case Apply("pow") if self._signs[node.args[0]] < Sign.NOT_ZERO:
+                return Infinite.ALONE
+            case _:
+                return Infinite.NEVER
+
+
+def _sign(node: Node, of: list[Sign]) -> Sign:
+    """What is known of a value whose operands are such."""
+    known = [sign for sign in of if sign in (Sign.NOT_NEGATIVE, Sign.POSITIVE)]
+    match node.op:
+        case Constant(values) if node.type.kind == "real":
+            return _of_numbers(values)
+        case Add():
+            return max(of) if len(known) == len(of) else Sign.ANY
+        case Multiply() if node.args[0] == node.args[1]:
+            return Sign.POSITIVE if of[0] >= Sign.NOT_ZERO else Sign.NOT_NEGATIVE
+        case Multiply() | Divide():
+            return _of_product(of[0], of[1])
+        case Negate():
+            return Sign.NOT_ZERO if of[0] >= Sign.NOT_ZERO else Sign.ANY
+        case Maximum():
+            return max(known, default=_common(of))
+        case Clamp():
+            return of[1] if of[1] in known else Sign.ANY
+        case Select():
+            return _common(of[1:])
+        case Sum():
+            return of[0] if of[0] in known else Sign.ANY
+        case Contract():
+            product = _of_product(of[0], of[1])
+            return product if product is not Sign.NOT_ZERO else Sign.ANY
+        case Apply(function):
+            return _sign_of_function(function, of)
+        case Minimum() | Broadcast() | Reshape() | Slice() | Concat():
+            return _common(of)
+        case _:
+            return Sign.ANY
+
+
+def _sign_of_function(function: str, of: list[Sign]) -> Sign:
+    if function in _POSITIVE:
+        return Sign.POSITIVE
+    if function == "sqrt":
+        return Sign.POSITIVE if of[0] is Sign.POSITIVE else Sign.NOT_NEGATIVE
+    if function == "abs":
+        return Sign.POSITIVE if of[0] >= Sign.NOT_ZERO else Sign.NOT_NEGATIVE
+    if function == "pow" and of[0] is Sign.POSITIVE:
+        return Sign.POSITIVE
+    return Sign.ANY
+
+
+_WITH_ZERO = {Sign.POSITIVE: Sign.NOT_NEGATIVE, Sign.NOT_ZERO: Sign.ANY}
+_BY_DIVISOR = {Sign.ANY: Infinite.WITH_MODEL, Sign.NOT_NEGATIVE: Infinite.ALONE}
+"""A root or a square that can be 0 divides in the slopes of functions that are finite there."""
+
+
+def _of_numbers(values: tuple[float, ...]) -> Sign:
+    least = min(values, default=0.0)
+    if least > 0:
+        return Sign.POSITIVE
+    if all(value != 0 for value in values):
+        return Sign.NOT_ZERO
+    return Sign.NOT_NEGATIVE if least >= 0 else Sign.ANY
+
+
+def _of_product(left: Sign, right: Sign) -> Sign:
+    if Sign.ANY in (left, right):
+        return Sign.ANY
+    if Sign.NOT_NEGATIVE in (left, right):
+        return Sign.ANY if Sign.NOT_ZERO in (left, right) else Sign.NOT_NEGATIVE
+    return min(left, right)
+
+
+def _common(signs: list[Sign]) -> Sign:
+    """What holds of all of them."""
+    found = set(signs)
+    if found <= {Sign.NOT_NEGATIVE, Sign.POSITIVE}:
+        return min(signs)
+    return Sign.NOT_ZERO if min(found) >= Sign.NOT_ZERO else Sign.ANY
