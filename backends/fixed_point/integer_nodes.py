@@ -93,6 +93,10 @@ class IntegerNodes:
                 value = self._expression(node)
                 self._scope.add(Declare(CType.SUM, f"n{index}", value, constant=True))
 
+    def node(self, index: int) -> IntegerNode:
+        """A node of the graph."""
+        return self._nodes[index]
+
     def value(self, index: int) -> Expression:
         """A node where it is used, as a sum."""
         return self._leaf(self._nodes[index]) if self.is_inline(index) else Name(f"n{index}")

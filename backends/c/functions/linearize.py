@@ -6,7 +6,7 @@ from backends.c.functions.function_writer import FunctionWriter, Model
 from backends.c.functions.input_policy import checked_input
 from backends.c.functions.jacobian_comments import entries_comment, pattern_comments
 from backends.c.functions.number_runs import number_runs
-from backends.c.functions.step import report_unset
+from backends.c.functions.state_reports import report_unready
 from backends.c.interface.jacobian_interface import OUT, JacobianInterface, MatrixField
 from backends.c_language.places import Index, Place
 from backends.c_language.tree import Argument, CType, Declare, Discard, Function, Name, Real, Return
@@ -64,8 +64,7 @@ class _LinearizeWriter(FunctionWriter):
         """Status, heads of the rings that are read, and checked inputs."""
         interface, scope = self.interface, self.scope
         scope.reserve(OUT)
-        held = [i for i in interface.inputs if i.held is not None]
-        if not (self._states or interface.from_record or held):
+        if not interface.has_state:
             scope.add(Discard("s"))
         checked = [i for i in interface.inputs if i.port.signal.on_invalid != "trust"]
         if not (self._signals or checked):
@@ -73,12 +72,12 @@ class _LinearizeWriter(FunctionWriter):
         if not self._fields:
             scope.add(Discard(OUT))
         ok = Name(f"{interface.prefix.upper()}_OK")
-        constant = not (checked or interface.from_record)
+        constant = not (checked or interface.has_state)
         scope.add(Declare(CType.STATUS, "status", ok, constant=constant))
         for memory in interface.states:
             if not isinstance(memory, PlainState | DelayLine) and memory.state.name in self._states:
                 memory.begin(scope)
-        report_unset(self)
+        report_unready(self)
         if checked:
             self.comment("inputs")
         for input in interface.inputs:

@@ -70,7 +70,9 @@ def slopes_function(
     return Function(f"{prefix}_slopes_differ", "bool", arguments, body, static=True)
 
 
-_OF_RESULTS = int(Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE)
+_OF_RESULTS = int(
+    Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE | Status.STATE_NOT_FINITE
+)
 """Bits that are about what a step computes."""
 _ROW = "row"
 _MOST_NUMBERS = 16384
