@@ -43,6 +43,28 @@ def file_texts(
     """Texts by path in the folder, the same bytes for the same program."""
     names = fixed_names(program, prefix)
     prefix = names.prefix
+    texts = {
+        **step_texts(program, prefix, errors),
+        f"src/{prefix}_selftest.c": _filled(
+            "selftest.c",
+            names,
+            "Self-test",
+            steps=SELFTEST_STEPS,
+            functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
+        ),
+        **_test_texts(program, names),
+    }
+    texts["README.md"] = _readme(program, names, errors, texts)
+    texts |= package_texts(names, texts, in_reals=False)
+    return dict(sorted(texts.items()))
+
+
+def step_texts(
+    program: IntegerProgram, prefix: str, errors: Sequence[OutputError] = ()
+) -> dict[str, str]:
+    """What a program needs that calls the code: headers, sources, their description, the FFI."""
+    names = fixed_names(program, prefix)
+    prefix = names.prefix
     writer = FixedFunctions(program, names)
     functions = writer.all()
     printer = _printer(program, names)
@@ -75,21 +97,10 @@ def file_texts(
             functions=_printed(printer, [*writer.definitions(), *functions.values()]),
         ),
         f"src/{prefix}_about.c": about_text(names, program.spec_hash, None),
-        f"src/{prefix}_selftest.c": _filled(
-            "selftest.c",
-            names,
-            "Self-test",
-            steps=SELFTEST_STEPS,
-            functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
-        ),
-        **_test_texts(program, names),
         f"{prefix}.json": _metadata(program, names, errors, writer.status_bits()),
     }
-    texts["README.md"] = _readme(program, names, errors, texts)
-    texts |= package_texts(names, texts, in_reals=False)
     bits = program.width
-    texts |= ffi_texts(names, {"word": f"c_int{bits.word}", "sum": f"c_int{bits.sum}"})
-    return dict(sorted(texts.items()))
+    return texts | ffi_texts(names, {"word": f"c_int{bits.word}", "sum": f"c_int{bits.sum}"})
 
 
 def _readme(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, header_text
 from backends.c.folder.package_texts import package_texts
@@ -26,6 +28,25 @@ from compiler.kernels.c_sources import c_sources
 
 def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
     """Texts by path in the folder, the same bytes for the same program, weights and options."""
+    files, kernels = _model_texts(program, interface, weights)
+    files |= {
+        f"src/{interface.prefix}_selftest.c": selftest_text(program, interface, weights, kernels),
+        **test_texts(program, interface, weights),
+    }
+    files |= package_texts(interface, files)
+    files["README.md"] = _readme(interface, files)
+    return dict(sorted(files.items()))
+
+
+def model_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
+    """What a program needs that calls the code: header, sources, their description, the FFI."""
+    return _model_texts(program, interface, weights)[0]
+
+
+def _model_texts(
+    program: Program, interface: Interface, weights: Weights
+) -> tuple[dict[str, str], Collection[str]]:
+    """The same, and the kernels that the code calls."""
     prefix, options = interface.prefix, interface.options
     table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
     model = Model(interface, weights, table)
@@ -51,8 +72,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         ),
         f"src/{prefix}_about.c": about_text(interface, program.spec_hash, sample_time),
         f"src/{prefix}.c": _source(interface, table, title, [*restarts, *functions.values()]),
-        f"src/{prefix}_selftest.c": selftest_text(program, interface, weights, table.kernels),
-        **test_texts(program, interface, weights),
+        f"{prefix}.json": metadata_text(layout_metadata(program, interface, weights)),
     }
     if interface.takes_parameters:
         files[f"src/{prefix}_params.c"] = _parameters(interface, weights)
@@ -61,12 +81,9 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         kernels = c_sources(table.kernels, real, prefix, constant_time=options.constant_time)
         files[f"src/{kernels.header_name}"] = kernels.header
         files[f"src/{kernels.source_name}"] = kernels.source
-    files |= package_texts(interface, files)
     real = "c_float" if options.dtype == "float32" else "c_double"
     files |= ffi_texts(interface, {"real": real}, linearizes=interface.jacobian is not None)
-    files["README.md"] = _readme(interface, files)
-    files[f"{prefix}.json"] = metadata_text(layout_metadata(program, interface, weights))
-    return dict(sorted(files.items()))
+    return files, table.kernels
 
 
 def _source(

@@ -64,8 +64,12 @@ class CStep:
         given = self._structs["in"].filled(inputs, steps)
         outputs = self._structs["out"].new(steps)
         status = np.zeros(steps, np.uint32)
-        step = self._function("step", ctypes.c_uint32)
         instance = self._instance()
+        if hasattr(self._library, f"{self._prefix}_run"):  # the loop of the FFI was built too
+            addresses = (given.ctypes.data, outputs.ctypes.data, status.ctypes.data)
+            self._function("run")(*instance, *addresses, steps)
+            return self._structs["out"].values(outputs), status
+        step = self._function("step", ctypes.c_uint32)
         for k in range(steps):
             to = given.ctypes.data + k * given.itemsize
             status[k] = step(*instance, to, outputs.ctypes.data + k * outputs.itemsize)
