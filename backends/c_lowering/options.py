@@ -10,7 +10,7 @@ from backends.c_language.literals import Dtype
 
 Ring = Literal["auto", "shift", "double"]
 ParameterAccess = Literal["const", "tunable", "inline"]
-Extra = Literal["jacobian", "parameter_jacobian"]
+Extra = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +35,9 @@ class COptions:
     """Whether every step takes the same instructions, whatever its numbers are."""
 
     extras: tuple[Extra, ...] = ()
-    """Functions beside the step: `jacobian` linearises it in its states and inputs,
-    `parameter_jacobian` in its parameters too."""
+    """Functions beside the step: `jacobian` linearises it in all that it remembers and its inputs,
+    `state_jacobian` in its declared states alone instead, `parameter_jacobian` in its parameters
+    too."""
 
     @property
     def is_exact(self) -> bool:

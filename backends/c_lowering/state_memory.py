@@ -24,6 +24,7 @@ from backends.c_lowering.values import copy_value
 from compiler.ir.liveness import needed
 from compiler.ir.ops import Slice, Window
 from compiler.ir.program import History, NodeId, Program, State, Tape
+from compiler.ir.saturation import unsaturated
 from compiler.ir.types import WINDOW
 
 _LONGEST_SHIFT = 32
@@ -74,6 +75,11 @@ class DelayLine:
     def samples(self) -> Place:
         return Place.array(Member("s", self.identifier), self.shape)
 
+    @property
+    def last_sample(self) -> Place:
+        """The sample that joined last."""
+        return _last(self.samples, self.shape[:-1])
+
     def write(self, newest: Place, scope: Scope, unroll: int) -> None:
         axis, kept = len(self.shape) - 1, self.shape[-1]
         rest = self.samples.sliced(axis, 0, kept - 1)
@@ -109,6 +115,11 @@ class ShiftBuffer:
     @property
     def samples(self) -> Place:
         return self.window.sliced(len(self.shape) - 1, 0, self.shape[-1])
+
+    @property
+    def last_sample(self) -> Place:
+        """The sample that joined last, when the buffer has moved."""
+        return _last(self.samples, self.shape[:-1])
 
     def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
         copy_value(start, self.samples, scope, unroll)
@@ -165,6 +176,11 @@ class DoubledRing:
     def samples(self) -> Place:
         return self._from(variable(self.head).plus(Index(1)), self.shape[-1])
 
+    @property
+    def last_sample(self) -> Place:
+        """The sample that joined last, in the step that pushed it."""
+        return _last(self.window, self.shape[:-1])
+
     def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
         scope.add(Assign(Member("s", self.head), Unsigned(0)))
         for offset in (1, 1 + self.length):
@@ -206,8 +222,10 @@ def joining(memory: StateMemory) -> NodeId:
 
 
 def seen_values(program: Program) -> list[NodeId]:
-    """The values of the step that it shows: outputs, and equations whose range it checks."""
-    return [shown.node for shown in (*program.outputs, *program.expected)]
+    """The values of the step that it shows: outputs, equations whose range it checks, and next
+    values of saturated states, which are NaN or not."""
+    shown = [shown.node for shown in (*program.outputs, *program.expected)]
+    return shown + list(unsaturated(program).values())
 
 
 @dataclass(frozen=True, slots=True)

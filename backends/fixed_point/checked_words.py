@@ -27,16 +27,11 @@ def word_of(port: WordPort, field: str, at: Index) -> Expression:
     return element(Name(f"w_{field}"), port.axes, at)
 
 
-def check_window(port: WordPort, field: str, helpers: FixedHelpers, scope: Scope) -> None:
-    """Words of a window for `reset`, moved into their range."""
-    given = Member("x0", field)
-    if not port.axes:
-        scope.add(Declare(CType.WORD, f"w_{field}", _limited(given, port, helpers), constant=True))
-        return
-    scope.add(Declare(CType.WORD, f"w_{field}", size=port.size))
-    with scope.loop(port.size) as (along, inner):
-        limited = _limited(Element(given, along.expression()), port, helpers)
-        inner.assign(word_of(port, field, along), limited)
+def check_window(
+    port: WordPort, field: str, report: Statement, helpers: FixedHelpers, scope: Scope
+) -> None:
+    """Words of a window for `reset`, moved into their range; `report` says that one was."""
+    _check(port, Member("x0", field), field, None, (report, helpers, scope))
 
 
 def check_input(
@@ -44,20 +39,32 @@ def check_input(
 ) -> None:
     """Words of an input for `step`: `report` says that one was outside its range."""
     port, field = entry.port, names.inputs[entry.port.name]
-    given, local = Member("u", field), f"w_{field}"
     held = names.held.get(port.name)
+    kept = None if held is None else Member("s", held)
+    _check(port, Member("u", field), field, kept, (report, helpers, scope))
+
+
+def _check(
+    port: WordPort,
+    given: Expression,
+    field: str,
+    held: Expression | None,
+    writing: tuple[Statement, FixedHelpers, Scope],
+) -> None:
+    report, helpers, scope = writing
+    local = f"w_{field}"
     if port.axes:
         scope.add(Declare(CType.WORD, local, size=port.size))
         with scope.loop(port.size) as (along, inner):
             word = word_of(port, field, along)
             raw = Element(given, along.expression())
             inner.assign(word, _limited(raw, port, helpers))
-            kept = None if held is None else Element(Member("s", held), along.expression())
+            kept = None if held is None else Element(held, along.expression())
             _replace(word, raw, kept, report, inner)
         return
     limited = _limited(given, port, helpers)
     scope.add(Declare(CType.WORD, local, limited, constant=held is None))
-    _replace(Name(local), given, None if held is None else Member("s", held), report, scope)
+    _replace(Name(local), given, held, report, scope)
 
 
 def _replace(

@@ -10,7 +10,7 @@ from typing import Any
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, origin
 from backends.c.folder.package_texts import package_texts
-from backends.c.interface.status import MEANING, SelfTest, status_macro
+from backends.c.interface.status import MEANING, SelfTest, Status, status_macro
 from backends.c_language.layout import comment
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
@@ -31,9 +31,9 @@ _MEANING = {
     FixedStatus.OUT_OF_RANGE: "an input was outside its range",
     FixedStatus.CLAMPED: "an input was moved to the nearest limit",
     FixedStatus.HELD: "an input was replaced by its last valid value",
-    FixedStatus.STATE_SATURATED: "a state was kept at the end of its range",
+    FixedStatus.STATE_SATURATED: "a state left its range: it is at the end of it, or back at init",
     FixedStatus.EQUATION_OUT_OF_RANGE: "an equation was kept at the end of its range",
-    FixedStatus.UNINITIALISED: "the step began without values that only reset can give",
+    FixedStatus.UNINITIALISED: MEANING[Status.UNINITIALISED],
 }
 
 
@@ -41,6 +41,28 @@ def file_texts(
     program: IntegerProgram, prefix: str, errors: Sequence[OutputError]
 ) -> dict[str, str]:
     """Texts by path in the folder, the same bytes for the same program."""
+    names = fixed_names(program, prefix)
+    prefix = names.prefix
+    texts = {
+        **step_texts(program, prefix, errors),
+        f"src/{prefix}_selftest.c": _filled(
+            "selftest.c",
+            names,
+            "Self-test",
+            steps=SELFTEST_STEPS,
+            functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
+        ),
+        **_test_texts(program, names),
+    }
+    texts["README.md"] = _readme(program, names, errors, texts)
+    texts |= package_texts(names, texts, in_reals=False)
+    return dict(sorted(texts.items()))
+
+
+def step_texts(
+    program: IntegerProgram, prefix: str, errors: Sequence[OutputError] = ()
+) -> dict[str, str]:
+    """What a program needs that calls the code: headers, sources, their description, the FFI."""
     names = fixed_names(program, prefix)
     prefix = names.prefix
     writer = FixedFunctions(program, names)
@@ -71,24 +93,14 @@ def file_texts(
             "source.c",
             names,
             "Step, init and reset",
+            restarts=any(memory.restarts for memory in program.memories),
             functions=_printed(printer, [*writer.definitions(), *functions.values()]),
         ),
         f"src/{prefix}_about.c": about_text(names, program.spec_hash, None),
-        f"src/{prefix}_selftest.c": _filled(
-            "selftest.c",
-            names,
-            "Self-test",
-            steps=SELFTEST_STEPS,
-            functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
-        ),
-        **_test_texts(program, names),
         f"{prefix}.json": _metadata(program, names, errors, writer.status_bits()),
     }
-    texts["README.md"] = _readme(program, names, errors, texts)
-    texts |= package_texts(names, texts, in_reals=False)
     bits = program.width
-    texts |= ffi_texts(names, {"word": f"c_int{bits.word}", "sum": f"c_int{bits.sum}"})
-    return dict(sorted(texts.items()))
+    return texts | ffi_texts(names, {"word": f"c_int{bits.word}", "sum": f"c_int{bits.sum}"})
 
 
 def _readme(
@@ -106,7 +118,14 @@ def _readme(
         in_reals=False,
         sources=sorted(p for p in paths if p.startswith("src/") and p.endswith(".c")),
         input_names=[entry.port.name for entry in program.inputs],
-        assignments=[_assignment(names, entry.port, zero) for entry in program.inputs],
+        assignments=[
+            _assignment("u", names.inputs[e.port.name], names.prefix, e.port, zero)
+            for e in program.inputs
+        ],
+        starts=[
+            _assignment("x0", names.windows[port.name], f"{names.prefix}_x0", port, zero)
+            for port in program.windows
+        ],
         outputs=[_shown(names, port) for port, _ in program.outputs],
         dtype=program.width.name,
         ports=_ports(program, names),
@@ -115,12 +134,11 @@ def _readme(
     )
 
 
-def _assignment(names: FixedNames, port: WordPort, zero: str) -> str:
-    field = names.inputs[port.name]
-    word = f"{names.prefix}_{field}_from_real({zero});"
+def _assignment(base: str, field: str, begin: str, port: WordPort, zero: str) -> str:
+    word = f"{begin}_{field}_from_real({zero});"
     if not port.axes:
-        return f"u.{field} = {word}"
-    return f"for (int i = 0; i < {port.size}; i++) u.{field}[i] = {word}"
+        return f"{base}.{field} = {word}"
+    return f"for (int i = 0; i < {port.size}; i++) {base}.{field}[i] = {word}"
 
 
 def _shown(names: FixedNames, port: WordPort) -> str:

@@ -32,8 +32,8 @@ from backends.fixed_point.names import FixedNames
 from compiler.fixed_point.integers.interpret import FixedStatus, initial
 from compiler.fixed_point.integers.program import ExpectedWords, IntegerProgram, Memory, ReadMemory
 
-_FILLS, _WAITS = 1, 2
-"""Bits of the field `waiting`: buffers wait for their first sample, states for reset."""
+_FILLS, _WAITS, _INITIALISED = 1, 2, 4
+"""Bits of the field `ready`: buffers wait for their first sample, states for reset; it was set."""
 
 
 class FixedFunctions:
@@ -60,19 +60,26 @@ class FixedFunctions:
             bits |= _POLICY_BITS.get(entry.policy, FixedStatus.CLAMPED)
         for memory in self._program.memories:
             ends = [self._program.step[node] for node in memory.next]
+            ends += [self._program.start[node] for node in memory.start]
             if any(end.low < memory.low or end.high > memory.high for end in ends):
                 bits |= FixedStatus.STATE_SATURATED
         if self._program.expected:
             bits |= FixedStatus.EQUATION_OUT_OF_RANGE
-        return list(bits | FixedStatus.UNINITIALISED if self._waits else bits)
+        if self._program.windows:
+            bits |= FixedStatus.CLAMPED
+        return list(bits | FixedStatus.UNINITIALISED if self._has_state else bits)
+
+    @property
+    def _has_state(self) -> bool:
+        return bool(self._program.memories or self._names.held)
 
     def _init(self) -> Function:
         scope, state = self._scope(), initial(self._program)
         for memory in self._program.memories:
             self._memories(scope).set(memory, state.memories[memory.name])
         self._set_held(scope, state.held)
-        waiting = (_FILLS if self._fills else 0) + (_WAITS if self._waits else 0)
-        scope.assign(self._waiting, Unsigned(waiting))
+        ready = _INITIALISED + (_FILLS if self._fills else 0) + (_WAITS if self._waits else 0)
+        scope.assign(self._ready, Unsigned(ready))
         doc = "Before the first step, where no past is known."
         return self._function("init", "void", (), scope, doc)
 
@@ -81,8 +88,10 @@ class FixedFunctions:
         ports = {port.name: port for port in program.windows}
         if not ports:
             scope.add(Discard("x0"))
+        scope.add(Declare(CType.STATUS, "status", Name(f"{self._names.macro}_OK")))
+        clamped = self._bits(FixedStatus.CLAMPED)
         for port in program.windows:
-            check_window(port, self._names.windows[port.name], self._helpers, scope)
+            check_window(port, self._names.windows[port.name], clamped, self._helpers, scope)
         nodes = IntegerNodes(
             program.start,
             program.width,
@@ -95,12 +104,14 @@ class FixedFunctions:
         )
         nodes.write()
         for memory in program.memories:
-            self._memories(scope).start(memory, nodes)
+            self._memories(scope).start(memory, nodes, self._bits(FixedStatus.STATE_SATURATED))
         self._set_held(scope, initial(program).held)
-        scope.assign(self._waiting, Unsigned(0))
-        arguments = (Argument(f"const {self._names.prefix}_init_t *", "x0"),)
-        doc = "Before the first step, from a known past."
-        return self._function("reset", "void", arguments, scope, doc)
+        scope.assign(self._ready, Unsigned(_INITIALISED))
+        scope.add(Return(Name("status")))
+        prefix = self._names.prefix
+        arguments = (Argument(f"const {prefix}_init_t *", "x0"),)
+        doc = "Before the first step, from a known past; returns what was out of order."
+        return self._function("reset", f"{prefix}_status_t", arguments, scope, doc)
 
     def _step(self) -> Function:
         program, names, scope = self._program, self._names, self._scope()
@@ -138,7 +149,8 @@ class FixedFunctions:
             self._expected(entry, nodes, scope)
         saturated = self._bits(FixedStatus.STATE_SATURATED)
         for memory in program.memories:
-            memories.commit(memory, nodes, saturated)
+            restart = initial(program).memories[memory.name] if memory.restarts else None
+            memories.commit(memory, nodes, saturated, restart)
         scope.add(Return(Name("status")))
         prefix = names.prefix
         arguments = (Argument(f"const {prefix}_in_t *", "u"), Argument(f"{prefix}_out_t *", "y"))
@@ -148,8 +160,9 @@ class FixedFunctions:
     def _first_step(self, scope: Scope) -> None:
         """Buffers that `init` could not fill take the first sample for all samples."""
         statements: list[Statement] = []
-        if self._waits:
-            waits = Binary(">=", self._waiting, Unsigned(_WAITS))
+        if self._has_state:
+            begun = Binary("&", self._ready, Unsigned(_WAITS | _INITIALISED))
+            waits = Binary("!=", begun, Unsigned(_INITIALISED))
             statements.append(If(waits, (self._bits(FixedStatus.UNINITIALISED),)))
         if self._fills:
             inner = scope.inner()
@@ -162,11 +175,13 @@ class FixedFunctions:
                     for element in elements
                 ]
                 self._memories(inner).fill(memory, words)
-            inner.assign(self._waiting, Binary("&", self._waiting, Unsigned(_WAITS)))
-            empty = Binary("!=", Binary("&", self._waiting, Unsigned(_FILLS)), Unsigned(0))
+            filled = Unsigned(_WAITS | _INITIALISED)
+            inner.assign(self._ready, Binary("&", self._ready, filled))
+            empty = Binary("!=", Binary("&", self._ready, Unsigned(_FILLS)), Unsigned(0))
             statements.append(If(empty, tuple(inner.statements)))
         if statements:
-            scope.add(If(Binary("!=", self._waiting, Unsigned(0)), tuple(statements)))
+            unready = Binary("!=", self._ready, Unsigned(_INITIALISED))
+            scope.add(If(unready, tuple(statements)))
 
     def _expected(self, entry: ExpectedWords, nodes: IntegerNodes, scope: Scope) -> None:
         """Reports an equation that is outside its range; the step uses the end of the range."""
@@ -215,8 +230,8 @@ class FixedFunctions:
         return SetBits(Name("status"), value)
 
     @property
-    def _waiting(self) -> Member:
-        return Member("s", self._names.waiting)
+    def _ready(self) -> Member:
+        return Member("s", self._names.ready)
 
     def _scope(self) -> Scope:
         return Scope(LocalNames(self._names.prefix))

@@ -20,10 +20,12 @@ from backends.c_language.tree import (
     Name,
     Table,
     Unary,
+    Unsigned,
 )
 from backends.c_lowering.spec_notes import span_text
 from backends.c_lowering.sums import in_blocks
 from backends.fixed_point.helpers import FixedHelpers
+from backends.fixed_point.matrix_products import matrix_products
 from backends.fixed_point.neighbours import neighbours
 from compiler.fixed_point.integers.program import (
     Choose,
@@ -79,22 +81,37 @@ class IntegerNodes:
         )
         self._helpers, self._scope = helpers, scope
         self._tables: dict[tuple[int, ...], Name] = {}
+        self._products = matrix_products(nodes, width.largest_word)
+        self._rows = {
+            row: (first, place)
+            for first, rows in self._products.items()
+            for place, row in enumerate(rows)
+        }
 
     def write(self) -> None:
         """Declares all nodes that are not written where they are used."""
         for index, node in enumerate(self._nodes):
-            if self.is_inline(index):
+            if self.is_inline(index) or (index in self._rows and index not in self._products):
                 continue
             if node.span is not None:
                 self._scope.note(f"spec: {span_text(node.span)}")
-            if isinstance(node.op, WeightedSum) and len(node.args) > _SHORT:
+            if index in self._products:
+                self._write_product(self._products[index])
+            elif isinstance(node.op, WeightedSum) and len(node.args) > _SHORT:
                 self._write_sum(Name(f"n{index}"), node.op, node.args)
             else:
                 value = self._expression(node)
                 self._scope.add(Declare(CType.SUM, f"n{index}", value, constant=True))
 
+    def node(self, index: int) -> IntegerNode:
+        """A node of the graph."""
+        return self._nodes[index]
+
     def value(self, index: int) -> Expression:
         """A node where it is used, as a sum."""
+        if index in self._rows:
+            first, place = self._rows[index]
+            return Element(Name(f"n{first}"), Unsigned(place))
         return self._leaf(self._nodes[index]) if self.is_inline(index) else Name(f"n{index}")
 
     def as_word(self, index: int) -> Expression:
@@ -164,6 +181,32 @@ class IntegerNodes:
                 return self._leaf(node)
             case _:
                 assert_never(node.op)
+
+    def _write_product(self, rows: tuple[int, ...]) -> None:
+        """Rows of a matrix product, each in the order of its terms as if it stood alone."""
+        scope, first = self._scope, rows[0]
+        args = self._nodes[first].args
+        operands, sums = Name(f"x{first}"), Name(f"n{first}")
+        scope.add(Declare(CType.WORD, operands.text, size=len(args)))
+        for place, arg in enumerate(args):
+            scope.assign(Element(operands, Unsigned(place)), self.as_word(arg))
+        ops = [op for row in rows if isinstance(op := self._nodes[row].op, WeightedSum)]
+        weights = self._table(tuple(c for op in ops for c in op.coefficients))
+        constants = tuple(op.constant for op in ops)
+        begins = self._table(constants) if len(set(constants)) > 1 else None
+        scope.add(Declare(CType.SUM, sums.text, size=len(rows)))
+        with scope.loop(len(rows)) as (row, inner):
+            begin: Expression = Integer(constants[0])
+            if begins is not None:
+                begin = Convert(CType.SUM, Element(begins, row.expression()))
+            total = Name(f"total{first}")
+            inner.add(Declare(CType.SUM, total.text, begin))
+            with inner.loop(len(args)) as (along, innermost):
+                place = row.times(len(args)).plus(along)
+                weight = Convert(CType.SUM, Element(weights, place.expression()))
+                value = Convert(CType.SUM, Element(operands, along.expression()))
+                innermost.assign(total, Binary("+", total, Binary("*", weight, value)))
+            inner.assign(Element(sums, row.expression()), total)
 
     def _write_sum(self, name: Name, op: WeightedSum, args: Sequence[int]) -> None:
         """The sum in its order: what one order keeps within bounds, another one might not."""

@@ -7,15 +7,19 @@ from collections.abc import Sequence
 from backends.c_language.places import Index
 from backends.c_language.scope import Scope
 from backends.c_language.tree import (
+    Assign,
     Binary,
     Convert,
     CType,
+    Declare,
     Element,
     Expression,
     If,
     Integer,
     Member,
+    Name,
     Statement,
+    Truth,
 )
 from backends.c_lowering.sums import in_blocks
 from backends.fixed_point.helpers import FixedHelpers
@@ -69,27 +73,59 @@ class MemoryWriter:
             with self._scope.loop(samples) as (along, inner):
                 inner.assign(self.element(memory, along.plus(Index(row * samples))), word)
 
-    def start(self, memory: Memory, nodes: IntegerNodes) -> None:
-        """Sets a memory to what the start made."""
+    def start(self, memory: Memory, nodes: IntegerNodes, saturated: Statement) -> None:
+        """Sets a memory to what the start made; `saturated` reports what was too large."""
         for begin, count in neighbours([self._program.start[node] for node in memory.start]):
             if not self._copied(memory, self._program.start, memory.start, begin, count, nodes):
                 for index in range(begin, begin + count):
-                    node = memory.start[index]
-                    stored = self._stored(nodes, node, memory, self._program.start[node])
-                    self._scope.assign(self.element(memory, Index(index)), stored)
+                    self._keep(memory, index, memory.start[index], nodes, (saturated,))
 
-    def commit(self, memory: Memory, nodes: IntegerNodes, saturated: Statement) -> None:
-        """Replaces a memory by its next value; `saturated` reports one that was too large."""
+    def commit(
+        self,
+        memory: Memory,
+        nodes: IntegerNodes,
+        saturated: Statement,
+        restart: Sequence[int] | None = None,
+    ) -> None:
+        """Replaces a memory by its next value; `saturated` reports one that was too large.
+
+        It becomes `restart` then, where that is given, all elements together.
+        """
+        graph = self._program.step
+        if restart is None or all(_fits(memory, graph[node]) for node in memory.next):
+            self._commit(memory, nodes, (saturated,))
+            return
+        left = Name(self._scope.fresh(f"{self._names.memories[memory.name]}_left"))
+        self._scope.add(Declare(CType.BOOL, left.text, Truth(False)))
+        self._commit(memory, nodes, (Assign(left, Truth(True)),))
+        inner = self._scope.inner()
+        inner.add(saturated)
+        MemoryWriter(self._program, self._names, self._helpers, inner).set(memory, restart)
+        self._scope.add(If(left, tuple(inner.statements)))
+
+    def _commit(
+        self, memory: Memory, nodes: IntegerNodes, too_large: tuple[Statement, ...]
+    ) -> None:
         for begin, count in neighbours([self._program.step[node] for node in memory.next]):
             if self._copied(memory, self._program.step, memory.next, begin, count, nodes):
                 continue
             for index in range(begin, begin + count):
-                node = memory.next[index]
-                found, target = self._program.step[node], self.element(memory, Index(index))
-                self._scope.assign(target, self._stored(nodes, node, memory, found))
-                if not _fits(memory, found):
-                    changed = Binary("!=", target, nodes.value(node))
-                    self._scope.add(If(changed, (saturated,)))
+                self._keep(memory, index, memory.next[index], nodes, too_large)
+
+    def _keep(
+        self,
+        memory: Memory,
+        index: int,
+        node: int,
+        nodes: IntegerNodes,
+        too_large: tuple[Statement, ...],
+    ) -> None:
+        """Sets one element to a node; what is done where the node is beyond its limits."""
+        found, target = nodes.node(node), self.element(memory, Index(index))
+        self._scope.assign(target, self._stored(nodes, node, memory, found))
+        if not _fits(memory, found):
+            changed = Binary("!=", target, nodes.value(node))
+            self._scope.add(If(changed, too_large))
 
     def _copied(
         self,

@@ -21,7 +21,7 @@ class FixedNames:
     windows: dict[str, str]
     memories: dict[str, str]
     held: dict[str, str]
-    waiting: str
+    ready: str
 
     @property
     def macro(self) -> str:
@@ -42,7 +42,7 @@ def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
     """Names that neither C nor the headers use."""
     prefix = c_identifier(prefix, set())
     ins, outs, wins, mems = (set[str]() for _ in range(4))
-    waiting = c_identifier("waiting", mems)
+    ready = c_identifier("ready", mems)
     return FixedNames(
         program.name,
         prefix,
@@ -55,5 +55,5 @@ def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
             for e in program.inputs
             if e.policy == "hold"
         },
-        waiting,
+        ready,
     )

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from backends.c.interface.structs import READY
 from backends.c_language.layout import comment
 from backends.c_lowering.spec_notes import span_text
 from backends.fixed_point.names import FixedNames
@@ -24,8 +25,7 @@ def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
         if entry.port.name in names.held:
             held = _field(entry.port, names.held[entry.port.name], word)
             state.append({**held, "comment": comment("last valid value", "    ")})
-    waiting = "bit 0: buffers wait for their first sample; bit 1: states wait for reset"
-    state.append(_unsigned(names.waiting, waiting))
+    state.append(_unsigned(names.ready, READY))
     inputs = [_field(e.port, names.inputs[e.port.name], word) for e in program.inputs]
     outputs = [_field(port, names.outputs[port.name], word) for port, _ in program.outputs]
     starts = [_field(port, names.windows[port.name], word) for port in program.windows]

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 
 from backends.files.atomic_write import write_text
 from backends.fixed_point.file_texts import file_texts
+from backends.fixed_point.measured_errors import measured_errors
 from compiler.fixed_point.compile_integers import integer_program
-from compiler.fixed_point.deviation import OutputError, output_errors
+from compiler.fixed_point.deviation import OutputError
 from compiler.fixed_point.integers.program import Q15, Q31
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
@@ -40,7 +41,7 @@ def write_fixed_c(
     numbers: dict[str, Any] = physical_weights(program, weights)
     integers = integer_program(program, numbers, WIDTHS[dtype])
     with np.errstate(all="ignore"):
-        errors = output_errors(program, numbers, integers)
+        errors = measured_errors(program, numbers, integers)
     texts = file_texts(integers, prefix, errors)
     files = tuple(write_text(folder / name, text) for name, text in texts.items())
     return FixedExport(files, errors)

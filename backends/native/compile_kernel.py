@@ -52,7 +52,7 @@ class Built:
     @property
     def name(self) -> str:
         """The name of its file in the cache, without the ending."""
-        return self.seal.stem
+        return self._stored.key
 
     @property
     def is_checked(self) -> bool:

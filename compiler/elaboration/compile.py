@@ -14,7 +14,7 @@ from compiler.elaboration.submodels.needed_submodels import needed_submodels
 from compiler.elaboration.unused import lower_unused, report_unused
 from compiler.interpreter.never_finite import never_finite
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import needed, needed_over_time
+from compiler.ir.liveness import needed, needed_over_time, reads_log
 from compiler.ir.ops import ReadLog
 from compiler.ir.program import Declared, Dimension, Expected, Loss, Output, Program, State
 from compiler.linking.link import Linked, WeightsByPart, link
@@ -26,6 +26,7 @@ from compiler.lowering.ranges import expected_values, signal_ranges
 from compiler.lowering.scope import owner_of
 from compiler.passes import run_passes
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.errors import states as state_errors
 from spec_schema.errors import time as times
 from spec_schema.expressions.tree import Name
 from spec_schema.reading.reader import ReadResult
@@ -238,8 +239,12 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
                 entry.doc or "",
                 entry.place.key,
                 needs,
+                entry.range_policy,
             )
         )
+        if entry.range_policy == "reset" and reads_log(start.graph(), first):
+            place = entry.init.span if entry.init is not None else entry.place.key
+            context.findings.report(state_errors.reset_to_the_log(name, place))
     return found
 
 

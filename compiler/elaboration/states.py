@@ -8,11 +8,13 @@ from compiler.elaboration.histories import Histories
 from compiler.elaboration.integration import integrated
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
+from compiler.ir.saturation import saturated
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
+from compiler.lowering.ranges import range_in
 from compiler.lowering.scope import owner_of
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
@@ -132,6 +134,16 @@ class States:
     # ---- inside
 
     def _lower_next(self, name: str, entry: State) -> NodeId:
+        following = self._lower_law(name, entry)
+        type = self._context.type_of(entry)
+        limits = range_in(self._context, entry.range, type.unit)
+        if entry.on_range is None or entry.on_range.value != "saturate" or limits is None:
+            return following
+        builder = self._context.builder(_STEP)
+        with builder.at(entry.on_range.span):
+            return saturated(builder, following, builder.state(name, type), limits)
+
+    def _lower_law(self, name: str, entry: State) -> NodeId:
         if entry.next is None:
             return self.flow(owner_of(name))[name]
         builder = self._context.builder(_STEP)

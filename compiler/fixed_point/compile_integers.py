@@ -255,6 +255,7 @@ class _Compilation:
             self._filling(state, step),
             state.doc,
             state.span,
+            state.on_range == "reset",
         )
 
     def _filling(self, state: State, step: Lowering) -> tuple[str, tuple[int, ...]] | None:

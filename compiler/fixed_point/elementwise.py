@@ -56,10 +56,13 @@ class Elementwise(Settler):
         return self.number(low) if low == high else self.form(node)
 
     def condition(self, relation: Relation, left: Form, right: Form) -> Condition | bool:
-        """left relation right; a bool where it is known."""
+        """left relation right; a bool where it is known, from the bounds of both too."""
         if not left.terms and not right.terms:
             return _holds(relation, left.constant, right.constant)
-        return Condition(relation, *self._aligned(left, right))
+        first, second = self._aligned(left, right)
+        a, b = self.builder[first], self.builder[second]
+        most, least = (_holds(relation, *ends) for ends in ((a.low, b.high), (a.high, b.low)))
+        return most if most == least else Condition(relation, first, second)
 
     def _aligned(self, left: Form, right: Form) -> tuple[int, int]:
         """Both values at one scale; a number that is out of reach stays beyond all values."""

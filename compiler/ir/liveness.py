@@ -28,6 +28,14 @@ def reads_simulation(graph: Graph, value: NodeId) -> bool:
     )
 
 
+def reads_log(graph: Graph, value: NodeId) -> bool:
+    """Whether a value depends on what was measured."""
+    return any(
+        live and isinstance(node.op, ReadLog)
+        for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
+    )
+
+
 def needed_over_time(
     step: Graph, following: Mapping[str, NodeId], wanted: Iterable[NodeId]
 ) -> tuple[list[bool], set[str]]:

@@ -17,6 +17,7 @@ NodeId = int
 """Position of a node in its graph; operands always stand before the node that uses them."""
 
 InvalidPolicy = Literal["clamp", "hold", "flag", "trust"]
+RangePolicy = Literal["flag", "saturate", "reset"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +150,9 @@ class State:
     span: Span | None = field(default=None, compare=False)
     needs: tuple[str, ...] = ()
     """Sub-models that the `next:` of a discrete state needs in the same step."""
+    on_range: RangePolicy = "flag"
+    """What becomes of a next value outside `range`. Where it is `saturate`, `next` keeps to the
+    range by itself; `reset` is for deployed code alone."""
 
 
 @dataclass(frozen=True, slots=True)

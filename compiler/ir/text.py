@@ -125,6 +125,7 @@ def _state(state: State) -> str:
         case _:
             assert_never(state.origin)
     bounds = f" in {_bounds(*state.range)}" if state.range else ""
+    bounds += f", {state.on_range} outside" if state.on_range != "flag" else ""
     links = f"next %{state.next}, start %{state.start}"
     return f"state {state.name}: {_typed(state.axes, state.unit)}{bounds}{origin}, {links}"
 

@@ -99,6 +99,6 @@ def _name_in(vector: Vector, leaf: Leaf) -> str | None:
     """The member of the vector that a leaf reads."""
     match vector.letter, leaf:
         case ("x", ReadState(name)) | ("u", ReadSignal(name)) | ("p", ReadParameter(name)):
-            return name
+            return name if any(member.name == name for member in vector.members) else None
         case _:
             return None

@@ -11,27 +11,35 @@ from reverse mode, one pass a row, with the conventions at kinks of `differentia
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
+from typing import assert_never
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.liveness import needed
-from compiler.ir.ops import ReadParameter, ReadSignal
-from compiler.ir.program import NodeId, Program
+from compiler.ir.ops import ReadParameter, ReadSignal, ReadState
+from compiler.ir.program import Declared, NodeId, Program
 from compiler.ir.types import Axis
 from compiler.jacobian.entries import matrix_of
 from compiler.jacobian.matrices import Jacobian, Matrix, Member, Vector
 from compiler.jacobian.row_gradients import slopes_of_elements
-from compiler.jacobian.scalarize import every_element, single_elements
+from compiler.jacobian.scalarize import Leaf, every_element, single_elements
 from compiler.passes.guard_untaken import guard_untaken
 from spec_schema.units.unit import Unit
 
 
-def jacobian(program: Program, *, parameters: bool = False) -> Jacobian:
-    """The Jacobian of a program in step form; `parameters` also by the parameters of the step."""
+def jacobian(
+    program: Program, *, parameters: bool = False, declared_only: bool = False
+) -> Jacobian:
+    """The Jacobian of a program in step form; `parameters` also by the parameters of the step.
+
+    With `declared_only` the vector x has the states that the spec declares and no other memory,
+    whose samples are as if they did not move.
+    """
     program = guard_untaken(replace(program, losses=(), expected=()))
     step = program.step
-    results = {"x": [(s.name, s.next, s.axes, s.unit) for s in program.states]}
+    listed = [s for s in program.states if not declared_only or isinstance(s.origin, Declared)]
+    results = {"x": [(s.name, s.next, s.axes, s.unit) for s in listed]}
     types = [(output, step[output.node].type) for output in program.outputs]
     results["y"] = [(output.name, output.node, type.axes, type.unit) for output, type in types]
     roots = [node for members in results.values() for _, node, _, _ in members]
@@ -44,10 +52,9 @@ def jacobian(program: Program, *, parameters: bool = False) -> Jacobian:
     elements = single_elements(
         step, [(root, at) for root in roots for at in every_element(step[root].type)]
     )
+    names = {state.name for state in listed}
     wanted = [
-        node
-        for node, part in elements.parts.items()
-        if parameters or not isinstance(part.leaf, ReadParameter)
+        node for node, part in elements.parts.items() if _is_asked_for(part.leaf, parameters, names)
     ]
     graph, slopes = slopes_of_elements(elements, wanted)
     builder = GraphBuilder(graph)
@@ -65,6 +72,18 @@ def jacobian(program: Program, *, parameters: bool = False) -> Jacobian:
         for name, rows, columns, rows_slopes in named
     ]
     return Jacobian(builder.graph(), tuple(matrices), states, inputs, outputs, tuned)
+
+
+def _is_asked_for(leaf: Leaf, parameters: bool, states: Collection[str]) -> bool:
+    match leaf:
+        case ReadParameter():
+            return parameters
+        case ReadState(name):
+            return name in states
+        case ReadSignal():
+            return True
+        case _:
+            assert_never(leaf)
 
 
 _Quantity = tuple[str, tuple[Axis, ...], Unit | None]

@@ -25,6 +25,7 @@ from compiler.ir.program import (
     Parameter,
     Prediction,
     Program,
+    RangePolicy,
     Role,
     Signal,
     State,
@@ -57,6 +58,11 @@ _POLICIES: dict[str, InvalidPolicy] = {
     "hold": "hold",
     "flag": "flag",
     "trust": "trust",
+}
+_RANGE_POLICIES: dict[str, RangePolicy] = {
+    "flag": "flag",
+    "saturate": "saturate",
+    "reset": "reset",
 }
 _FIELDS: dict[str, Callable[[Any, str], Any]] = {
     "str": as_text,
@@ -154,6 +160,9 @@ class _Reader:
             doc=_doc(record),
             span=self._span(record),
             needs=_needs(record),
+            on_range=_chosen(record.text("on_range"), place, _RANGE_POLICIES)
+            if record.has("on_range")
+            else "flag",
         )
         record.close()
         return state

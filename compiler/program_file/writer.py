@@ -114,6 +114,8 @@ def _state(state: State, files: _Files) -> Data:
     }
     if state.range is not None:
         data["range"] = _range(state.range)
+    if state.on_range != "flag":
+        data["on_range"] = state.on_range
     if state.needs:
         data["needs"] = list(state.needs)
     return data | _place(state.doc, state.span, files)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias, assert_never, get_args
 
 from backends.ports.identifiers import c_identifier
-from compiler.ir.program import Program
+from compiler.ir.program import Declared, Program, State
 from compiler.ir.types import Type
 from compiler.passes.close_loop import LoopError, close_loop
 from compiler.passes.limit_expected import limit_expected
@@ -21,7 +21,11 @@ from msnn.errors import commands, workflow
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors.fixed_point import fixed_point_option, no_integer_slopes
+from spec_schema.errors.fixed_point import (
+    fixed_point_option,
+    no_integer_slopes,
+    saturates_all_the_same,
+)
 from spec_schema.errors.states import not_closable
 from spec_schema.sections.exports import (
     CasadiExport,
@@ -196,6 +200,9 @@ def _plan(
         step = limit_expected(step)
         if wanted and c is not None:
             findings.report(no_integer_slopes(c.place.key))
+        flagged = [s.name for s in step.states if _is_flagged(s)]
+        if flagged and c is not None:
+            findings.report(saturates_all_the_same(flagged, c.place.key))
     elif wanted:
         # its vector x holds samples of signals, not what retiming makes of them
         step = settle_zeros(step)
@@ -203,6 +210,12 @@ def _plan(
     else:
         step = settle_zeros(retime(step, fixed_parameters=c is None or c.params != "tunable"))
     return ExportPlan(target, step, prefix, dtype, c, fixed_point, wanted)
+
+
+def _is_flagged(state: State) -> bool:
+    """Whether a declared state may leave its range in floating point."""
+    flags = state.on_range == "flag" and state.range is not None
+    return flags and isinstance(state.origin, Declared)
 
 
 def _extras(named: Collection[str]) -> tuple[Extra, ...]:

@@ -176,6 +176,7 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "init": "Value before the first step, from the log: `x.meas`.",
         "history": "Values before the start, where windows reach back that far.",
         "range": "Lowest and highest value that is plausible, numbers in its unit or with one.",
+        "on_range": "What becomes of a next value outside `range`: a report, its end, or `init`.",
     },
     "Equation": {
         "expr": "The expression.",

@@ -1,4 +1,6 @@
-"""E0960-E0969: models that cannot be exported in fixed point."""
+"""E0960-E0969, W0746: models that cannot be exported in fixed point, or are others there."""
+
+from collections.abc import Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
@@ -49,4 +51,19 @@ def no_integer_slopes(span: Span) -> Diagnostic:
         span,
         "`with:` beside `dtype: q15` or `q31`",
         help="export `dtype: float32` for what linearises the model",
+    )
+
+
+def saturates_all_the_same(names: Sequence[str], span: Span) -> Diagnostic:
+    """W0746: states that fixed point saturates though other engines only flag them."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    plural = len(names) > 1
+    return Diagnostic(
+        "W0746",
+        "warning",
+        f"fixed point keeps the state{'s' if plural else ''} {listed} inside "
+        f"{'their ranges' if plural else 'its range'}, unlike the model",
+        span,
+        "`on_range: flag` reports what leaves the range, and integers have no room beyond it",
+        help="write `on_range: saturate`: simulation, training and every export do the same then",
     )

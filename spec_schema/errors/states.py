@@ -74,3 +74,27 @@ def not_closable(signal: str, span: Span | None, reason: str) -> Diagnostic:
     return Diagnostic(
         "E0706", "error", f"`{signal}` cannot be closed: {reason}", span, "closed here"
     )
+
+
+def nothing_to_act_on(span: Span) -> Diagnostic:
+    """E0741: `on_range` of a state without a range."""
+    return Diagnostic(
+        "E0741",
+        "error",
+        "`on_range` needs the state's `range`",
+        span,
+        "there is no range that it could leave",
+        help="add `range: [low, high]`, or leave `on_range` out",
+    )
+
+
+def reset_to_the_log(name: str, span: Span | None) -> Diagnostic:
+    """E0742: `on_range: reset` of a state whose first value is measured."""
+    return Diagnostic(
+        "E0742",
+        "error",
+        f"`on_range: reset` cannot take `{name}` back to an `init` that reads the log",
+        span,
+        "measured before the first step only",
+        help="give `init` a value that is always known, or write `on_range: saturate`",
+    )

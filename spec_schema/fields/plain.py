@@ -202,6 +202,16 @@ def choice(*now: str) -> Leaf:
     return reads(read, {"type": "string", "enum": list(now)})
 
 
+def located_choice(*now: str) -> Leaf:
+    """Validates one of the words and remembers where it stands."""
+    chosen = choice(*now)
+
+    def validate(node: Node, info: ValidationInfo) -> Located[str]:
+        return Located(chosen.read(node, info), node.span, node.key)
+
+    return Leaf(validate, schema=chosen.schema)
+
+
 def read_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
     """The nodes of a list; a single value counts as a list of one."""
     if isinstance(node, Listing):

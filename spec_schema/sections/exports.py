@@ -16,7 +16,7 @@ from spec_schema.fields.plain import (
     choice,
 )
 
-Extra: TypeAlias = Literal["jacobian", "parameter_jacobian"]
+Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
 
 
 class Target(Entry):
@@ -59,7 +59,8 @@ class CExport(Target):
     `ring` says how windows move, `unroll` up to how many elements loops are written out.
     `constant_time` makes every step take the same instructions, whatever its numbers are.
     With the `dtype` q15 or q31 the C computes in integers. `with: jacobian` adds a function that
-    linearises a step in states and inputs, `with: parameter_jacobian` in parameters too.
+    linearises a step in all that it remembers and its inputs, `with: state_jacobian` in declared
+    states instead, `with: parameter_jacobian` in parameters too.
     """
 
     noun: ClassVar[str] = "the c export"
@@ -73,9 +74,9 @@ class CExport(Target):
     ring: Annotated[Literal["auto", "shift", "double"], choice("auto", "shift", "double")] = "auto"
     unroll: NonNegativeCount = 4
     constant_time: Switch = False
-    extras: DifferentOf[Annotated[Extra, choice("jacobian", "parameter_jacobian")]] = Field(
-        default=(), alias="with"
-    )
+    extras: DifferentOf[
+        Annotated[Extra, choice("jacobian", "state_jacobian", "parameter_jacobian")]
+    ] = Field(default=(), alias="with")
 
 
 class Export(Entry):

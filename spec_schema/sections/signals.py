@@ -7,10 +7,12 @@ from pydantic import ValidationInfo, model_validator
 from spec_schema.errors import states as state_errors
 from spec_schema.fields.entry import Entry, findings_of
 from spec_schema.fields.formulas import ExpressionField, PredictionField
-from spec_schema.fields.plain import NonNegativeNumber, References, Text, choice
+from spec_schema.fields.located import Located
+from spec_schema.fields.plain import NonNegativeNumber, References, Text, choice, located_choice
 from spec_schema.fields.quantities import RangeField, UnitField
 
 InvalidPolicy: TypeAlias = Literal["clamp", "hold", "flag", "trust"]
+RangePolicy: TypeAlias = Literal["flag", "saturate", "reset"]
 
 
 class Signal(Entry):
@@ -29,7 +31,11 @@ class Signal(Entry):
 
 
 class State(Entry):
-    """A state: `der` is its derivative (continuous), `next` its value at t+1; at least one."""
+    """A state: `der` is its derivative (continuous), `next` its value at t+1; at least one.
+
+    `on_range` says what becomes of a next value outside `range`: `flag` reports it, `saturate`
+    keeps the state at the end of the range in every engine, `reset` is for generated C alone.
+    """
 
     noun: ClassVar[str] = "a state"
 
@@ -40,12 +46,26 @@ class State(Entry):
     init: ExpressionField | None = None
     history: ExpressionField | None = None
     range: RangeField | None = None
+    on_range: (
+        Annotated[Located[RangePolicy], located_choice("flag", "saturate", "reset")] | None
+    ) = None
     doc: Text | None = None
+
+    @property
+    def range_policy(self) -> RangePolicy:
+        """What `on_range` says, `flag` where it says nothing."""
+        return "flag" if self.on_range is None else self.on_range.value
 
     @model_validator(mode="after")
     def _moves(self, info: ValidationInfo) -> "State":
         if self.der is None and self.next is None:
             findings_of(info).report(state_errors.state_without_law(self.place.key))
+        return self
+
+    @model_validator(mode="after")
+    def _has_what_it_acts_on(self, info: ValidationInfo) -> "State":
+        if self.on_range is not None and self.range is None:
+            findings_of(info).report(state_errors.nothing_to_act_on(self.on_range.span))
         return self
 
 

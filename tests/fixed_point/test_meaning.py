@@ -55,6 +55,27 @@ outputs: {y: x}
     assert memory.wide
 
 
+def test_a_state_that_saturates_by_itself_is_no_fault(tmp_path: Path) -> None:
+    """The words are those of a state that is flagged: it keeps all bits of a sum."""
+    text = """\
+inputs: {u: {range: [-1, 1]}}
+states: {x: {next: 0.9 * x + u, init: 0, range: [-2, 2], on_range: saturate}}
+outputs: {y: x}
+"""
+    program = _integers(tmp_path, text)
+    flagged = _integers(tmp_path, text.replace(", on_range: saturate", ""))
+    word = program.inputs[0].port.high
+    states = [initial(program), initial(flagged)]
+    for sign in [1, 1, 1, 1, -1, -1, -1, -1, -1, -1]:
+        found = [
+            step(p, s, {"u": [sign * word]})
+            for p, s in zip((program, flagged), states, strict=True)
+        ]
+        assert found[0].outputs == found[1].outputs
+        assert found[0].status == FixedStatus(0)
+    assert states[0].memories == states[1].memories
+
+
 @pytest.mark.parametrize(
     ("policy", "used", "status"),
     [

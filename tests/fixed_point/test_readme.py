@@ -22,7 +22,8 @@ def test_its_example_builds_and_runs(name: str, tmp_path: Path) -> None:
     strict = ["-Wall", "-Wextra", "-Wconversion", "-Werror", "-o", "example"]
     subprocess.run([*command, *strict], cwd=folder, check=True)
     said = subprocess.run([folder / "example"], check=True, capture_output=True, text=True).stdout
-    assert said.count("status") == 10
+    assert said.startswith("reset 0\n")
+    assert said.count("status 0 ") == 10
 
 
 def test_headers_are_found_beside_the_sources_too(tmp_path: Path) -> None:

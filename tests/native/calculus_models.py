@@ -1,4 +1,4 @@
-"""Models with integrals, derivatives and gradients, for the tests of training."""
+"""Models with integrals, derivatives, gradients and limits, for the tests of training."""
 
 BURGERS = """
 inputs: {x: {unit: 1}, tau: {unit: 1}}
@@ -48,8 +48,19 @@ integrator: {linear_implicit: {substeps: 2}}
 outputs: {y: {expr: next(q), predicts: "z[t+1]"}}
 """
 
+SATURATED = """
+inputs: {u: {}}
+targets: {z: {}}
+parameters: {a: 0.95, b: 0.7}
+states:
+  s: {next: "a * s + b * u", range: [-0.6, 0.4], on_range: saturate}
+outputs: {y: {expr: "next(s) + 0.1 * s", predicts: "z[t+1]"}}
+"""
+"""A state that is at the ends of its range in many rows."""
+
 CALCULUS = {
     "burgers": (BURGERS, ()),
     "accumulated": (ACCUMULATED, ("x",)),
     "stiff": (STIFF, ()),
+    "saturated": (SATURATED, ()),
 }

@@ -196,7 +196,7 @@ def test_the_fuzzer_finds_a_write_outside_an_array(
     assert verified(capsys, folder, "--targets", "", "--fuzz", "2")[0] == 0
     source = folder / "src" / "reference.c"
     text = source.read_text(encoding="utf-8")
-    weak = "    s->u_history[s->unset] = 0.0f;\n    /* outputs */\n"
+    weak = "    s->u_history[s->ready] = 0.0f;\n    /* outputs */\n"
     source.write_text(text.replace("    /* outputs */\n", weak), encoding="utf-8")
     code, said = verified(capsys, folder, "--targets", "", "--fuzz", "10")
     assert code == 1

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, header_text
 from backends.c.folder.package_texts import package_texts
 from backends.c.functions.function_writer import Model, Weights
-from backends.c.functions.input_policy import policy_functions
+from backends.c.functions.input_policy import nearest_to_zero, policy_functions
 from backends.c.functions.jacobian_functions import jacobian_functions
-from backends.c.functions.start import init_function, reset_function
+from backends.c.functions.start import init_function, reset_function, restart_functions
 from backends.c.functions.step import step_function
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.layout_metadata import layout_metadata
 from backends.c.selftest.selftest_text import SELFTEST_STEPS, selftest_text, test_texts
 from backends.c_language.comments import comment_text
 from backends.c_language.functions import FunctionNames, FunctionTable
-from backends.c_language.literals import real_literal
+from backends.c_language.literals import Dtype, real_literal
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
 from backends.c_language.tree import Function
@@ -26,6 +28,25 @@ from compiler.kernels.c_sources import c_sources
 
 def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
     """Texts by path in the folder, the same bytes for the same program, weights and options."""
+    files, kernels = _model_texts(program, interface, weights)
+    files |= {
+        f"src/{interface.prefix}_selftest.c": selftest_text(program, interface, weights, kernels),
+        **test_texts(program, interface, weights),
+    }
+    files |= package_texts(interface, files)
+    files["README.md"] = _readme(interface, files)
+    return dict(sorted(files.items()))
+
+
+def model_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
+    """What a program needs that calls the code: header, sources, their description, the FFI."""
+    return _model_texts(program, interface, weights)[0]
+
+
+def _model_texts(
+    program: Program, interface: Interface, weights: Weights
+) -> tuple[dict[str, str], Collection[str]]:
+    """The same, and the kernels that the code calls."""
     prefix, options = interface.prefix, interface.options
     table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
     model = Model(interface, weights, table)
@@ -36,6 +57,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         "reset": reset_function(program, model),
         "step": step_function(program, model),
     }
+    restarts = restart_functions(program, model)
     title = "Step, init and reset"
     if interface.jacobian is not None:
         functions |= jacobian_functions(model, interface.jacobian)
@@ -49,9 +71,8 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
             kernels=bool(table.kernels),
         ),
         f"src/{prefix}_about.c": about_text(interface, program.spec_hash, sample_time),
-        f"src/{prefix}.c": _source(interface, table, title, list(functions.values())),
-        f"src/{prefix}_selftest.c": selftest_text(program, interface, weights, table.kernels),
-        **test_texts(program, interface, weights),
+        f"src/{prefix}.c": _source(interface, table, title, [*restarts, *functions.values()]),
+        f"{prefix}.json": metadata_text(layout_metadata(program, interface, weights)),
     }
     if interface.takes_parameters:
         files[f"src/{prefix}_params.c"] = _parameters(interface, weights)
@@ -60,19 +81,16 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         kernels = c_sources(table.kernels, real, prefix, constant_time=options.constant_time)
         files[f"src/{kernels.header_name}"] = kernels.header
         files[f"src/{kernels.source_name}"] = kernels.source
-    files |= package_texts(interface, files)
     real = "c_float" if options.dtype == "float32" else "c_double"
     files |= ffi_texts(interface, {"real": real}, linearizes=interface.jacobian is not None)
-    files["README.md"] = _readme(interface, files)
-    files[f"{prefix}.json"] = metadata_text(layout_metadata(program, interface, weights))
-    return dict(sorted(files.items()))
+    return files, table.kernels
 
 
 def _source(
     interface: Interface, table: FunctionTable, title: str, functions: list[Function]
 ) -> str:
     printer = Printer(interface.prefix, interface.options.dtype)
-    checks = policy_functions(interface.inputs, table)
+    checks = policy_functions(interface, table)
     all_functions = [*table.definitions(), *checks, *functions]
     return render(
         "source.c.j2",
@@ -96,7 +114,9 @@ def _parameters(interface: Interface, weights: Weights) -> str:
 
 def _readme(interface: Interface, files: dict[str, str]) -> str:
     dtype = interface.options.dtype
-    zero = real_literal(0.0, dtype)
+    signals = {port.signal.name: port.signal.range for _, port in interface.windows}
+    signals |= {state.name: state.range for _, state in interface.supplied}
+    starts = [field for field, _ in interface.windows] + [f for f, _ in interface.supplied]
     return render(
         "README.md.j2",
         interface,
@@ -107,22 +127,29 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         headers=[f"{interface.prefix}.h"],
         in_reals=True,
         input_names=[input.field.name for input in interface.inputs],
-        assignments=[_assignment(input.field, zero) for input in interface.inputs],
+        assignments=[
+            _assignment("u", i.field, i.port.signal.range, dtype) for i in interface.inputs
+        ],
+        starts=[_assignment("x0", field, signals[field.name], dtype) for field in starts],
         outputs=[f"(double){_shown(field)}" for field in interface.outputs],
         tunable=interface.options.params == "tunable",
         waits_for_reset=bool(interface.from_record),
         constant_time=interface.options.constant_time,
         linearizes=interface.jacobian is not None,
         of_parameters="parameter_jacobian" in interface.options.extras,
-        remembers=bool(interface.states),
+        declared_only="state_jacobian" in interface.options.extras,
+        remembers=interface.jacobian is not None
+        and any(vector.letter == "x" for vector in interface.jacobian.vectors),
     )
 
 
-def _assignment(field: Field, zero: str) -> str:
+def _assignment(base: str, field: Field, limits: tuple[float, float] | None, dtype: Dtype) -> str:
+    """Sets a field to the valid value nearest to 0."""
+    value = real_literal(nearest_to_zero(limits, dtype), dtype)
     unit = f" /* {comment_text(field.unit.text)} */" if field.unit is not None else ""
     if not field.shape:
-        return f"u.{field.identifier} = {zero};{unit}"
-    return f"for (int i = 0; i < {field.size}; i++) u.{field.identifier}[i] = {zero};{unit}"
+        return f"{base}.{field.identifier} = {value};{unit}"
+    return f"for (int i = 0; i < {field.size}; i++) {base}.{field.identifier}[i] = {value};{unit}"
 
 
 def _shown(field: Field) -> str:

@@ -13,7 +13,7 @@ from backends.c.interface.interface import Field, Interface
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import Place
 from backends.c_language.scope import LocalNames, Scope
-from backends.c_language.tree import Argument, Comment, Discard, Function, Statement
+from backends.c_language.tree import Argument, Comment, Discard, Function, Name, Statement
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState
@@ -51,6 +51,8 @@ class FunctionWriter:
         self.locals = LocalValues(model.functions, SpecNotes(graph), self.unroll, block=block)
         self.inputs: dict[str, Place] = {}
         """Where the step finds its checked inputs."""
+        self.checked_windows: dict[str, Place] = {}
+        """Where the start finds samples around t0 that were checked."""
         self._reads_parameters = False
         self._memory = {memory.state.name: memory for memory in self.interface.states}
         self._windows = {field.name: (field, port) for field, port in self.interface.windows}
@@ -79,6 +81,13 @@ class FunctionWriter:
 
     def before_push(self, memory: Buffer, newest: Place) -> None:
         """What happens before a buffer takes its newest sample; nothing, if not overridden."""
+
+    def instance(self) -> tuple[Name, ...]:
+        """The arguments of a function of this instance alone."""
+        if not self.interface.takes_parameters:
+            return (Name("s"),)
+        self._reads_parameters = True
+        return Name("s"), Name("p")
 
     def comment(self, text: str) -> None:
         self.scope.add(Comment(text))
@@ -114,7 +123,7 @@ class FunctionWriter:
 
     def _window(self, name: str, first: int, last: int, type: Type) -> Place:
         field, port = self._windows[name]
-        samples = field.place("x0").reshaped(port.type.shape)
+        samples = self.checked_windows.get(name, field.place("x0")).reshaped(port.type.shape)
         assert samples is not None  # at most an axis of length 1 is added
         axis = len(port.type.shape) - 1
         part = samples.sliced(axis, first - port.first, last - port.first + 1)

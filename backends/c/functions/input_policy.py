@@ -1,17 +1,16 @@
-"""What a step does about inputs outside their range, in C."""
+"""What step and reset do about inputs outside their range, in C."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import assert_never
-
-import numpy as np
 
 from backends.c.functions.constant_time_checks import constant_time_check
 from backends.c.functions.valid_range import within
-from backends.c.interface.interface import InputField
+from backends.c.interface.interface import Field, InputField, Interface
+from backends.c.interface.state_checks import largest
 from backends.c.interface.status import Status, status_macro
 from backends.c_language.functions import FunctionTable
 from backends.c_language.literals import Dtype
@@ -37,6 +36,7 @@ from backends.c_language.tree import (
 )
 from backends.c_lowering.state_memory import member_place
 from backends.c_lowering.values import Indices, copy_value
+from backends.ports.step_interface import Port
 from compiler.ir.program import InvalidPolicy, Signal
 
 _FUNCTIONS: dict[InvalidPolicy, str] = {"flag": "flagged", "clamp": "clamped", "hold": "held"}
@@ -44,16 +44,25 @@ _FUNCTIONS: dict[InvalidPolicy, str] = {"flag": "flagged", "clamp": "clamped", "
 
 def limits(signal: Signal, dtype: Dtype) -> tuple[float, float]:
     """What is valid: the finite numbers within the range of the spec."""
-    largest = float(np.finfo(np.float32).max) if dtype == "float32" else sys.float_info.max
-    if signal.range is None:
-        return -largest, largest
-    low, high = signal.range
-    return max(low, -largest), min(high, largest)
+    return _finite(signal.range, dtype)
+
+
+def _finite(limits: tuple[float, float] | None, dtype: Dtype) -> tuple[float, float]:
+    most = largest(dtype)
+    if limits is None:
+        return -most, most
+    low, high = limits
+    return max(low, -most), min(high, most)
 
 
 def stand_in(signal: Signal, dtype: Dtype) -> float:
     """What replaces NaN, or a last valid value before there is one: the valid one nearest to 0."""
-    low, high = limits(signal, dtype)
+    return nearest_to_zero(signal.range, dtype)
+
+
+def nearest_to_zero(limits: tuple[float, float] | None, dtype: Dtype) -> float:
+    """The number nearest to 0 within a range."""
+    low, high = _finite(limits, dtype)
     return min(max(0.0, low), high)
 
 
@@ -69,89 +78,128 @@ def checked_input(
 
     What `hold` falls back to is replaced by valid values where the function `remembers` them.
     """
-    given, policy = input.field.place("u"), input.port.signal.on_invalid
-    match policy:
+    field, signal = input.field, input.port.signal
+    check = _Check(field.place("u"), signal, functions)
+    if signal.on_invalid != "hold":
+        return _checked(check, field.identifier, scope, unroll)
+    assert input.held is not None
+    held = member_place("s", input.held, field.shape)
+    valid = _filled(replace(check, instead=held), field.identifier, scope, unroll)
+    if remembers:
+        copy_value(valid, held, scope, unroll)
+    return valid
+
+
+def checked_window(
+    field: Field, port: Port, functions: FunctionTable, scope: Scope, unroll: int
+) -> Place:
+    """The same for samples around t0, each of which `hold` replaces by the one before it."""
+    check = _Check(field.place("x0"), port.signal, functions)
+    if port.signal.on_invalid != "hold":
+        return _checked(check, field.identifier, scope, unroll)
+    check = replace(check, instead=check.nearest_to_zero)
+    if port.first == port.last:
+        return _filled(check, field.identifier, scope, unroll)
+    valid = Place.array(scope.array(field.identifier, field.size), field.shape)
+    axis, samples = len(field.shape) - 1, field.shape[-1]
+    first = replace(check, given=check.given.sliced(axis, 0, 1))
+    _fill(first, valid.sliced(axis, 0, 1), scope, unroll)
+    later = replace(
+        check,
+        given=check.given.sliced(axis, 1, samples),
+        instead=valid.sliced(axis, 0, samples - 1),
+    )
+    _fill(later, valid.sliced(axis, 1, samples), scope, unroll)
+    return valid
+
+
+def _checked(check: _Check, name: str, scope: Scope, unroll: int) -> Place:
+    """The values of an input by a policy that needs no memory."""
+    match check.signal.on_invalid:
         case "trust":
-            return given
+            return check.given
         case "flag":
-            check = _Check(input, functions)
 
             def report(at: Indices, inner: Scope) -> None:
                 check.where_invalid(at, Evaluate(check.call(at)), inner)
 
-            scope.each(given.shape, unroll, report)
-            return given
+            scope.each(check.given.shape, unroll, report)
+            return check.given
         case "clamp":
-            instead = Place.single(Real(stand_in(input.port.signal, functions.dtype)))
-            return _filled(_Check(input, functions, instead), scope, unroll)
+            return _filled(replace(check, instead=check.nearest_to_zero), name, scope, unroll)
         case "hold":
-            assert input.held is not None
-            held = member_place("s", input.held, input.field.shape)
-            valid = _filled(_Check(input, functions, held), scope, unroll)
-            if remembers:
-                copy_value(valid, held, scope, unroll)
-            return valid
+            raise AssertionError("the caller says what it falls back to")
         case _:
-            assert_never(policy)
+            assert_never(check.signal.on_invalid)
 
 
 @dataclass(frozen=True, slots=True)
 class _Check:
     """Calls the function of a policy; where time may depend on numbers, for invalid ones only."""
 
-    input: InputField
+    given: Place
+    """The values as they came."""
+    signal: Signal
     functions: FunctionTable
     instead: Place | None = None
     """What replaces NaN, or every invalid value."""
 
-    def given(self, at: Indices) -> Expression:
-        """An element as it came."""
-        return self.input.field.place("u").element(at)
+    @property
+    def nearest_to_zero(self) -> Place:
+        """The valid value nearest to 0 in place of each."""
+        value = Place.single(Real(stand_in(self.signal, self.functions.dtype)))
+        return value.reshaped_single(self.given.shape)
 
     def call(self, at: Indices) -> Expression:
         """Reports an element, its value is the corrected one."""
         low, high = self._limits
         instead = () if self.instead is None else (self.instead.element(at),)
-        function = f"{self.functions.prefix}_{_FUNCTIONS[self.input.port.signal.on_invalid]}"
+        function = f"{self.functions.prefix}_{_FUNCTIONS[self.signal.on_invalid]}"
         status = Unary("&", Name("status"))
-        return Call(function, (self.given(at), Real(low), Real(high), *instead, status))
+        return Call(function, (self.given.element(at), Real(low), Real(high), *instead, status))
 
     def where_invalid(self, at: Indices, statement: Statement, scope: Scope) -> None:
         """Writes the statement with the call, under the test whether there is need of it."""
         if self.functions.constant_time:
             scope.add(statement)
             return
-        valid = within(self.given(at), *self._limits, self.functions)
+        valid = within(self.given.element(at), *self._limits, self.functions)
         scope.add(If(Unary("!", valid), (statement,)))
 
     @property
     def _limits(self) -> tuple[float, float]:
-        return limits(self.input.port.signal, self.functions.dtype)
+        return limits(self.signal, self.functions.dtype)
 
 
-def _filled(check: _Check, scope: Scope, unroll: int) -> Place:
+def _filled(check: _Check, name: str, scope: Scope, unroll: int) -> Place:
     """A local with the corrected values of an input."""
-    field, constant_time = check.input.field, check.functions.constant_time
-    if not field.shape:
-        if constant_time:
-            return Place.single(scope.constant(field.identifier, check.call(())))
-        value = scope.variable(field.identifier, check.given(()))
+    shape = check.given.shape
+    if not shape:
+        if check.functions.constant_time:
+            return Place.single(scope.constant(name, check.call(())))
+        value = scope.variable(name, check.given.element(()))
         check.where_invalid((), Assign(value, check.call(())), scope)
         return Place.single(value)
-    place = Place.array(scope.array(field.identifier, field.size), field.shape)
-
-    def correct(at: Indices, inner: Scope) -> None:
-        if not constant_time:
-            inner.assign(place.element(at), check.given(at))
-        check.where_invalid(at, Assign(place.element(at), check.call(at)), inner)
-
-    scope.each(field.shape, unroll, correct)
+    place = Place.array(scope.array(name, math.prod(shape)), shape)
+    _fill(check, place, scope, unroll)
     return place
 
 
-def policy_functions(inputs: Iterable[InputField], table: FunctionTable) -> tuple[Function, ...]:
-    """Definitions of the checks that these inputs need."""
-    used = {input.port.signal.on_invalid for input in inputs}
+def _fill(check: _Check, place: Place, scope: Scope, unroll: int) -> None:
+    """Writes the corrected values to a place, in the order of its elements."""
+
+    def correct(at: Indices, inner: Scope) -> None:
+        if not check.functions.constant_time:
+            inner.assign(place.element(at), check.given.element(at))
+        check.where_invalid(at, Assign(place.element(at), check.call(at)), inner)
+
+    scope.each(place.shape, unroll, correct)
+
+
+def policy_functions(interface: Interface, table: FunctionTable) -> tuple[Function, ...]:
+    """Definitions of the checks that step, reset and linearize need."""
+    ports = (*(i.port for i in interface.inputs), *(port for _, port in interface.windows))
+    used = {port.signal.on_invalid for port in ports}
     return tuple(
         _check(
             table.prefix,

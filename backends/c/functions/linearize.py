@@ -8,7 +8,7 @@ from backends.c.functions.function_writer import FunctionWriter, Model
 from backends.c.functions.input_policy import checked_input
 from backends.c.functions.jacobian_comments import entries_comment, pattern_comments
 from backends.c.functions.number_runs import number_runs
-from backends.c.functions.step import report_unset
+from backends.c.functions.state_reports import report_unready
 from backends.c.functions.valid_range import report_outside
 from backends.c.interface.jacobian_interface import OUT, JacobianInterface, MatrixField
 from backends.c.interface.status import Status
@@ -71,8 +71,7 @@ class _LinearizeWriter(FunctionWriter):
         """Status, heads of the rings that are read, and checked inputs."""
         interface, scope = self.interface, self.scope
         scope.reserve(OUT)
-        held = [i for i in interface.inputs if i.held is not None]
-        if not (self._states or interface.from_record or held):
+        if not interface.has_state:
             scope.add(Discard("s"))
         checked = [i for i in interface.inputs if i.port.signal.on_invalid != "trust"]
         if not (self._signals or checked):
@@ -81,12 +80,12 @@ class _LinearizeWriter(FunctionWriter):
             scope.add(Discard(OUT))
         ok = Name(f"{interface.prefix.upper()}_OK")
         infinite = any(field.matrix.perhaps_infinite for field in self._fields)
-        constant = not (checked or interface.from_record or infinite)
+        constant = not (checked or interface.has_state or infinite)
         scope.add(Declare(CType.STATUS, "status", ok, constant=constant))
         for memory in interface.states:
             if not isinstance(memory, PlainState | DelayLine) and memory.state.name in self._states:
                 memory.begin(scope)
-        report_unset(self)
+        report_unready(self)
         if checked:
             self.comment("inputs")
         for input in interface.inputs:
@@ -103,8 +102,8 @@ class _LinearizeWriter(FunctionWriter):
             self.comment("slopes that can be infinite")
         largest = float(np.finfo(self.interface.options.dtype).max)
         for field, block in blocks:
-            place, shape = _entries(field, block, graph), graph[block.node].type.shape
-            report_outside(self, place, shape, (-largest, largest), Status.SLOPE_NOT_FINITE)
+            place = _entries(field, block, graph)
+            report_outside(self, place, (-largest, largest), Status.SLOPE_NOT_FINITE)
 
     def write_known(self, field: MatrixField) -> None:
         """Entries that are always the same."""

@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from backends.c.functions.function_writer import FunctionWriter, Model
-from backends.c.functions.input_policy import stand_in
-from backends.c.functions.step import BUFFERS_EMPTY, STATES_UNSET
+from backends.c.functions.input_policy import checked_window, stand_in
+from backends.c.functions.state_reports import (
+    BUFFERS_EMPTY,
+    INITIALISED,
+    STATES_UNSET,
+    report_first_states,
+)
 from backends.c.interface.structs import RESERVED
 from backends.c_language.places import Place
-from backends.c_language.tree import Argument, Assign, Discard, Function, Member, Real, Unsigned
+from backends.c_language.tree import (
+    Argument,
+    Assign,
+    CType,
+    Declare,
+    Discard,
+    Function,
+    Member,
+    Name,
+    Real,
+    Return,
+    Unsigned,
+)
 from backends.c_lowering.graph import GraphLowering
-from backends.c_lowering.state_memory import member_place
+from backends.c_lowering.state_memory import DoubledRing, member_place
 from backends.c_lowering.values import copy_value
 from compiler.ir.program import Program
 
@@ -23,24 +42,47 @@ def init_function(program: Program, model: Model) -> Function:
     for memory in interface.states:
         if memory.state.name in interface.from_record:
             memory.write_start(_zeros(memory.shape), writer.scope, writer.unroll)
-    unset = BUFFERS_EMPTY if interface.filled_by_first else 0
-    unset |= STATES_UNSET if interface.from_record - interface.filled_by_first else 0
-    writer.finish_states(unset)
+    ready = INITIALISED
+    ready |= BUFFERS_EMPTY if interface.filled_by_first else 0
+    ready |= STATES_UNSET if interface.from_record - interface.filled_by_first else 0
+    writer.finish_states(ready)
     return writer.finished("init", "void", (), "Before the first step, where no past is known.")
 
 
 def reset_function(program: Program, model: Model) -> Function:
-    """`<prefix>_reset(s, p, x0)`: all states, from samples around the first step."""
+    """`<prefix>_reset(s, p, x0)`: all states, from samples around the first step.
+
+    Returns what was out of order among the samples and the states that they give.
+    """
     writer = _StartWriter(model, program.start)
     interface = model.interface
     if not (interface.windows or interface.supplied):
         writer.scope.add(Discard("x0"))
+    writer.check_windows()
     supplied = {state.name: field.place("x0") for field, state in interface.supplied}
     writer.set_states(program, {s.name: supplied.get(s.name) for s in program.states})
-    writer.finish_states(0)
+    writer.finish_states(INITIALISED)
+    if interface.checks:
+        writer.read_heads()
+        report_first_states(writer)
+    writer.scope.add(Return(Name("status")))
     prefix = interface.prefix
     structs = (Argument(f"const {prefix}_init_t *", "x0"),)
-    return writer.finished("reset", "void", structs, "Before the first step, from a known past.")
+    doc = "Before the first step, from a known past; returns what was out of order."
+    return writer.finished("reset", f"{prefix}_status_t", structs, doc)
+
+
+def restart_functions(program: Program, model: Model) -> tuple[Function, ...]:
+    """`<prefix>_restart_<state>(s, p)` for each state with `on_range: reset`."""
+    found: list[Function] = []
+    for memory in model.interface.states:
+        if memory.state.on_range == "reset":
+            writer = _StartWriter(model, program.start)
+            writer.set_states(program, {memory.state.name: None})
+            doc = f"Takes {memory.state.name} back to what it is before the first step."
+            function = writer.finished(f"restart_{memory.identifier}", "void", (), doc)
+            found.append(replace(function, static=True))
+    return tuple(found)
 
 
 class _StartWriter(FunctionWriter):
@@ -54,7 +96,25 @@ class _StartWriter(FunctionWriter):
                 place = starts[name] or lowered.place(memory.state.start, name)
                 memory.write_start(place, self.scope, self.unroll)
 
-    def finish_states(self, unset: int) -> None:
+    def check_windows(self) -> None:
+        """Status and checked samples."""
+        interface = self.interface
+        checked = [f for f, port in interface.windows if port.signal.on_invalid != "trust"]
+        ok = Name(f"{interface.prefix.upper()}_OK")
+        constant = not (checked or interface.checks)
+        self.scope.add(Declare(CType.STATUS, "status", ok, constant=constant))
+        for field, port in interface.windows:
+            self.checked_windows[field.name] = checked_window(
+                field, port, self.model.functions, self.scope, self.unroll
+            )
+
+    def read_heads(self) -> None:
+        """The heads of rings whose samples are looked at."""
+        for check in self.interface.checks:
+            if isinstance(check.memory, DoubledRing):
+                check.memory.begin(self.scope)
+
+    def finish_states(self, ready: int) -> None:
         """Sets what the state struct holds besides the states."""
         interface = self.interface
         for input in interface.inputs:
@@ -62,9 +122,9 @@ class _StartWriter(FunctionWriter):
                 valid = Place.single(Real(stand_in(input.port.signal, interface.options.dtype)))
                 held = member_place("s", input.held, input.field.shape)
                 copy_value(valid.reshaped_single(held.shape), held, self.scope, self.unroll)
-        if interface.from_record:
-            self.scope.add(Assign(Member("s", interface.unset), Unsigned(unset)))
-        if not interface.has_state:
+        if interface.has_state:
+            self.scope.add(Assign(Member("s", interface.ready), Unsigned(ready)))
+        else:
             self.scope.add(Assign(Member("s", RESERVED), Unsigned(0)))
 
 

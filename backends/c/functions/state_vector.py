@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from backends.c.functions.state_reports import BUFFERS_EMPTY, INITIALISED, STATES_UNSET
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.jacobian_interface import JacobianInterface, VectorNames
 from backends.c_language.scope import LocalNames, Scope
-from backends.c_language.tree import Argument, Assign, Function, Member, Unsigned
-from backends.c_lowering.state_memory import DelayLine, PlainState
+from backends.c_language.tree import Argument, Assign, Binary, Function, Member, Unsigned
+from backends.c_lowering.state_memory import DelayLine, PlainState, StateMemory
 from backends.c_lowering.values import copy_value
 
 _VECTOR = "v"
@@ -42,30 +43,49 @@ def vector_functions(interface: Interface, jacobian: JacobianInterface) -> dict[
 
 def _get_state(interface: Interface, vector: VectorNames) -> Function:
     def write(scope: Scope) -> None:
-        for memory in interface.states:
+        listed = _listed(interface, vector)
+        for memory in listed:
             if not isinstance(memory, PlainState | DelayLine):
                 memory.begin(scope)
-        for memory in interface.states:
+        for memory in listed:
             target = vector.place(_VECTOR, memory.state.name, memory.shape)
             copy_value(memory.samples, target, scope, interface.options.unroll)
 
-    doc = "Copies all that is remembered into a vector x."
+    doc = f"Copies {_all_of(interface)} into a vector x."
     return _function(interface, "get_state", ("const ", "state", "s"), doc, write)
 
 
 def _set_state(interface: Interface, vector: VectorNames) -> Function:
     def write(scope: Scope) -> None:
-        for memory in interface.states:
+        listed = _listed(interface, vector)
+        for memory in listed:
             source = vector.place(_VECTOR, memory.state.name, memory.shape)
             memory.write_start(source, scope, interface.options.unroll)
-        if interface.from_record:
-            scope.add(Assign(Member("s", interface.unset), Unsigned(0)))
+        if interface.from_record:  # what waited for its values has them
+            ready = Member("s", interface.ready)
+            scope.add(Assign(ready, Binary("&", ready, Unsigned(_waiting(interface, listed)))))
 
     doc = (
-        "Replaces all that is remembered by a vector x, as a filter that corrects it does; "
+        f"Replaces {_all_of(interface)} by a vector x, as a filter that corrects it does; "
         "init or reset come before."
     )
     return _function(interface, "set_state", ("", "state", "s"), doc, write)
+
+
+def _listed(interface: Interface, vector: VectorNames) -> list[StateMemory]:
+    return [memory for memory in interface.states if vector.has(memory.state.name)]
+
+
+def _waiting(interface: Interface, listed: Iterable[StateMemory]) -> int:
+    """The bits of `ready` that stay when these states are set."""
+    rest = interface.from_record - {memory.state.name for memory in listed}
+    kept = INITIALISED | (BUFFERS_EMPTY if rest & interface.filled_by_first else 0)
+    return kept | (STATES_UNSET if rest - interface.filled_by_first else 0)
+
+
+def _all_of(interface: Interface) -> str:
+    declared_only = "state_jacobian" in interface.options.extras
+    return "the declared states" if declared_only else "all that is remembered"
 
 
 def _get(

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from backends.c.functions.function_writer import FunctionWriter, Model
 from backends.c.functions.input_policy import checked_input
+from backends.c.functions.state_reports import (
+    BUFFERS_EMPTY,
+    INITIALISED,
+    STATES_UNSET,
+    report_next_states,
+    report_not_a_number,
+    report_unready,
+)
 from backends.c.functions.valid_range import report_outside
-from backends.c.interface.status import Status, status_macro
+from backends.c.interface.status import Status
 from backends.c_language.places import Place
 from backends.c_language.tree import (
     Argument,
     Binary,
-    Conditional,
     CType,
     Declare,
     Discard,
-    Expression,
     Function,
     If,
     Member,
     Name,
     Return,
-    SetBits,
     Unsigned,
 )
 from backends.c_lowering.active_sums import ActiveSets, active_sets
@@ -28,12 +33,7 @@ from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.shift_while_summing import moving_sums
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState, joining, seen_values
 from compiler.ir.program import Graph, Program
-
-BUFFERS_EMPTY = 1
-"""Bit of the `unset` field: buffers wait for their first sample."""
-
-STATES_UNSET = 2
-"""Bit of the `unset` field: states hold values that only `reset` can set."""
+from compiler.ir.saturation import unsaturated
 
 
 def step_function(program: Program, model: Model) -> Function:
@@ -54,8 +54,9 @@ def step_function(program: Program, model: Model) -> Function:
     for output, field in zip(program.outputs, interface.outputs, strict=True):
         lowered.store(output.node, field.place("y"))
     writer.check_equations(program, lowered)
+    writer.check_saturated(program, lowered)
     writer.commit(lowered, moved={memory.state.name for memory in moving.values()})
-    writer.check_states()
+    report_next_states(writer)
     writer.scope.add(Return(Name("status")))
     prefix = interface.prefix
     structs = (
@@ -64,20 +65,6 @@ def step_function(program: Program, model: Model) -> Function:
     )
     doc = "One step: outputs of sample t, then the states of sample t+1."
     return writer.finished("step", f"{prefix}_status_t", structs, doc)
-
-
-def report_unset(writer: FunctionWriter) -> None:
-    """Sets a bit of the status while states wait for what only `reset` can give."""
-    interface = writer.interface
-    if not interface.from_record:
-        return
-    bit = Name(status_macro(interface.prefix, Status.UNINITIALISED))
-    unset = Binary("!=", Member("s", interface.unset), Unsigned(0))
-    if interface.options.constant_time:
-        known = writer.model.functions.truth(unset)
-        writer.scope.add(SetBits(Name("status"), Conditional(known, bit, Unsigned(0))))
-    else:
-        writer.scope.add(If(unset, (SetBits(Name("status"), bit),)))
 
 
 class _StepWriter(FunctionWriter):
@@ -105,7 +92,7 @@ class _StepWriter(FunctionWriter):
             self.inputs[input.port.signal.name] = checked_input(
                 input, self.model.functions, scope, self.unroll
             )
-        report_unset(self)  # last, so that compilers join it with filling the buffers
+        report_unready(self)  # last, so that compilers join it with filling the buffers
 
     def before_push(self, memory: Buffer, newest: Place) -> None:
         if memory.state.name in self._empty:
@@ -113,7 +100,8 @@ class _StepWriter(FunctionWriter):
             memory.fill(newest, inner, self.unroll)
             self._empty.remove(memory.state.name)
             if not self._empty:
-                inner.assign(self._unset, self._unset_after_first())
+                filled = Unsigned(INITIALISED | STATES_UNSET)
+                inner.assign(self._ready, Binary("&", self._ready, filled))
             self.scope.add(If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
 
     def commit(self, lowered: GraphLowering, moved: set[str]) -> None:
@@ -146,26 +134,17 @@ class _StepWriter(FunctionWriter):
             low, high = entry.range
             self.comment(f"expected of {entry.name}: {low:.9g} .. {high:.9g}")
             value = lowered.place(entry.node, f"{entry.name}_checked")
-            shape = program.step[entry.node].type.shape
-            report_outside(self, value, shape, entry.range, Status.EQUATION_OUT_OF_RANGE)
+            report_outside(self, value, entry.range, Status.EQUATION_OUT_OF_RANGE)
 
-    def check_states(self) -> None:
-        """Reports declared states outside their range."""
-        for memory in self.interface.states:
-            if isinstance(memory, PlainState) and memory.state.range is not None:
-                limits = memory.state.range
-                report_outside(
-                    self, memory.samples, memory.shape, limits, Status.STATE_OUT_OF_RANGE
-                )
+    def check_saturated(self, program: Program, lowered: GraphLowering) -> None:
+        """Reports saturated states that keep their value because the next one is NaN."""
+        for name, node in unsaturated(program).items():
+            self.comment(f"next value of {name}: a number")
+            report_not_a_number(self, lowered.place(node, f"{name}_unsaturated"))
 
     @property
-    def _unset(self) -> Member:
-        return Member("s", self.interface.unset)
-
-    def _unset_after_first(self) -> Expression:
-        interface = self.interface
-        only_buffers = interface.filled_by_first == interface.from_record
-        return Unsigned(0) if only_buffers else Binary("&", self._unset, Unsigned(STATES_UNSET))
+    def _ready(self) -> Member:
+        return Member("s", self.interface.ready)
 
     def _marked(self, bit: int) -> Binary:
-        return Binary("!=", Binary("&", self._unset, Unsigned(bit)), Unsigned(0))
+        return Binary("!=", Binary("&", self._ready, Unsigned(bit)), Unsigned(0))

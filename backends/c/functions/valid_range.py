@@ -18,11 +18,7 @@ def within(value: Expression, low: float, high: float, functions: FunctionTable)
 
 
 def report_outside(
-    writer: FunctionWriter,
-    place: Place,
-    shape: tuple[int, ...],
-    limits: tuple[float, float],
-    bit: Status,
+    writer: FunctionWriter, values: Place, limits: tuple[float, float], bit: Status
 ) -> None:
     """Sets a bit of the status where an element is not within the limits, as NaN never is."""
     low, high = limits
@@ -30,12 +26,12 @@ def report_outside(
     macro = Name(status_macro(writer.interface.prefix, bit))
 
     def check(indices: tuple[Index, ...], scope: Scope) -> None:
-        value = place.element(indices)
-        if writer.interface.options.constant_time:
+        value = values.element(indices)
+        if functions.constant_time:
             outside = functions.helper("outside", (value, Real(low), Real(high)))
             scope.add(SetBits(Name("status"), Binary("*", outside, macro)))
             return
         valid = within(value, low, high, functions)
         scope.add(If(Unary("!", valid), (SetBits(Name("status"), macro),)))
 
-    writer.scope.each(shape, writer.unroll, check)
+    writer.scope.each(values.shape, writer.unroll, check)

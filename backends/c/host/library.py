@@ -36,14 +36,20 @@ class CStep:
         self._state = self._structs["state"].new(1)
         self._parameters = self._default_parameters() if layout["takes_parameters"] else None
 
+    @property
+    def start_shapes(self) -> dict[str, tuple[int, ...]]:
+        """What `reset` takes, by name."""
+        return self._structs["init"].shapes
+
     def init(self) -> None:
         """Sets the states that need no data."""
         self._function("init")(*self._instance())
 
-    def reset(self, windows: Mapping[str, ArrayLike]) -> None:
-        """Sets all states, from samples around the first step."""
+    def reset(self, windows: Mapping[str, ArrayLike]) -> int:
+        """Sets all states, from samples around the first step; its status bits."""
         start = self._structs["init"].filled(windows, 1)
-        self._function("reset")(*self._instance(), start.ctypes.data)
+        reset = self._function("reset", ctypes.c_uint32)
+        return int(reset(*self._instance(), start.ctypes.data))
 
     def step(self, inputs: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
         """Outputs and status bits of one step."""
@@ -58,8 +64,12 @@ class CStep:
         given = self._structs["in"].filled(inputs, steps)
         outputs = self._structs["out"].new(steps)
         status = np.zeros(steps, np.uint32)
-        step = self._function("step", ctypes.c_uint32)
         instance = self._instance()
+        if hasattr(self._library, f"{self._prefix}_run"):  # the loop of the FFI was built too
+            addresses = (given.ctypes.data, outputs.ctypes.data, status.ctypes.data)
+            self._function("run")(*instance, *addresses, steps)
+            return self._structs["out"].values(outputs), status
+        step = self._function("step", ctypes.c_uint32)
         for k in range(steps):
             to = given.ctypes.data + k * given.itemsize
             status[k] = step(*instance, to, outputs.ctypes.data + k * outputs.itemsize)
@@ -135,6 +145,11 @@ class _Struct:
         members = [(f["field"], np.dtype(kinds[f["type"]]), tuple(f["shape"])) for f in fields]
         self.dtype = np.dtype(members, align=True)
         self._fields = {f["name"]: f for f in fields if f["name"] is not None}
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of the fields that the spec names."""
+        return {name: tuple(field["shape"]) for name, field in self._fields.items()}
 
     def new(self, count: int) -> Array:
         return np.zeros(count, self.dtype)

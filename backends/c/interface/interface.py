@@ -13,6 +13,7 @@ from backends.c.interface.field_comments import (
     window_comment,
 )
 from backends.c.interface.jacobian_interface import JacobianInterface, jacobian_interface
+from backends.c.interface.state_checks import StateCheck, state_checks
 from backends.c_language.places import Place
 from backends.c_lowering.options import COptions
 from backends.c_lowering.shift_while_summing import moving_sums
@@ -88,8 +89,10 @@ class Interface:
     """States that start from future samples: `reset` takes their values."""
     from_record: frozenset[str]
     """States that only `reset` can set; `init` cannot know them."""
-    unset: str
-    """Field of the state struct that remembers what was not set; there if `from_record` is."""
+    ready: str
+    """Field of the state struct that says what was set; there if `has_state`."""
+    checks: tuple[StateCheck, ...]
+    """What step and reset say of the states that they computed."""
     checks_equations: bool
     """Whether the step reports equations outside their range."""
     jacobian: JacobianInterface | None
@@ -128,7 +131,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
     in_inputs, in_outputs, in_parameters, in_states, in_reset = (
         _FieldNames(prefix) for _ in range(5)
     )
-    unset = in_states.add("unset")
+    ready = in_states.add("ready")
     in_place = kept_in_place(program)
     states = tuple(
         _memory(state, in_states, options, in_place.get(state.name)) for state in program.states
@@ -160,7 +163,8 @@ def c_interface(program: Program, options: COptions) -> Interface:
             if state.name in supplied
         ),
         from_record=frozenset(newest),
-        unset=unset,
+        ready=ready,
+        checks=state_checks(program, states, in_place, options.dtype),
         checks_equations=bool(program.expected),
         jacobian=jacobian_interface(program, options, prefix),
     )

@@ -24,6 +24,7 @@ _MEANING = {
     "y": "y: outputs of a step",
     "p": "p: parameters of a step",
 }
+_DECLARED = "x: the declared states; samples in buffers are none of them"
 _ROW = {"x": "x of the next step", "y": "y"}
 
 
@@ -104,13 +105,19 @@ def jacobian_interface(
     if not options.extras:
         return None
     by_parameters = "parameter_jacobian" in options.extras
-    found = jacobian(program, parameters=by_parameters)
+    declared_only = "state_jacobian" in options.extras
+    found = jacobian(program, parameters=by_parameters, declared_only=declared_only)
     vectors = [found.states, found.inputs, found.outputs]
     if by_parameters and options.params != "inline":
         vectors.append(found.parameters)
     filled = [matrix for matrix in found.matrices if matrix.size]
     used = {vector.letter for matrix in filled for vector in (matrix.rows, matrix.columns)}
-    names = tuple(_names(vector, prefix) for vector in vectors if vector.letter in used)
+    meaning = _MEANING | ({"x": _DECLARED} if declared_only else {})
+    names = tuple(
+        _names(vector, prefix, meaning[vector.letter])
+        for vector in vectors
+        if vector.letter in used
+    )
     counts = {vector.letter: vector.count for vector in names}
 
     def count(vector: Vector) -> str:
@@ -122,7 +129,7 @@ def jacobian_interface(
     return JacobianInterface(found, fields, names)
 
 
-def _names(vector: Vector, prefix: str) -> VectorNames:
+def _names(vector: Vector, prefix: str, meaning: str) -> VectorNames:
     begin = f"{prefix}_{vector.letter}".upper()
     taken: set[str] = set()
     places = tuple(
@@ -135,7 +142,7 @@ def _names(vector: Vector, prefix: str) -> VectorNames:
         for member in vector.members
     )
     count = f"{prefix}_n{vector.letter}".upper()
-    return VectorNames(vector.letter, count, vector.size, _MEANING[vector.letter], places)
+    return VectorNames(vector.letter, count, vector.size, meaning, places)
 
 
 def _described(member: Member) -> str:

@@ -1,4 +1,4 @@
-"""The bits that `step` and `selftest` return, each of which a safety layer may act on."""
+"""The bits that `step`, `reset` and `selftest` return, on which a safety layer may act."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntFlag
 
 
 class Status(IntFlag):
-    """Bits of the result of a step or of linearize; 0 means that nothing was out of order."""
+    """Bits of what step, reset and linearize return; 0 means that nothing was out of order."""
 
     OUT_OF_RANGE = 1
     NOT_A_NUMBER = 2
@@ -15,7 +15,8 @@ class Status(IntFlag):
     STATE_OUT_OF_RANGE = 16
     UNINITIALISED = 32
     EQUATION_OUT_OF_RANGE = 64
-    SLOPE_NOT_FINITE = 128
+    STATE_NOT_FINITE = 128
+    SLOPE_NOT_FINITE = 256
 
 
 class SelfTest(IntFlag):
@@ -33,8 +34,9 @@ MEANING: dict[Status | SelfTest, str] = {
     Status.CLAMPED: "an input was moved to the nearest limit, NaN to the valid value nearest to 0",
     Status.HELD: "an input was replaced by its last valid value",
     Status.STATE_OUT_OF_RANGE: "a state left its range",
-    Status.UNINITIALISED: "the step began without values that only reset can give",
+    Status.UNINITIALISED: "neither init nor reset was called, or a state waits for reset",
     Status.EQUATION_OUT_OF_RANGE: "an equation was outside its range",
+    Status.STATE_NOT_FINITE: "a state without a range is NaN or infinite; init or reset ends that",
     Status.SLOPE_NOT_FINITE: "a slope that linearize gave is infinite or NaN",
     SelfTest.STEP_DIFFERS: "a golden step gave other numbers",
     SelfTest.KERNEL_DIFFERS: "a mathematical function gave other numbers",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.status import SelfTest, Status
-from backends.c_lowering.state_memory import PlainState
 from compiler.ir.program import InvalidPolicy
 
 _OF_POLICY: dict[InvalidPolicy, Status] = {
@@ -16,16 +15,15 @@ _OF_POLICY: dict[InvalidPolicy, Status] = {
 
 
 def step_bits(interface: Interface) -> list[Status]:
-    """Bits of the results of the step and of linearize."""
+    """Bits of what step, reset and linearize return."""
     bits = Status(0)
-    for input in interface.inputs:
-        bits |= _OF_POLICY[input.port.signal.on_invalid]
-    for memory in interface.states:
-        if isinstance(memory, PlainState) and memory.state.range is not None:
-            bits |= Status.STATE_OUT_OF_RANGE
+    for port in (*(i.port for i in interface.inputs), *(port for _, port in interface.windows)):
+        bits |= _OF_POLICY[port.signal.on_invalid]
+    for check in interface.checks:
+        bits |= check.bit
     if interface.checks_equations:
         bits |= Status.EQUATION_OUT_OF_RANGE
-    if interface.from_record:
+    if interface.has_state:
         bits |= Status.UNINITIALISED
     if interface.jacobian is not None and any(
         field.matrix.perhaps_infinite for field in interface.jacobian.fields

@@ -10,6 +10,12 @@ from backends.c.interface.field_comments import state_comment
 from backends.c.interface.interface import Field, Interface
 from backends.c_lowering.state_memory import DoubledRing, PlainState
 
+READY = (
+    "4 after init or reset, and 1 more while buffers wait for their first sample, 2 more while "
+    "states wait for reset; 0 where nothing was set"
+)
+"""What the field of the state struct means that says whether it was set."""
+
 RESERVED = "reserved"
 """The one field of a struct that would be empty, which C does not allow."""
 
@@ -91,9 +97,8 @@ def _state(interface: Interface) -> tuple[StructField, ...]:
         if input.held is not None:
             kept = "last valid value"
             fields.append(StructField(None, input.held, input.field.shape, kept))
-    if interface.from_record:
-        unset = "bit 0: buffers wait for their first sample; bit 1: states wait for reset"
-        fields.append(StructField(None, interface.unset, (), unset, unsigned=True))
+    if interface.has_state:
+        fields.append(StructField(None, interface.ready, (), READY, unsigned=True))
     return tuple(fields) or (_reserved(),)
 
 

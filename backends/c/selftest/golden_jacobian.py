@@ -87,7 +87,9 @@ def _infinite(jacobian: JacobianInterface, slopes: Mapping[str, NDArray[Any]]) -
     return found * int(Status.SLOPE_NOT_FINITE)
 
 
-_OF_RESULTS = int(Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE)
+_OF_RESULTS = int(
+    Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE | Status.STATE_NOT_FINITE
+)
 """Bits that are about what a step computes."""
 _ROW = "row"
 _MOST_NUMBERS = 16384

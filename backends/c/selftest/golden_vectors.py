@@ -10,14 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
+from backends.c.interface.state_checks import StateCheck
 from backends.c.interface.status import Status
 from backends.c.selftest.drawn_inputs import Outside, Place, drawn_log, drawn_series, knots_of
 from backends.c.selftest.matrix_checksums import checksums
-from backends.c.selftest.policy_reference import apply_policy, first_held
+from backends.c.selftest.policy_reference import (
+    apply_policy,
+    apply_policy_to_window,
+    first_held,
+)
 from backends.c_language.literals import Dtype
-from backends.c_lowering.state_memory import PlainState
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Output, Program
+from compiler.ir.saturation import unsaturated
 from compiler.jacobian.interpret import JacobianInterpreter
 
 Array = NDArray[Any]
@@ -58,13 +63,15 @@ def golden_vectors(
     """
     dtype = interface.options.dtype
     random = np.random.Generator(np.random.Philox(seed))
-    log, t0 = drawn_log(program, random, start or _ANYWHERE, dtype)
+    drawn, t0 = drawn_log(program, random, start or _ANYWHERE, dtype)
+    log = _checked_log(interface, drawn, t0)
     knots = knots_of(program, dtype)
     inputs = {
         input.field.name: drawn_series(input, steps, random, knots) for input in interface.inputs
     }
     interpreter = Interpreter(_with_checked(program), weights, dtype)
     states = interpreter.start(log, t0)
+    first = {s.name: states[s.name] for s in program.states if s.on_range == "reset"}
     starts = {state.name: states[state.name][0] for _, state in interface.supplied}
     outputs = {f.name: np.empty((steps, *f.shape), dtype) for f in interface.outputs}
     status = np.zeros(steps, np.uint32)
@@ -91,13 +98,14 @@ def golden_vectors(
             waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
             bits |= Status.UNINITIALISED if waits else Status(0)
         result = interpreter.step(*_log_of_step(interface, seen), states, losses=False)
-        states = result.next_states
         for name, values in outputs.items():
             values[k] = result.outputs[name][0]
         bits |= _equation_bits(program, result.outputs, dtype)
-        status[k] = bits | _state_bits(interface, states)
+        bits |= _saturation_bits(program, result.outputs)
+        status[k] = bits | _state_bits(interface, result.next_states)
+        states = result.next_states | _restarted(interface, result.next_states, first)
     windows = {
-        field.name: _samples(log[field.name][t0 + port.first : t0 + port.last + 1], field.shape)
+        field.name: _samples(drawn[field.name][t0 + port.first : t0 + port.last + 1], field.shape)
         for field, port in interface.windows
     }
     names = slopes[0] if slopes else ()
@@ -115,6 +123,17 @@ def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
         status=np.concatenate([run.status for run in runs]),
         slopes={n: np.concatenate([run.slopes[n] for run in runs]) for n in first.slopes},
     )
+
+
+def _checked_log(interface: Interface, log: Mapping[str, Array], t0: int) -> dict[str, Array]:
+    """The record with the samples that `reset` takes as its checks leave them."""
+    checked = dict(log)
+    for field, port in interface.windows:
+        series = log[field.name].copy()
+        rows = slice(t0 + port.first, t0 + port.last + 1)
+        series[rows] = apply_policy_to_window(port.signal, series[rows], interface.options.dtype)
+        checked[field.name] = series
+    return checked
 
 
 def _emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Array]:
@@ -204,10 +223,11 @@ _CHECKED = "checked {}"
 
 
 def _with_checked(program: Program) -> Program:
-    """The program without losses whose outputs have the equations with a range among them."""
+    """The program without losses whose outputs have what the step checks among them."""
     checked = [
         Output(_CHECKED.format(number), entry.node) for number, entry in enumerate(program.expected)
     ]
+    checked += [Output(_CHECKED.format(name), node) for name, node in unsaturated(program).items()]
     return replace(program, losses=(), outputs=(*program.outputs, *checked))
 
 
@@ -225,10 +245,33 @@ def _is_outside(values: Array, limits: tuple[float, float], dtype: Dtype) -> boo
     return not bool(np.all((values >= low) & (values <= high)))
 
 
+def _saturation_bits(program: Program, values: Mapping[str, Array]) -> Status:
+    """Whether a saturated state keeps its value because the next one is NaN."""
+    unordered = [np.isnan(values[_CHECKED.format(name)]).any() for name in unsaturated(program)]
+    return Status.STATE_OUT_OF_RANGE if any(unordered) else Status(0)
+
+
 def _state_bits(interface: Interface, states: Mapping[str, Array]) -> Status:
-    for memory in interface.states:
-        if isinstance(memory, PlainState) and memory.state.range is not None:
-            dtype = interface.options.dtype
-            if _is_outside(states[memory.state.name], memory.state.range, dtype):
-                return Status.STATE_OUT_OF_RANGE
-    return Status(0)
+    bits = Status(0)
+    for check in interface.checks:
+        state = check.memory.state
+        values = check.part(states[state.name])
+        if state.on_range != "saturate" and _is_left(interface, check, values):
+            bits |= check.bit
+    return bits
+
+
+def _restarted(
+    interface: Interface, states: Mapping[str, Array], first: Mapping[str, Array]
+) -> dict[str, Array]:
+    """States with `on_range: reset` that are outside, as they were before the first step."""
+    found: dict[str, Array] = {}
+    for check in interface.checks:
+        name = check.memory.state.name
+        if name in first and _is_left(interface, check, states[name]):
+            found[name] = first[name]
+    return found
+
+
+def _is_left(interface: Interface, check: StateCheck, values: Array) -> bool:
+    return _is_outside(values, check.limits, interface.options.dtype)

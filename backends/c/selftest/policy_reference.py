@@ -41,6 +41,15 @@ def apply_policy(
             assert_never(signal.on_invalid)
 
 
+def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> Array:
+    """The samples (time, *shape) that `reset` takes; each can fall back to the one before it."""
+    checked = rows.copy()
+    before = first_held(signal, rows.shape[1:], dtype)
+    for k in range(len(rows)):
+        before = checked[k] = apply_policy(signal, rows[k], before, dtype)[0]
+    return checked
+
+
 def first_held(signal: Signal, shape: tuple[int, ...], dtype: Dtype) -> Array:
     """What `hold` falls back to before the first valid value."""
     return np.full(shape, stand_in(signal, dtype), dtype)

@@ -15,6 +15,7 @@ from compiler.fixed_point.integers.program import (
     Larger,
     Literal,
     Lookup,
+    Memory,
     Product,
     ReadMemory,
     ReadWord,
@@ -39,6 +40,10 @@ class FixedStatus(IntFlag):
     EQUATION_OUT_OF_RANGE = 64
 
 
+NOTHING = FixedStatus(0)
+"""All is well."""
+
+
 @dataclass(slots=True)
 class IntegerState:
     """What one instance remembers."""
@@ -49,6 +54,8 @@ class IntegerState:
     """Whether buffers of inputs wait for their first sample."""
     waits: bool = False
     """Whether there are states that only `reset` can set."""
+    said: FixedStatus = NOTHING
+    """What `reset` said of the samples and of the states that they gave."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +90,12 @@ def reset(program: IntegerProgram, windows: Words) -> IntegerState:
         for port in program.windows
     }
     values = evaluated(program.start, checked, {})
-    memories = {
-        memory.name: [_within(values[node], memory.low, memory.high) for node in memory.start]
-        for memory in program.memories
-    }
-    return IntegerState(memories, _first_held(program))
+    memories = {memory.name: _kept(memory, memory.start, values) for memory in program.memories}
+    moved = any(checked[name] != list(windows[name]) for name in checked)
+    said = FixedStatus.CLAMPED if moved else FixedStatus(0)
+    if any(memories[m.name] != [values[node] for node in m.start] for m in program.memories):
+        said |= FixedStatus.STATE_SATURATED
+    return IntegerState(memories, _first_held(program), said=said)
 
 
 def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> IntegerStep:
@@ -118,9 +126,11 @@ def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> Integer
             status |= FixedStatus.EQUATION_OUT_OF_RANGE
     following: dict[str, list[int]] = {}
     for memory in program.memories:
-        following[memory.name] = [_within(values[n], memory.low, memory.high) for n in memory.next]
+        following[memory.name] = _kept(memory, memory.next, values)
         if following[memory.name] != [values[n] for n in memory.next]:
             status |= FixedStatus.STATE_SATURATED
+            if memory.restarts:
+                following[memory.name] = initial(program).memories[memory.name]
     state.memories = following
     outputs = {port.name: [values[n] for n in nodes] for port, nodes in program.outputs}
     return IntegerStep(outputs, status, values)
@@ -207,6 +217,11 @@ def _first_held(program: IntegerProgram) -> dict[str, list[int]]:
         for entry in program.inputs
         if entry.policy == "hold"
     }
+
+
+def _kept(memory: Memory, nodes: Sequence[int], values: Sequence[int]) -> list[int]:
+    """What a memory keeps of these nodes."""
+    return [_within(values[node], memory.low, memory.high) for node in nodes]
 
 
 def _within(value: int, low: int, high: int) -> int:

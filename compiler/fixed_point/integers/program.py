@@ -170,6 +170,8 @@ class Memory:
     with."""
     doc: str
     span: Span | None = field(default=None, compare=False)
+    restarts: bool = False
+    """Whether it goes back to its start, which reads no record, instead of the nearest limit."""
 
     @property
     def size(self) -> int:

@@ -166,6 +166,7 @@ def _check_state(program: Program, state: State) -> None:
     what = f"state `{state.name}`"
     _check_axes(what, state.axes)
     _check_range(what, state.range)
+    _require(state.on_range == "flag" or state.range is not None, f"{what} has no range to act on")
     windowed = Type(state.axes).window is not None
     match state.origin:
         case Declared() | Memory():

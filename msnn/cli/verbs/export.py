@@ -36,7 +36,8 @@ def export(
         typer.Option(
             "--with",
             metavar="EXTRA,…",
-            help="jacobian, parameter_jacobian: what C has beside the step and the spec's `with:`.",
+            help="jacobian, state_jacobian, parameter_jacobian: what C has beside the step "
+            "and the spec's `with:`.",
         ),
     ] = "",
     weights: WeightsFile = None,
@@ -77,6 +78,7 @@ def export(
     plans = plan_exports(model, targets, findings, extras)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
+    report(findings.in_order, model.sources)
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")

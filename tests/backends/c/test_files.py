@@ -176,7 +176,10 @@ def test_the_readme_does_what_it_says(name: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [str(tmp_path / "a.out")], capture_output=True, text=True, check=True, cwd=tmp_path
     )
-    assert len(done.stdout.splitlines()) == 10
+    reset, *steps = done.stdout.splitlines()
+    assert reset == "reset 0"
+    assert len(steps) == 10
+    assert all(line.startswith("status 0 ") for line in steps)
 
 
 def test_numbers_beyond_float32_are_infinite(tmp_path: Path) -> None:

@@ -12,12 +12,15 @@ import pytest
 from backends.c import COptions, write_c
 from backends.c.interface.status import Status
 from backends.c.selftest.golden_vectors import GoldenVectors
+from compiler.ir.program import Declared
 from compiler.jacobian.interpret import JacobianInterpreter
 from compiler.jacobian.jacobian import jacobian
+from compiler.passes.to_step_form import to_step_form
 from tests.backends.c.c_programs import assert_same_bits, built, closed_sample, golden
 from tests.backends.c.small_programs import conditions, filtered, starting_states, swapped_states
 from tests.conditions import require_tool
 from tests.golden import assert_golden
+from tests.language.compiled import compiled
 from tests.programs import SAMPLES
 
 PROGRAMS = {
@@ -36,6 +39,7 @@ OPTIONS = {
     "double": COptions(dtype="float64", extras=("jacobian",)),
 }
 STEPS = 40
+_OF_RESULTS = Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE | Status.STATE_NOT_FINITE
 DOUBLE = 1e-9
 """In float64 numpy's functions are judge, and errors grow from step to step."""
 
@@ -61,7 +65,7 @@ def test_slopes_are_the_interpreters(name: str, option: str, tmp_path: Path) -> 
             step.set_state(x)
         found, of_step = step.step(inputs)
         assert of_step == vectors.status[k]
-        assert status == of_step & ~(Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE)
+        assert status == of_step & ~_OF_RESULTS
         expected = _step_of(vectors, k)
         if options.is_exact:
             assert_same_bits(slopes, expected)
@@ -70,6 +74,61 @@ def test_slopes_are_the_interpreters(name: str, option: str, tmp_path: Path) -> 
             for matrix, value in expected.items():
                 scale = max(1.0, float(np.abs(value[np.isfinite(value)]).max(initial=0.0)))
                 np.testing.assert_allclose(slopes[matrix], value, rtol=0.0, atol=DOUBLE * scale)
+
+
+BUFFERED = """
+inputs: {u: {}}
+states:
+  a: {next: "0.5 * a + sin(b) * u[t-2]", init: 0.1}
+  b: {next: "tanh(a * e) + mean(u.past(5))", init: b.meas}
+equations: {e: {expr: "0.2 * e[t-1] + a * u", history: 0}}
+outputs: {y: "a * e + u"}
+"""
+
+
+def test_the_jacobian_of_declared_states_is_a_part_of_the_whole(tmp_path: Path) -> None:
+    program = to_step_form(compiled(BUFFERED))
+    declared = [s.name for s in program.states if isinstance(s.origin, Declared)]
+    assert len(declared) < len(program.states)
+    whole, part = (jacobian(program, declared_only=only) for only in (False, True))
+    places = [
+        member.first + k
+        for member in whole.states.members
+        if member.name in declared
+        for k in range(member.size)
+    ]
+    options = COptions(extras=("state_jacobian",))
+    step = built(program, tmp_path, options)
+    assert step.selftest() == 0
+    vectors = golden(program, options, STEPS, seed=3)
+    step.reset({**vectors.windows, **vectors.supplied})
+    full = golden(program, COptions(extras=("jacobian",)), STEPS, seed=3)
+    for k in range(STEPS):
+        inputs = {name: values[k] for name, values in vectors.inputs.items()}
+        slopes, _ = step.linearize(inputs)
+        assert_same_bits(slopes, _step_of(vectors, k))
+        np.testing.assert_array_equal(slopes["A"], full.slopes["A"][k][np.ix_(places, places)])
+        np.testing.assert_array_equal(slopes["B"], full.slopes["B"][k][places])
+        np.testing.assert_array_equal(slopes["C"], full.slopes["C"][k][:, places])
+        before = step.states()
+        x = step.get_state(len(places))
+        np.testing.assert_array_equal(x, [before["a"], before["b"]])
+        step.set_state(x)
+        assert_same_bits(step.states(), before)
+        step.step(inputs)
+    assert part.states.size == len(places)
+
+
+def test_setting_declared_states_leaves_buffers_waiting_for_their_first_sample(
+    tmp_path: Path,
+) -> None:
+    step = built(to_step_form(compiled(BUFFERED)), tmp_path, COptions(extras=("state_jacobian",)))
+    step.init()
+    step.set_state([0.25, 0.5])
+    assert step.step({"u": 0.75})[1] == Status.UNINITIALISED
+    assert step.step({"u": 0.75})[1] == 0
+    (filled,) = (v for name, v in step.states().items() if name == "u.history")
+    np.testing.assert_array_equal(filled, np.full(filled.shape, 0.75))
 
 
 def _step_of(vectors: GoldenVectors, k: int) -> dict[str, np.ndarray]:

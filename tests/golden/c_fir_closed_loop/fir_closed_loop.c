@@ -38,20 +38,32 @@ void fir_closed_loop_init(fir_closed_loop_state_t *s, const fir_closed_loop_para
     for (uint32_t i = 0U; i < 5U; i++) {
         s->x_tape[i] = 0.0f;
     }
-    s->unset = 2U;
+    s->ready = 6U;
 }
 
-/* Before the first step, from a known past. */
-void fir_closed_loop_reset(
+/* Before the first step, from a known past; returns what was out of order. */
+fir_closed_loop_status_t fir_closed_loop_reset(
     fir_closed_loop_state_t *s,
     const fir_closed_loop_params_t *p,
     const fir_closed_loop_init_t *x0)
 {
     (void)p;
+    fir_closed_loop_status_t status = FIR_CLOSED_LOOP_OK;
+    for (uint32_t i = 0U; i < 5U; i++) {
+        if (!(fabsf(x0->x[i]) <= 5.0f)) {
+            fir_closed_loop_flagged(x0->x[i], -5.0f, 5.0f, &status);
+        }
+    }
     for (uint32_t i = 0U; i < 5U; i++) {
         s->x_tape[i] = x0->x[i];
     }
-    s->unset = 0U;
+    s->ready = 4U;
+    for (uint32_t i = 0U; i < 5U; i++) {
+        if (!(fabsf(s->x_tape[i]) <= 3.4028235e+38f)) {
+            status |= FIR_CLOSED_LOOP_STATUS_STATE_NOT_FINITE;
+        }
+    }
+    return status;
 }
 
 /* One step: outputs of sample t, then the states of sample t+1. */
@@ -66,7 +78,7 @@ fir_closed_loop_status_t fir_closed_loop_step(
     if (!(fabsf(u->F) <= 10.0f)) {
         fir_closed_loop_flagged(u->F, -10.0f, 10.0f, &status);
     }
-    if (s->unset != 0U) {
+    if (s->ready != 4U) {
         status |= FIR_CLOSED_LOOP_STATUS_UNINITIALISED;
     }
     fir_closed_loop_real sum = -0.0f;
@@ -82,5 +94,8 @@ fir_closed_loop_status_t fir_closed_loop_step(
     s->x_tape[2U] = s->x_tape[3U];
     s->x_tape[3U] = s->x_tape[4U];
     s->x_tape[4U] = x_next;
+    if (!(fabsf(s->x_tape[4U]) <= 3.4028235e+38f)) {
+        status |= FIR_CLOSED_LOOP_STATUS_STATE_NOT_FINITE;
+    }
     return status;
 }

@@ -22,15 +22,17 @@ extern const char fir_closed_loop_spec_sha256[1];
 /* Seconds between two steps: 0.2. */
 extern const fir_closed_loop_real fir_closed_loop_sample_time;
 
-/* What a step returns: 0, or the sum of these bits. */
+/* What step and reset return: 0, or the sum of these bits. */
 typedef uint32_t fir_closed_loop_status_t;
 #define FIR_CLOSED_LOOP_OK 0U
 /* an input was outside its range and was used as it is */
 #define FIR_CLOSED_LOOP_STATUS_OUT_OF_RANGE 1U
 /* an input was NaN */
 #define FIR_CLOSED_LOOP_STATUS_NOT_A_NUMBER 2U
-/* the step began without values that only reset can give */
+/* neither init nor reset was called, or a state waits for reset */
 #define FIR_CLOSED_LOOP_STATUS_UNINITIALISED 32U
+/* a state without a range is NaN or infinite; init or reset ends that */
+#define FIR_CLOSED_LOOP_STATUS_STATE_NOT_FINITE 128U
 
 /* What the self-test returns: 0, or the sum of these bits. */
 /* a golden step gave other numbers */
@@ -69,8 +71,9 @@ typedef struct {
 typedef struct {
     /* [m] -5 .. 5; last samples, oldest first; Position */
     fir_closed_loop_real x_tape[5];
-    /* bit 0: buffers wait for their first sample; bit 1: states wait for reset */
-    uint32_t unset;
+    /* 4 after init or reset, and 1 more while buffers wait for their first sample, 2 more while
+     * states wait for reset; 0 where nothing was set */
+    uint32_t ready;
 } fir_closed_loop_state_t;
 
 /* The trained values; they stay in flash. */
@@ -78,11 +81,14 @@ extern const fir_closed_loop_params_t fir_closed_loop_params_default;
 
 /* Sets what is known without data. A buffer of past inputs is filled by the first step with that
  * step's own sample; a state that only a record can give is 0, and every step then returns
- * FIR_CLOSED_LOOP_STATUS_UNINITIALISED until reset has been called. */
+ * FIR_CLOSED_LOOP_STATUS_UNINITIALISED until reset has been called.
+ * So does every step of a struct of zeros for which neither was called. */
 void fir_closed_loop_init(fir_closed_loop_state_t *s, const fir_closed_loop_params_t *p);
 
-/* Sets all states from samples around the first step t0. */
-void fir_closed_loop_reset(
+/* Sets all states from samples around the first step t0, after the checks that step makes of its
+ * inputs. Returns what was out of order: among the samples, or a state that does not begin in its
+ * range. Whatever a state has become, even NaN, reset and init leave it. */
+fir_closed_loop_status_t fir_closed_loop_reset(
     fir_closed_loop_state_t *s,
     const fir_closed_loop_params_t *p,
     const fir_closed_loop_init_t *x0);

@@ -6,7 +6,7 @@ fir_closed_loop_status_t fir_closed_loop_linearize(
     fir_closed_loop_jacobian_t *jac)
 {
     fir_closed_loop_status_t status = FIR_CLOSED_LOOP_OK;
-    if (s->unset != 0U) {
+    if (s->ready != 4U) {
         status |= FIR_CLOSED_LOOP_STATUS_UNINITIALISED;
     }
     /* inputs */
@@ -71,7 +71,7 @@ void fir_closed_loop_set_state(fir_closed_loop_state_t *s, const fir_closed_loop
     for (uint32_t i = 0U; i < 5U; i++) {
         s->x_tape[i] = v[FIR_CLOSED_LOOP_X_X_TAPE + i];
     }
-    s->unset = 0U;
+    s->ready = s->ready & 4U;
 }
 
 /* Copies inputs of a step into a vector u. */

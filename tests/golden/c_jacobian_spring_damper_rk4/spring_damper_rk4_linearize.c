@@ -6,7 +6,7 @@ spring_damper_rk4_status_t spring_damper_rk4_linearize(
     spring_damper_rk4_jacobian_t *jac)
 {
     spring_damper_rk4_status_t status = SPRING_DAMPER_RK4_OK;
-    if (s->unset != 0U) {
+    if (s->ready != 4U) {
         status |= SPRING_DAMPER_RK4_STATUS_UNINITIALISED;
     }
     /* inputs */
@@ -87,7 +87,7 @@ void spring_damper_rk4_set_state(spring_damper_rk4_state_t *s, const spring_damp
 {
     s->x = v[SPRING_DAMPER_RK4_X_X];
     s->v = v[SPRING_DAMPER_RK4_X_V];
-    s->unset = 0U;
+    s->ready = s->ready & 4U;
 }
 
 /* Copies inputs of a step into a vector u. */

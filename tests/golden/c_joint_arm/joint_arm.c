@@ -42,19 +42,38 @@ void joint_arm_init(joint_arm_state_t *s, const joint_arm_params_t *p)
             s->q_tape[(i * 4U) + j] = 0.0f;
         }
     }
-    s->unset = 2U;
+    s->ready = 6U;
 }
 
-/* Before the first step, from a known past. */
-void joint_arm_reset(joint_arm_state_t *s, const joint_arm_params_t *p, const joint_arm_init_t *x0)
+/* Before the first step, from a known past; returns what was out of order. */
+joint_arm_status_t joint_arm_reset(
+    joint_arm_state_t *s,
+    const joint_arm_params_t *p,
+    const joint_arm_init_t *x0)
 {
     (void)p;
+    joint_arm_status_t status = JOINT_ARM_OK;
+    for (uint32_t i = 0U; i < 3U; i++) {
+        for (uint32_t j = 0U; j < 4U; j++) {
+            if (!(fabsf(x0->q[(i * 4U) + j]) <= 3.0f)) {
+                joint_arm_flagged(x0->q[(i * 4U) + j], -3.0f, 3.0f, &status);
+            }
+        }
+    }
     for (uint32_t i = 0U; i < 3U; i++) {
         for (uint32_t j = 0U; j < 4U; j++) {
             s->q_tape[(i * 4U) + j] = x0->q[(i * 4U) + j];
         }
     }
-    s->unset = 0U;
+    s->ready = 4U;
+    for (uint32_t i = 0U; i < 3U; i++) {
+        for (uint32_t j = 0U; j < 4U; j++) {
+            if (!(fabsf(s->q_tape[(i * 4U) + j]) <= 3.4028235e+38f)) {
+                status |= JOINT_ARM_STATUS_STATE_NOT_FINITE;
+            }
+        }
+    }
+    return status;
 }
 
 /* One step: outputs of sample t, then the states of sample t+1. */
@@ -75,7 +94,7 @@ joint_arm_status_t joint_arm_step(
     if (!(fabsf(u->tau[2U]) <= 5.0f)) {
         joint_arm_flagged(u->tau[2U], -5.0f, 5.0f, &status);
     }
-    if (s->unset != 0U) {
+    if (s->ready != 4U) {
         status |= JOINT_ARM_STATUS_UNINITIALISED;
     }
     joint_arm_real q_next[3];
@@ -129,5 +148,14 @@ joint_arm_status_t joint_arm_step(
     s->q_tape[3U] = q_next[0U];
     s->q_tape[7U] = q_next[1U];
     s->q_tape[11U] = q_next[2U];
+    if (!(fabsf(s->q_tape[3U]) <= 3.4028235e+38f)) {
+        status |= JOINT_ARM_STATUS_STATE_NOT_FINITE;
+    }
+    if (!(fabsf(s->q_tape[7U]) <= 3.4028235e+38f)) {
+        status |= JOINT_ARM_STATUS_STATE_NOT_FINITE;
+    }
+    if (!(fabsf(s->q_tape[11U]) <= 3.4028235e+38f)) {
+        status |= JOINT_ARM_STATUS_STATE_NOT_FINITE;
+    }
     return status;
 }

@@ -22,15 +22,17 @@ extern const char joint_arm_spec_sha256[1];
 /* Seconds between two steps: 0.001. */
 extern const joint_arm_real joint_arm_sample_time;
 
-/* What a step returns: 0, or the sum of these bits. */
+/* What step and reset return: 0, or the sum of these bits. */
 typedef uint32_t joint_arm_status_t;
 #define JOINT_ARM_OK 0U
 /* an input was outside its range and was used as it is */
 #define JOINT_ARM_STATUS_OUT_OF_RANGE 1U
 /* an input was NaN */
 #define JOINT_ARM_STATUS_NOT_A_NUMBER 2U
-/* the step began without values that only reset can give */
+/* neither init nor reset was called, or a state waits for reset */
 #define JOINT_ARM_STATUS_UNINITIALISED 32U
+/* a state without a range is NaN or infinite; init or reset ends that */
+#define JOINT_ARM_STATUS_STATE_NOT_FINITE 128U
 
 /* What the self-test returns: 0, or the sum of these bits. */
 /* a golden step gave other numbers */
@@ -76,8 +78,9 @@ typedef struct {
 typedef struct {
     /* [rad] joint 3 x t 4; -3 .. 3; last samples, oldest first; Joint angles */
     joint_arm_real q_tape[12];
-    /* bit 0: buffers wait for their first sample; bit 1: states wait for reset */
-    uint32_t unset;
+    /* 4 after init or reset, and 1 more while buffers wait for their first sample, 2 more while
+     * states wait for reset; 0 where nothing was set */
+    uint32_t ready;
 } joint_arm_state_t;
 
 /* The trained values; they stay in flash. */
@@ -85,11 +88,17 @@ extern const joint_arm_params_t joint_arm_params_default;
 
 /* Sets what is known without data. A buffer of past inputs is filled by the first step with that
  * step's own sample; a state that only a record can give is 0, and every step then returns
- * JOINT_ARM_STATUS_UNINITIALISED until reset has been called. */
+ * JOINT_ARM_STATUS_UNINITIALISED until reset has been called.
+ * So does every step of a struct of zeros for which neither was called. */
 void joint_arm_init(joint_arm_state_t *s, const joint_arm_params_t *p);
 
-/* Sets all states from samples around the first step t0. */
-void joint_arm_reset(joint_arm_state_t *s, const joint_arm_params_t *p, const joint_arm_init_t *x0);
+/* Sets all states from samples around the first step t0, after the checks that step makes of its
+ * inputs. Returns what was out of order: among the samples, or a state that does not begin in its
+ * range. Whatever a state has become, even NaN, reset and init leave it. */
+joint_arm_status_t joint_arm_reset(
+    joint_arm_state_t *s,
+    const joint_arm_params_t *p,
+    const joint_arm_init_t *x0);
 
 /* One step, to be called every sample time. All memory is in *s: instances are independent. */
 joint_arm_status_t joint_arm_step(

@@ -36,18 +36,29 @@ void spring_damper_rk4_init(spring_damper_rk4_state_t *s, const spring_damper_rk
 {
     s->v = p->v_start;
     s->x = 0.0f;
-    s->unset = 2U;
+    s->ready = 6U;
 }
 
-/* Before the first step, from a known past. */
-void spring_damper_rk4_reset(
+/* Before the first step, from a known past; returns what was out of order. */
+spring_damper_rk4_status_t spring_damper_rk4_reset(
     spring_damper_rk4_state_t *s,
     const spring_damper_rk4_params_t *p,
     const spring_damper_rk4_init_t *x0)
 {
+    spring_damper_rk4_status_t status = SPRING_DAMPER_RK4_OK;
+    if (!(fabsf(x0->x_meas) <= 3.4028235e+38f)) {
+        spring_damper_rk4_flagged(x0->x_meas, -3.4028235e+38f, 3.4028235e+38f, &status);
+    }
     s->x = x0->x_meas;
     s->v = p->v_start;
-    s->unset = 0U;
+    s->ready = 4U;
+    if (!(fabsf(s->x) <= 3.4028235e+38f)) {
+        status |= SPRING_DAMPER_RK4_STATUS_STATE_NOT_FINITE;
+    }
+    if (!(fabsf(s->v) <= 3.4028235e+38f)) {
+        status |= SPRING_DAMPER_RK4_STATUS_STATE_NOT_FINITE;
+    }
+    return status;
 }
 
 /* One step: outputs of sample t, then the states of sample t+1. */
@@ -62,7 +73,7 @@ spring_damper_rk4_status_t spring_damper_rk4_step(
     if (!(fabsf(u->F) <= 10.0f)) {
         spring_damper_rk4_flagged(u->F, -10.0f, 10.0f, &status);
     }
-    if (s->unset != 0U) {
+    if (s->ready != 4U) {
         status |= SPRING_DAMPER_RK4_STATUS_UNINITIALISED;
     }
     const spring_damper_rk4_real part = p->stiffness * s->x;
@@ -89,5 +100,11 @@ spring_damper_rk4_status_t spring_damper_rk4_step(
     const spring_damper_rk4_real v_next = s->v + part_11;
     s->x = x_next;
     s->v = v_next;
+    if (!(fabsf(s->x) <= 3.4028235e+38f)) {
+        status |= SPRING_DAMPER_RK4_STATUS_STATE_NOT_FINITE;
+    }
+    if (!(fabsf(s->v) <= 3.4028235e+38f)) {
+        status |= SPRING_DAMPER_RK4_STATUS_STATE_NOT_FINITE;
+    }
     return status;
 }

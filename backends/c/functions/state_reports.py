@@ -1,0 +1,141 @@
+"""What generated code does about states that left their range or are no numbers."""
+
+from __future__ import annotations
+
+import math
+
+from backends.c.functions.function_writer import FunctionWriter
+from backends.c.functions.valid_range import report_outside, within
+from backends.c.interface.state_checks import StateCheck
+from backends.c.interface.status import Status, status_macro
+from backends.c_language.places import Index, Place
+from backends.c_language.scope import Scope
+from backends.c_language.tree import (
+    Assign,
+    Binary,
+    Call,
+    Conditional,
+    CType,
+    Declare,
+    Evaluate,
+    If,
+    Member,
+    Name,
+    Real,
+    SetBits,
+    Statement,
+    Truth,
+    Unary,
+    Unsigned,
+)
+from backends.c_lowering.state_memory import PlainState
+from backends.c_lowering.values import copy_value
+
+BUFFERS_EMPTY = 1
+"""Bit of the field `ready`: buffers wait for their first sample."""
+
+STATES_UNSET = 2
+"""Bit of the field `ready`: states hold values that only `reset` can set."""
+
+INITIALISED = 4
+"""Bit of the field `ready`: `init` or `reset` was called."""
+
+
+def report_unready(writer: FunctionWriter) -> None:
+    """Sets a bit of the status before `init`, and while states wait for what only `reset` gives."""
+    interface = writer.interface
+    if not interface.has_state:
+        return
+    bit = Name(status_macro(interface.prefix, Status.UNINITIALISED))
+    unready = Binary("!=", Member("s", interface.ready), Unsigned(INITIALISED))
+    if interface.options.constant_time:
+        known = writer.model.functions.truth(unready)
+        writer.scope.add(SetBits(Name("status"), Conditional(known, bit, Unsigned(0))))
+    else:
+        writer.scope.add(If(unready, (SetBits(Name("status"), bit),)))
+
+
+def report_not_a_number(writer: FunctionWriter, values: Place) -> None:
+    """Sets a bit where the next value of a saturated state is NaN."""
+    report_outside(writer, values, (-math.inf, math.inf), Status.STATE_OUT_OF_RANGE)
+
+
+def report_first_states(writer: FunctionWriter) -> None:
+    """Reports states that are out of order before the first step, with all their samples."""
+    for check in writer.interface.checks:
+        report_outside(writer, check.memory.samples, check.limits, check.bit)
+
+
+def restart_name(writer: FunctionWriter, memory: PlainState) -> str:
+    """The function that takes a state back to its `init`."""
+    return f"{writer.interface.prefix}_restart_{memory.identifier}"
+
+
+def report_next_states(writer: FunctionWriter) -> None:
+    """Reports states that a step left out of order; `on_range: reset` takes them back to `init`."""
+    for check in writer.interface.checks:
+        memory = check.memory
+        if memory.state.on_range == "saturate":
+            continue  # it is inside, and what it would have been was looked at
+        if memory.state.on_range == "reset":
+            assert isinstance(memory, PlainState)  # as every declared state is
+            _restart(writer, check, memory)
+        else:
+            report_outside(writer, check.place, check.limits, check.bit)
+
+
+def _restart(writer: FunctionWriter, check: StateCheck, memory: PlainState) -> None:
+    """Takes a state with all its elements back where one of them is outside."""
+    scope, functions = writer.scope, writer.model.functions
+    restart = Evaluate(Call(restart_name(writer, memory), writer.instance()))
+    values = memory.samples
+    if functions.constant_time:
+        _restart_in_constant_time(writer, check, memory, restart)
+        return
+    if not memory.shape:
+        valid = within(values.element(()), *check.limits, functions)
+        scope.add(If(Unary("!", valid), (_bit(writer, check.bit), restart)))
+        return
+    left = Name(scope.fresh(f"{memory.identifier}_left"))
+    scope.add(Declare(CType.BOOL, left.text, Truth(False)))
+
+    def look(indices: tuple[Index, ...], inner: Scope) -> None:
+        valid = within(values.element(indices), *check.limits, functions)
+        inner.add(If(Unary("!", valid), (Assign(left, Truth(True)),)))
+
+    scope.each(memory.shape, writer.unroll, look)
+    scope.add(If(left, (_bit(writer, check.bit), restart)))
+
+
+def _restart_in_constant_time(
+    writer: FunctionWriter, check: StateCheck, memory: PlainState, restart: Statement
+) -> None:
+    """Computes the first value in every step, and chooses between it and the next one."""
+    scope, functions, values = writer.scope, writer.model.functions, memory.samples
+    left = Name(scope.fresh(f"{memory.identifier}_left"))
+    scope.add(Declare(CType.UNSIGNED, left.text, Unsigned(0)))
+    kept = Place.array(
+        scope.array(f"{memory.identifier}_kept", memory.size or 1), memory.shape or (1,)
+    )
+    kept = kept if memory.shape else Place.single(kept.element([Index()]))
+
+    def look(indices: tuple[Index, ...], inner: Scope) -> None:
+        low, high = check.limits
+        outside = functions.helper("outside", (values.element(indices), Real(low), Real(high)))
+        inner.add(SetBits(left, outside))
+
+    def choose(indices: tuple[Index, ...], inner: Scope) -> None:
+        inside = Binary("==", left, Unsigned(0))
+        now = values.element(indices)
+        inner.assign(now, functions.select("real", inside, kept.element(indices), now))
+
+    scope.each(memory.shape, writer.unroll, look)
+    copy_value(values, kept, scope, writer.unroll)
+    scope.add(restart)
+    scope.each(memory.shape, writer.unroll, choose)
+    macro = Name(status_macro(writer.interface.prefix, check.bit))
+    scope.add(SetBits(Name("status"), Binary("*", left, macro)))
+
+
+def _bit(writer: FunctionWriter, bit: Status) -> Statement:
+    return SetBits(Name("status"), Name(status_macro(writer.interface.prefix, bit)))

@@ -1,0 +1,71 @@
+"""Which states a step looks at when it has computed them, and what it says of them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.status import Status
+from backends.c_language.literals import Dtype
+from backends.c_language.places import Place
+from backends.c_lowering.state_memory import InPlace, PlainState, StateMemory
+from compiler.ir.liveness import needed_over_time
+from compiler.ir.program import Declared, Program, State
+
+
+def largest(dtype: Dtype) -> float:
+    """The largest number of the type."""
+    return float(np.finfo(np.float32).max) if dtype == "float32" else sys.float_info.max
+
+
+@dataclass(frozen=True, slots=True)
+class StateCheck:
+    """A state whose values are to be within limits, or finite where it has no range."""
+
+    memory: StateMemory
+    limits: tuple[float, float]
+    bit: Status
+
+    @property
+    def place(self) -> Place:
+        """What a step looks at: of a buffer the sample that joined it last."""
+        memory = self.memory
+        return memory.samples if isinstance(memory, PlainState) else memory.last_sample
+
+    def part(self, value: NDArray[Any]) -> NDArray[Any]:
+        """The same of a state's value in numpy."""
+        return value if isinstance(self.memory, PlainState) else value[..., -1]
+
+
+def state_checks(
+    program: Program,
+    memories: Sequence[StateMemory],
+    in_place: Mapping[str, InPlace],
+    dtype: Dtype,
+) -> tuple[StateCheck, ...]:
+    """The checks of declared states, and of all others that could keep a NaN for ever.
+
+    A buffer or memory that does not depend on itself forgets a NaN with its samples.
+    """
+    found: list[StateCheck] = []
+    for memory in memories:
+        state = memory.state
+        if isinstance(memory, PlainState) and state.range is not None:
+            found.append(StateCheck(memory, state.range, Status.STATE_OUT_OF_RANGE))
+        elif isinstance(state.origin, Declared) or _feeds_itself(program, state, in_place):
+            finite = (-largest(dtype), largest(dtype))
+            found.append(StateCheck(memory, finite, Status.STATE_NOT_FINITE))
+    return tuple(found)
+
+
+def _feeds_itself(program: Program, state: State, in_place: Mapping[str, InPlace]) -> bool:
+    buffer = in_place.get(state.name)
+    joins = state.next if buffer is None else buffer.newest
+    following = {other.name: other.next for other in program.states}
+    following[state.name] = joins
+    return state.name in needed_over_time(program.step, following, [joins])[1]

@@ -1,0 +1,49 @@
+"""Keeps a state's next value inside its range, and finds what it would be without that."""
+
+from __future__ import annotations
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Broadcast, Clamp, Constant, Relation, Select
+from compiler.ir.program import Graph, NodeId, Program, State
+
+
+def saturated(
+    builder: GraphBuilder, following: NodeId, before: NodeId, limits: tuple[float, float]
+) -> NodeId:
+    """clip(following, low, high), or `before` where `following` is NaN.
+
+    On the bounds the slope is 1, beyond them 0.
+    """
+    unit = builder.type(before).unit
+    low, high = (builder.constant(limit, unit=unit) for limit in limits)
+    clipped = builder.clamp(following, low, high)
+    is_number = builder.compare(Relation.GREATER_EQUAL, clipped, low)
+    return builder.select(is_number, clipped, before)
+
+
+def unsaturated(program: Program) -> dict[str, NodeId]:
+    """What the next value of each saturated state would be without its range.
+
+    A state is not in it where the step cannot make its next value NaN: it is a number of the spec.
+    """
+    found: dict[str, NodeId] = {}
+    for state in program.states:
+        raw = _unsaturated(program.step, state)
+        if raw is not None:
+            found[state.name] = raw
+    return found
+
+
+def _unsaturated(step: Graph, state: State) -> NodeId | None:
+    chosen = step[state.next]
+    if state.on_range != "saturate" or not isinstance(chosen.op, Select):
+        return None
+    clipped = step[chosen.args[1]]
+    assert isinstance(clipped.op, Clamp), "the outermost choice is the one of `saturated`"
+    return clipped.args[0] if not _is_known(step, clipped.args[0]) else None
+
+
+def _is_known(step: Graph, node: NodeId) -> bool:
+    while isinstance(step[node].op, Broadcast):
+        node = step[node].args[0]
+    return isinstance(step[node].op, Constant)
