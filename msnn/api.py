@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from compiler.elaboration.compile import compile_spec
 from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError
-from msnn.data.dataset import Dataset, one_record
+from msnn.data.dataset import Dataset
 from msnn.model.load import load_model
 from msnn.model.model import Model
-from msnn.model.model_data import Weights, data_folder, known_in, measured, read_data, sources_of
+from msnn.model.model_data import Weights, data_folder, known_in, measured, sources_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.spec import Spec
 
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
     from msnn.exports.export import TargetName
     from msnn.simulation.linearize import Linearization
-    from msnn.simulation.simulate import Simulation
+    from msnn.simulation.simulate import Simulations
+    from msnn.simulation.simulation_data import GivenData
     from msnn.training.folds import FoldsResult
     from msnn.training.records.progress import Progress
     from msnn.training.stage_loss_module import StageLoss
@@ -182,39 +183,35 @@ def validate(
 
 def simulate(
     model: Model,
-    data: Mapping[str, ArrayLike] | list[Path] | str | Path | None = None,
+    data: GivenData | None = None,
     weights: Weights | None = None,
     *,
     horizon: int | None = None,
     data_root: str | Path | None = None,
-) -> list[Simulation]:
+    data_set: str | None = None,
+) -> Simulations:
     """Runs the model freely over records; every input that an output predicts is fed back.
 
         (run,) = msnn.simulate(model, {"F": force, "x": position}, result.weights)
-        print(run.outputs["x_next"])
+        print(run.outputs["x_next"], run.logged["x_next"], run.places.rows)
 
-    `data` are arrays (rows, *shape) by signal, or files with the columns that the spec names;
-    None takes the data of the spec. `horizon` ends each run after so many steps. Raises SpecError.
+    `data` are frames as in `train`, or files with the columns that the spec names; None takes the
+    data of the spec. `data_set` runs over one set only; of files it says which set of the spec has
+    their columns. `horizon` ends each run after so many steps. The answer is a sequence of runs,
+    with `warnings`. Raises SpecError.
     """
     from msnn.exports.export import loop_fault
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
-    from msnn.simulation.simulation_data import file_data, record_data
+    from msnn.simulation.simulation_data import simulation_data
 
     try:
         program = simulation_program(model.program)
     except LoopError as error:
         raise SpecError([loop_fault(error, None)], model.sources) from None
-    match data:
-        case None:
-            dataset = read_data(model, data_root, "simulation", program)
-        case str() | Path():
-            dataset = file_data(model, program, [Path(data)])
-        case list():
-            dataset = file_data(model, program, [Path(file) for file in data])
-        case _:
-            dataset = one_record(record_data(program, data))
-    return run(program, dataset, known_in(model, weights), horizon)
+    dataset = simulation_data(model, program, data, data_root, data_set)
+    with sources_of(model):
+        return run(program, dataset, known_in(model, weights), horizon, data_set)
 
 
 def linearize(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from compiler.ir.program import Program
+from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.commands import no_data_section
 from msnn.model.model import Model
@@ -21,9 +21,16 @@ Weights = Mapping[str, FloatArray]
 
 
 def read_data(
-    model: Model, data_root: str | Path | None, purpose: str, program: Program | None = None
+    model: Model,
+    data_root: str | Path | None,
+    purpose: str,
+    program: Program | None = None,
+    beside: Sequence[Signal] = (),
 ) -> Dataset:
-    """The measured data of the spec, for the signals of `program` (default: all of the model)."""
+    """The measured data of the spec, for the signals of `program` (default: all of the model).
+
+    `beside` are more signals, read where a file has them.
+    """
     from msnn.data.reading.load import load_data
     from msnn.data.reading.row_filter import row_filters
 
@@ -32,7 +39,7 @@ def read_data(
     folder = data_folder(model, data_root)
     with sources_of(model):
         signals = program or model.program
-        return load_data(signals, model.spec.data, folder, row_filters(model.spec))
+        return load_data(signals, model.spec.data, folder, row_filters(model.spec), beside)
 
 
 def data_folder(model: Model, data_root: str | Path | None) -> Path:
