@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from compiler.elaboration.compile import compile_spec
 from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError
-from msnn.data.dataset import Dataset
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.model.given_weights import Weights
 from msnn.model.load import load_model
 from msnn.model.model import Model
-from msnn.model.model_data import Weights, data_folder, known_in, measured, sources_of
+from msnn.model.model_data import data_folder, given_in, known_in, measured, sources_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.spec import Spec
 
@@ -81,9 +82,10 @@ def train(
     from msnn.training import train as engine
 
     options = replace(_options(model, runs, tensorboard, device), resume=resume)
+    first = given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
     with sources_of(model):
-        return engine.train(model.program, dataset, model.spec.train, options, progress, weights)
+        return engine.train(model.program, dataset, model.spec.train, options, progress, first)
 
 
 def train_folds(
@@ -110,12 +112,13 @@ def train_folds(
 
     refuse_sets(data)
     options = _options(model, runs, tensorboard, device)
+    first = given_in(model, weights)
 
     def read(one: Model) -> Dataset:
         return measured(one, data, data_root, "training")
 
     with sources_of(model):
-        return folds.train_folds(model, read, options, progress, weights)
+        return folds.train_folds(model, read, options, progress, first)
 
 
 def stage_loss(
@@ -145,10 +148,10 @@ def stage_loss(
     from msnn.training.engines.devices import find_device
     from msnn.training.stage_loss_module import stage_loss as opened
 
-    place = find_device(device)
+    place, first = find_device(device), given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
     with sources_of(model):
-        return opened(model.program, dataset, model.spec.train, stage, weights, place)
+        return opened(model.program, dataset, model.spec.train, stage, first, place)
 
 
 def validate(
@@ -179,6 +182,18 @@ def validate(
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]
         return replace(report, warnings=(*warnings, *report.warnings))
+
+
+def initial_weights(model: Model) -> dict[str, FloatArray]:
+    """The initial value of every parameter by name, in the units of the spec.
+
+        weights = {**msnn.initial_weights(model), "k": 15.0}
+
+    Every function that takes weights takes those of all parameters: a mapping of arrays, numbers or
+    torch tensors; a result of `train`, `train_folds` or `stage_loss`; the path of a weights file or
+    of the folder of a run. Raises SpecError where a value is known from data only.
+    """
+    return dict(known_in(model, None))
 
 
 def simulate(

@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.commands import no_data_section
+from msnn.model.given_weights import Weights
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import SpecError
 
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
-
-Weights = Mapping[str, FloatArray]
-"""Physical arrays by parameter name, in the units of the spec."""
 
 
 def read_data(
@@ -60,11 +58,17 @@ def measured(
         return frame_data(model.program, spec.data, frames, spec.place, row_filters(spec))
 
 
-def known_in(model: Model, weights: Weights | None) -> Weights:
+def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
+    """The weights that are given, by default the initial values, as far as these are known."""
     from msnn.model.weights_file import known_weights
 
     with sources_of(model):
         return known_weights(model.program, weights)
+
+
+def given_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray] | None:
+    """The weights that are given, None where a training is to begin at its own."""
+    return None if weights is None else known_in(model, weights)
 
 
 @contextmanager

@@ -12,18 +12,17 @@ from msnn.data.dataset import FloatArray
 from msnn.errors.commands import not_trained
 from msnn.model.model import Model
 from msnn.model.weights_file import initial_weights, known_weights, read_weights
-from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.diagnostic import SpecError
 
 LATEST_WEIGHTS = Path("latest", "weights.safetensors")
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenWeights:
-    """Physical arrays by parameter, where they come from, and what is to be said about them."""
+    """Physical arrays by parameter, and where they come from."""
 
     weights: Mapping[str, FloatArray]
     origin: str
-    warnings: tuple[Diagnostic, ...] = ()
 
 
 def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
@@ -52,5 +51,4 @@ def choose_weights(
         file = runs / program.name / LATEST_WEIGHTS
         if not file.is_file():
             raise SpecError([not_trained(str(file), program.name)])
-    loaded = read_weights(file, program)
-    return ChosenWeights(loaded.weights, str(file), loaded.warnings)
+    return ChosenWeights(read_weights(file, program), str(file))

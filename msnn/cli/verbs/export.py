@@ -78,7 +78,6 @@ def export(
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     chosen = choose_weights(model.program, weights, runs, initial=initial)
-    report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     written: dict[str, tuple[Path, Sequence[Path]]] = {}
     for plan in plans:

@@ -72,7 +72,6 @@ def simulate(
     model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     chosen = choose_weights(model.program, weights, runs, initial=initial)
-    report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     steps = None if horizon == "record" else int(horizon)
     found = api.simulate(

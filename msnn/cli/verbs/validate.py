@@ -61,7 +61,6 @@ def validate(
     model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     chosen = choose_weights(model.program, weights, runs, initial=initial)
-    report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     found = api.validate(model, chosen.weights, data_root=data_root)
     report(found.warnings, model.sources)
