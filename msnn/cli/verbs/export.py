@@ -94,19 +94,24 @@ def export(
     record: dict[str, Any] = {"files": {t: [str(p) for p in ps] for t, (_, ps) in written.items()}}
     found = None
     if check:
-        from msnn.agreement.report import agreement_table, agreement_values, check_exports
+        from msnn.agreement.report import (
+            agreement_diagnostics,
+            agreement_table,
+            agreement_values,
+            check_exports,
+        )
 
         found = check_exports(model, plans, chosen.weights, written, data_root or model.folder)
         record["agreement"] = agreement_values(found)
         if format is ResultFormat.TEXT:
             result(f"\n{agreement_table(found)}")
+        report(agreement_diagnostics(found), ())
     if format is ResultFormat.JSON:
         json_result("export", record)
     if found is not None and found.missing:
         report([error.diagnostic for error in found.missing], ())
         raise typer.Exit(ExitCode.MISSING_EXTRA)
     if found is not None and not found.agrees:
-        note("a target differs from the interpreter by more than it promises")
         raise typer.Exit(ExitCode.LIMIT_BROKEN)
 
 
