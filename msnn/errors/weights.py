@@ -1,10 +1,13 @@
-"""E0910-E0912, E0923, E0924, E0959, W0902: weights, read from files or given."""
+"""E0910-E0912, E0923, E0924, E0959, E0994, W0902: weights, read from files or given."""
 
 from collections.abc import Sequence
+from shlex import quote
 
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import nearest
+
+_MOST_SHOWN = 6
 
 
 def unreadable_weights(file: str, reason: str) -> Diagnostic:
@@ -34,6 +37,31 @@ def unknown_weights(file: str, names: Sequence[str], known: Sequence[str]) -> Di
         f"{file} has {listed}, which the model does not have",
         None,
         notes=(f"its parameters: {', '.join(known) or 'none'}",),
+        help=repair,
+    )
+
+
+def weights_of_another_model(
+    file: str, differing: Sequence[tuple[str, str | None, str | None]]
+) -> Diagnostic:
+    """E0994: weights whose run had another model; `differing` are paths with both values."""
+    said = [
+        f"`{path}` was {'not there' if then is None else then}, "
+        f"here it is {'not there' if now is None else now}"
+        for path, then, now in differing
+    ]
+    more = len(said) - _MOST_SHOWN
+    notes = (*said[1:_MOST_SHOWN], *((f"{more} more values differ",) if more > 0 else ()))
+    path, then, _ = differing[0]
+    repair = "train again, or take the spec that is kept beside the weights"
+    if then is not None:
+        repair = f"`--set {quote(f'{path}={then}')}` asks for the model that was trained; or train again"
+    return Diagnostic(
+        "E0994",
+        "error",
+        f"{file} was trained for another model: {said[0]}",
+        None,
+        notes=notes,
         help=repair,
     )
 

@@ -52,8 +52,7 @@ def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
     if isinstance(weights, str | Path):
         from msnn.model.weights_file import read_weights  # which checks by this module
 
-        path = Path(weights)
-        return read_weights(path / WEIGHTS_FILE if path.is_dir() else path, program)
+        return read_weights(weights_path(weights), program)
     if not isinstance(weights, Mapping):
         found = weights.weights if isinstance(cast("object", weights), HasWeights) else None
         found = found() if callable(found) else found
@@ -64,6 +63,12 @@ def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
         weights = cast("Mapping[str, Value]", found)
     arrays = {str(name): _array(value) for name, value in weights.items()}
     return checked_weights(program, arrays, GIVEN)
+
+
+def weights_path(given: str | Path) -> Path:
+    """The weights file that a path means: itself, or that of the folder of a run."""
+    path = Path(given)
+    return path / WEIGHTS_FILE if path.is_dir() else path
 
 
 def checked_weights(

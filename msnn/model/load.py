@@ -13,7 +13,7 @@ from msnn.model.spec_hash import hash_of, parts_of
 from msnn.model.submodel_weights import read_submodel_weights
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.reading.reader import ReadResult, read_spec
-from spec_schema.reading.settings import settings_source
+from spec_schema.reading.settings import model_settings, settings_source
 
 
 def load_model(
@@ -21,7 +21,7 @@ def load_model(
 ) -> Model:
     """The model in a spec (`.yaml`, `.json`) or in a program file (`….program.json`).
 
-    `settings` such as `train.0.epochs=5` replace values of the workflow sections. Raises SpecError
+    `settings` such as `train.0.epochs=5` replace values of the spec. Raises SpecError
     with everything that is wrong; `strict_units` makes warnings about units errors.
     """
     path = Path(path)
@@ -31,7 +31,7 @@ def load_model(
         model = read_program_file(path, settings)
     else:
         model = _compiled(read_spec(path, settings=settings), path, settings, strict_units)
-    return replace(model, settings=tuple(settings))
+    return replace(model, settings=(*model.settings, *settings))
 
 
 def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Model:
@@ -55,7 +55,7 @@ def _compiled(read: ReadResult, path: Path, settings: Sequence[str], strict_unit
             used=read.used,
             weights=weights.arrays,
             strict_units=strict_units,
-            spec_hash=hash_of(text, parts),
+            spec_hash=hash_of(text, parts, model_settings(settings)),
         )
     except SpecError as error:
         findings.report(*error.diagnostics)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.commands import no_data_section
-from msnn.model.given_weights import Weights
+from msnn.model.given_weights import Weights, weights_path
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -60,9 +60,12 @@ def measured(
 
 def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
     """The weights that are given, by default the initial values, as far as these are known."""
+    from msnn.model.trained_model import refuse_other_model
     from msnn.model.weights_file import known_weights
 
     with sources_of(model):
+        if isinstance(weights, str | Path):
+            refuse_other_model(model, weights_path(weights))
         return known_weights(model.program, weights)
 
 

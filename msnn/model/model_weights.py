@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compiler.elaboration.compile import compile_spec
-from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors.commands import not_trained
 from msnn.model.model import Model
+from msnn.model.trained_model import refuse_other_model
 from msnn.model.weights_file import initial_weights, known_weights, read_weights
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -38,12 +38,14 @@ def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
 
 
 def choose_weights(
-    program: Program, file: Path | None, runs: Path, *, initial: bool = False
+    model: Model, file: Path | None, runs: Path, *, initial: bool = False
 ) -> ChosenWeights:
     """The weights in `file`, else with `initial` the spec's own, else those of the last training.
 
-    Raises SpecError when a file does not fit the model, or nothing was trained yet.
+    Raises SpecError when a file does not fit the model, its run had another one, or nothing was
+    trained yet.
     """
+    program = model.program
     needs_training = any(p.learn or p.statistic is not None for p in program.parameters)
     if file is None and (initial or not needs_training):
         return ChosenWeights(known_weights(program, None), "the initial values of the spec")
@@ -51,4 +53,5 @@ def choose_weights(
         file = runs / program.name / LATEST_WEIGHTS
         if not file.is_file():
             raise SpecError([not_trained(str(file), program.name)])
+    refuse_other_model(model, file)
     return ChosenWeights(read_weights(file, program), str(file))

@@ -21,8 +21,9 @@ from msnn.model.model import PROGRAM_SUFFIX, Model
 from msnn.model.spec_hash import hash_of, parts_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.errors.files import unreadable_file
+from spec_schema.errors.settings import compiled_already
 from spec_schema.reading.reader import read_spec
-from spec_schema.reading.settings import settings_source
+from spec_schema.reading.settings import model_settings, settings_source
 
 
 def write_program_file(model: Model, folder: Path) -> Path:
@@ -32,6 +33,8 @@ def write_program_file(model: Model, folder: Path) -> Path:
     """
     file = folder / f"{model.name}{PROGRAM_SUFFIX}"
     spec: dict[str, Any] = {"path": _seen_from(folder, model.path), "text": model.text}
+    if settings := model_settings(model.settings):
+        spec["settings"] = list(settings)
     if model.parts:
         texts = {part.path: part.text for part in model.parts}
         spec["texts"] = {_seen_from(folder, path): text for path, text in texts.items()}
@@ -52,19 +55,26 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     except UnicodeDecodeError as error:
         raise SpecError([unreadable_file(shown, "it is not UTF-8 text")]) from error
     data = data_from_json(text, shown)
+    if refused := model_settings(settings):
+        source = settings_source(refused)
+        path = refused[0].partition("=")[0]
+        raise SpecError([compiled_already(path, source.span(0, len(path)))], (source,))
     embedded = _embedded_spec(data, file.parent)
     program = program_from_data(data, shown)
     if embedded is None:
         raise SpecError([foreign_spec(shown)])
-    read = read_spec(embedded.path, embedded.text, settings, texts=embedded.texts)
+    own = embedded.settings
+    read = read_spec(embedded.path, embedded.text, (*own, *settings), texts=embedded.texts)
     parts, text = parts_of(read, embedded.weights), read.source.text
-    if program.spec_hash != hash_of(text, parts) or program.name != read.spec.name.value:
+    if program.spec_hash != hash_of(text, parts, own) or program.name != read.spec.name.value:
         raise SpecError([foreign_spec(shown)])
-    sources = (*read.sources, settings_source(settings))
+    sources = (*read.sources, settings_source((*own, *settings)))
     spec = link(
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
-    return Model(program, spec, embedded.path, text, sources, read.warnings, read, parts)
+    return Model(
+        program, spec, embedded.path, text, sources, read.warnings, read, parts, settings=own
+    )
 
 
 def _seen_from(folder: Path, path: str | Path) -> str:
@@ -73,12 +83,16 @@ def _seen_from(folder: Path, path: str | Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _EmbeddedSpec:
-    """The spec in a program file, the texts of sub-models by path, digests of their weights."""
+    """The spec in a program file, the texts of sub-models by path, digests of their weights.
+
+    `settings` are the values of the model that were replaced before it was compiled.
+    """
 
     path: Path
     text: str
     texts: Mapping[str, str]
     weights: Mapping[str, str]
+    settings: tuple[str, ...]
 
 
 def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
@@ -91,7 +105,10 @@ def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
             return None
     texts, weights = _texts(found.get("texts")), _texts(found.get("weights"))
     texts = {os.path.normpath(folder / path): text for path, text in texts.items()}
-    return _EmbeddedSpec(spec, text, texts, weights)
+    settings = found.get("settings")
+    kept = cast("list[Any]", settings) if isinstance(settings, list) else []
+    texts_of_settings = tuple(item for item in kept if isinstance(item, str))
+    return _EmbeddedSpec(spec, text, texts, weights, texts_of_settings)
 
 
 def _texts(data: Any) -> dict[str, str]:

@@ -33,9 +33,12 @@ def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[Part, ...]:
     return tuple(_parts(read, digests, ""))
 
 
-def hash_of(text: str, parts: Sequence[Part]) -> str:
-    """sha256 of a spec's text; with sub-models, of what it and they are made of."""
-    own = _sha256(text)
+def hash_of(text: str, parts: Sequence[Part], settings: Sequence[str] = ()) -> str:
+    """sha256 of a spec's text; with sub-models, of what it and they are made of.
+
+    `settings` are those that replace values of the model.
+    """
+    own = _sha256(text) if not settings else _sha256(json.dumps([text, *settings]))
     if not parts:
         return own
     return _sha256(json.dumps([own, *([p.name, _sha256(p.text), p.weights] for p in parts)]))

@@ -17,6 +17,7 @@ from msnn.training.records.progress import EpochEnd, StageEnd
 from msnn.training.records.run_folder import CHECKPOINT, METRICS, PARAMETERS, SPEC, WEIGHTS
 from msnn.training.records.run_folder import read_description as description_of
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.settings import model_settings
 
 RUNS_SHOWN = 5
 
@@ -158,8 +159,10 @@ def commands(run: Run) -> dict[str, str]:
         found["resume"] = ["msnn", "train", spec, "--resume", *_options(run)]
     if (run.folder / WEIGHTS).is_file():
         weights = ["--weights", str(run.folder / WEIGHTS)]
-        found["validate"] = ["msnn", "validate", spec, *weights]
-        found["export"] = ["msnn", "export", spec, *weights]
+        settings = model_settings(run.description.get("settings", ()))
+        words = [word for text in settings for word in ("--set", text)]
+        found["validate"] = ["msnn", "validate", spec, *weights, *words]
+        found["export"] = ["msnn", "export", spec, *weights, *words]
     return {what: shlex.join(words) for what, words in found.items()}
 
 

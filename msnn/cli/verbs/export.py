@@ -15,6 +15,7 @@ from msnn.cli.arguments import (
     OutputFormat,
     ResultFormat,
     RunsFolder,
+    Settings,
     SpecFile,
     WeightsFile,
     refuse_two_origins,
@@ -49,6 +50,7 @@ def export(
         bool, typer.Option("--check", help="Run every target and compare it with the interpreter.")
     ] = False,
     data_root: DataRoot = None,
+    settings: Settings = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
     """Write C, ONNX, CasADi and torch.
@@ -67,7 +69,7 @@ def export(
     refuse_two_origins(weights, initial)
     names = _listed(to, (*TARGETS, "all"), "--to")
     extras = _listed(extra, EXTRAS, "--with")
-    model = load_model(spec)
+    model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     findings = Findings()
     targets = target_names(names, model.spec.export)
@@ -77,7 +79,7 @@ def export(
     plans = plan_exports(model, targets, findings, extras)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
-    chosen = choose_weights(model.program, weights, runs, initial=initial)
+    chosen = choose_weights(model, weights, runs, initial=initial)
     note(f"weights: {chosen.origin}")
     written: dict[str, tuple[Path, Sequence[Path]]] = {}
     for plan in plans:

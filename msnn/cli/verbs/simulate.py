@@ -71,7 +71,7 @@ def simulate(
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
-    chosen = choose_weights(model.program, weights, runs, initial=initial)
+    chosen = choose_weights(model, weights, runs, initial=initial)
     note(f"weights: {chosen.origin}")
     steps = None if horizon == "record" else int(horizon)
     found = api.simulate(

@@ -60,7 +60,7 @@ def validate(
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
-    chosen = choose_weights(model.program, weights, runs, initial=initial)
+    chosen = choose_weights(model, weights, runs, initial=initial)
     note(f"weights: {chosen.origin}")
     found = api.validate(model, chosen.weights, data_root=data_root)
     report(found.warnings, model.sources)
