@@ -55,7 +55,8 @@ def weights_of_another_model(
     path, then, _ = differing[0]
     repair = "train again, or take the spec that is kept beside the weights"
     if then is not None:
-        repair = f"`--set {quote(f'{path}={then}')}` asks for the model that was trained; or train again"
+        setting = quote(f"{path}={then}")
+        repair = f"`--set {setting}` asks for the model that was trained; or train again"
     return Diagnostic(
         "E0994",
         "error",
