@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from asammdf import MDF, Signal
 
 import msnn
 from msnn.cli.application import run
@@ -273,3 +274,47 @@ def test_records_that_are_too_short_are_named(tmp_path: Path) -> None:
     assert [(warning.code, "b.csv" in warning.message) for warning in runs.warnings] == [
         ("W0802", True)
     ]
+
+
+def test_plots_draw_over_the_time_of_the_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from msnn.reports import plotting
+
+    write(tmp_path, "a.csv", log(40))
+    plant = model(tmp_path, "{source: {train: a.csv}, time: t, split: {by: fraction, val: 0.25}}")
+    drawn: list[Any] = []
+
+    def keep(figure: Any, path: Path) -> Path:
+        drawn.append(figure)
+        return path
+
+    monkeypatch.setattr(plotting, "_saved", keep)
+    runs = msnn.simulate(plant)
+    plotting.plot_simulation(tmp_path / "a.png", simulation_program(plant.program), runs)
+    line = drawn[0].axes[0].lines[0]
+    np.testing.assert_array_equal(line.get_xdata(), log(40)["t"])
+    assert line.get_label() == "a.csv, train, val"
+
+
+def test_recordings_with_times_of_their_own_join_alike(tmp_path: Path) -> None:
+    frame = log(40, start=3.0)
+    with MDF() as file:
+        file.append(
+            [Signal(frame[n].to_numpy(), frame["t"].to_numpy(), name=n) for n in ("x", "u")]
+        )
+        # what is measured at other times is put beside the steps, and has no say in them
+        file.append([Signal(frame["z"].to_numpy()[5:], frame["t"].to_numpy()[5:], name="z")])
+        file.save(tmp_path / "a.mf4")
+    plant = model(tmp_path, "{source: {train: a.mf4}}")
+    found = table(tmp_path, plant, msnn.simulate(plant))
+    assert found["row"].tolist() == list(range(40))
+    np.testing.assert_array_equal(found["time"], frame["t"])
+    np.testing.assert_array_equal(found["y"], 2 * frame["u"])
+    assert "y.log" not in found or found["y.log"].isna().all()
+    plant = model(tmp_path, "{source: {train: a.mf4}, resample: linear}")
+    found = table(tmp_path, plant, msnn.simulate(plant))
+    assert found["row"].isna().all()
+    np.testing.assert_allclose(found["time"], frame["t"], rtol=0, atol=1e-9)
+    assert found["y.log"].isna().tolist() == [True] * 5 + [False] * 35
+    np.testing.assert_allclose(found["y.log"][5:], frame["z"][5:], rtol=1e-9)

@@ -48,7 +48,10 @@ def record_rows(
     """
     how = file.layout.resample or data.resample or "error"
     span = file.layout.place.key
-    table = _one_table(read, beside) if isinstance(read, Streams) else read
+    resampled = how in ("linear", "nearest")
+    # resampling brings columns beside to the moments; without it only those of the same times fit
+    fitting = () if resampled else beside
+    table = _one_table(read, fitting) if isinstance(read, Streams) else read
     if how in ("linear", "nearest"):
         method: Method = "linear" if how == "linear" else "nearest"
         if sample_time is None:
