@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from msnn.api import (
         compile,
         export,
+        initial_weights,
         linearize,
         load,
         simulate,
@@ -36,6 +37,7 @@ __all__ = [
     "SpecError",
     "compile",
     "export",
+    "initial_weights",
     "linearize",
     "load",
     "simulate",

@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from compiler.elaboration.compile import compile_spec
 from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError
-from msnn.data.dataset import Dataset, one_record
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.model.given_weights import Weights
 from msnn.model.load import load_model
 from msnn.model.model import Model
-from msnn.model.model_data import Weights, data_folder, known_in, measured, read_data, sources_of
+from msnn.model.model_data import data_folder, given_in, known_in, measured, sources_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.spec import Spec
 
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
     from msnn.exports.export import TargetName
     from msnn.simulation.linearize import Linearization
-    from msnn.simulation.simulate import Simulation
+    from msnn.simulation.simulate import Simulations
+    from msnn.simulation.simulation_data import GivenData
     from msnn.training.folds import FoldsResult
     from msnn.training.records.progress import Progress
     from msnn.training.records.training_options import TrainingOptions
@@ -81,9 +83,10 @@ def train(
     from msnn.training import train as engine
 
     options = replace(_options(model, runs, tensorboard, device), resume=resume)
+    first = given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
     with sources_of(model):
-        return engine.train(model.program, dataset, model.spec.train, options, progress, weights)
+        return engine.train(model.program, dataset, model.spec.train, options, progress, first)
 
 
 def train_folds(
@@ -111,12 +114,13 @@ def train_folds(
 
     refuse_sets(data)
     options = replace(_options(model, runs, tensorboard, device), resume=resume)
+    first = given_in(model, weights)
 
     def read(one: Model) -> Dataset:
         return measured(one, data, data_root, "training")
 
     with sources_of(model):
-        return folds.train_folds(model, read, options, progress, weights)
+        return folds.train_folds(model, read, options, progress, first)
 
 
 def stage_loss(
@@ -146,10 +150,10 @@ def stage_loss(
     from msnn.training.engines.devices import find_device
     from msnn.training.stage_loss_module import stage_loss as opened
 
-    place = find_device(device)
+    place, first = find_device(device), given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
     with sources_of(model):
-        return opened(model.program, dataset, model.spec.train, stage, weights, place)
+        return opened(model.program, dataset, model.spec.train, stage, first, place)
 
 
 def validate(
@@ -182,41 +186,49 @@ def validate(
         return replace(report, warnings=(*warnings, *report.warnings))
 
 
+def initial_weights(model: Model) -> dict[str, FloatArray]:
+    """The initial value of every parameter by name, in the units of the spec.
+
+        weights = {**msnn.initial_weights(model), "k": 15.0}
+
+    Every function that takes weights takes those of all parameters: a mapping of arrays, numbers or
+    torch tensors; a result of `train`, `train_folds` or `stage_loss`; the path of a weights file or
+    of the folder of a run. Raises SpecError where a value is known from data only.
+    """
+    return dict(known_in(model, None))
+
+
 def simulate(
     model: Model,
-    data: Mapping[str, ArrayLike] | list[Path] | str | Path | None = None,
+    data: GivenData | None = None,
     weights: Weights | None = None,
     *,
     horizon: int | None = None,
     data_root: str | Path | None = None,
-) -> list[Simulation]:
+    data_set: str | None = None,
+) -> Simulations:
     """Runs the model freely over records; every input that an output predicts is fed back.
 
         (run,) = msnn.simulate(model, {"F": force, "x": position}, result.weights)
-        print(run.outputs["x_next"])
+        print(run.outputs["x_next"], run.logged["x_next"], run.places.rows)
 
-    `data` are arrays (rows, *shape) by signal, or files with the columns that the spec names;
-    None takes the data of the spec. `horizon` ends each run after so many steps. Raises SpecError.
+    `data` are frames as in `train`, or files with the columns that the spec names; None takes the
+    data of the spec. `data_set` runs over one set only; of files it says which set of the spec has
+    their columns. `horizon` ends each run after so many steps. The answer is a sequence of runs,
+    with `warnings`. Raises SpecError.
     """
     from msnn.exports.export import loop_fault
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
-    from msnn.simulation.simulation_data import file_data, record_data
+    from msnn.simulation.simulation_data import simulation_data
 
     try:
         program = simulation_program(model.program)
     except LoopError as error:
         raise SpecError([loop_fault(error, None)], model.sources) from None
-    match data:
-        case None:
-            dataset = read_data(model, data_root, "simulation", program)
-        case str() | Path():
-            dataset = file_data(model, program, [Path(data)])
-        case list():
-            dataset = file_data(model, program, [Path(file) for file in data])
-        case _:
-            dataset = one_record(record_data(program, data))
-    return run(program, dataset, known_in(model, weights), horizon)
+    dataset = simulation_data(model, program, data, data_root, data_set)
+    with sources_of(model):
+        return run(program, dataset, known_in(model, weights), horizon, data_set)
 
 
 def linearize(

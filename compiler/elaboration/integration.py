@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import assert_never
 
 from compiler.elaboration.linear_implicit import increments
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Add
 from compiler.ir.program import NodeId
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
@@ -128,7 +130,7 @@ class _Steps:
         slopes = self._slopes(values)
         moved: Values = {}
         for name, increment in increments(builder, values, slopes, self.step_length).items():
-            moved[name] = builder.add(values[name], increment)
+            moved[name] = self._sum(builder, name, values[name], increment)
             report_unit_conflicts(self.context, builder, self.vector_field[name].expression)
         return moved
 
@@ -176,6 +178,17 @@ class _Steps:
             expression = self.vector_field[name].expression
             with builder.at(expression.span):
                 scaled = builder.multiply(builder.constant(length, unit=_SECOND), slopes[name])
-                moved[name] = builder.add(value, scaled)
+                moved[name] = self._sum(builder, name, value, scaled)
             report_unit_conflicts(self.context, builder, expression)
         return moved
+
+    def _sum(self, builder: GraphBuilder, name: str, value: NodeId, change: NodeId) -> NodeId:
+        """value + change; a state without a unit has none inside a step either.
+
+        A sum with one unknown unit would take the other, here that of `der` times seconds, and the
+        next stage would be told of a mismatch with what the spec says of nothing.
+        """
+        if self.vector_field[name].type.unit is not None:
+            return builder.add(value, change)
+        value, change, axes = builder.aligned(value, change)
+        return builder.emit(Add(), (value, change), Type(axes, None))

@@ -29,7 +29,9 @@ def increments(
     near 0, and while J is diagonally dominant and stable none is below 1 whatever h. Elements that
     are 0 by structure cost nothing.
     """
-    h = builder.constant(step, unit=_SECOND)
+    # in a system with an unknown unit no row of I - h J can be told to be of unit 1
+    known = all(builder.type(value).unit is not None for value in values.values())
+    h = builder.constant(step, unit=_SECOND if known else None)
     matrix: list[Row] = []
     right: list[NodeId] = []
     for name in values:

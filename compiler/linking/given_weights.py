@@ -63,7 +63,12 @@ class GivenWeights:
             known = {*spec.parameters, *spec.layers, *spec.use}
             extra = sorted(name for name in arrays if name.partition(".")[0] not in known)
             if extra:
-                self._findings.report(errors.needless_weights(part, extra, self._place(part)))
+                listed = ", ".join(f"`{name}`" for name in extra)
+                problem = f"its spec declares no {listed}"
+                repair = "were they trained with another version of its spec?"
+                self._findings.report(
+                    errors.unusable_weights(part, problem, self._place(part), repair)
+                )
         for part, use in self._use.items():
             own = [n.removeprefix(f"{part}.") for n in names if n.startswith(f"{part}.")]
             for pattern in use.freeze.patterns:

@@ -12,17 +12,34 @@ import numpy as np
 from compiler.jacobian.interpret import JacobianInterpreter
 from msnn.agreement.artefacts import Artefact, CasadiArtefact, OnnxArtefact, TorchArtefact
 from msnn.agreement.c_artefact import CModel, built_c
-from msnn.agreement.deviation import differing_bits, worst_deviation
+from msnn.agreement.deviation import bits_of_each, deviations, worst_deviation
 from msnn.agreement.judge import Arrays, Judgement, judge
 from msnn.agreement.judged_words import judged_words
 from msnn.agreement.record import Record
+from msnn.agreement.rounding import (
+    STEP_LIMIT,
+    labelled,
+    rounding_errors,
+    single_steps,
+    step_limit,
+)
 from msnn.data.dataset import FloatArray
 from msnn.exports.export import ExportPlan, FixedPoint
 
-# one step in the arithmetic of the target, from the judge's state in float64
-STEP_LIMIT = {"float64": 1e-12, "float32": 1e-5}
 FREE_STEPS = 1000
 LINEARIZED_STEPS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """An output or a state in which a target is not what it promises."""
+
+    of: str
+    deviation: float | None
+    """Of one step, relative to the largest magnitude; None where bits are promised."""
+    limit: float | None
+    bits: int | None
+    """Values whose bits differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +56,15 @@ class Agreement:
     bits: int | None
     """Values whose bits differ from the judge's in the same arithmetic; for C in float32 and in
     fixed point, whose judge is the integer interpreter."""
+    faults: tuple[Fault, ...]
+    """Where the target breaks its promise: of bits where it has one, else of near numbers."""
+    rounding: dict[str, float]
+    """What single precision costs the interpreter itself, of outputs where that is much."""
 
     @property
     def agrees(self) -> bool:
         """Whether the target keeps what it promises."""
-        near = self.one_step is None or self.one_step <= STEP_LIMIT[self.dtype]
-        return not self.bits and near
+        return not self.faults
 
 
 def compare(
@@ -89,11 +109,42 @@ def _explicit(
 ) -> Agreement:
     wanted = judge(plan.program, weights, record, np.float64)
     outputs, following = artefact.step(wanted.inputs, wanted.states, record.steps)
-    one_step = max(
-        worst_deviation(outputs, wanted.outputs), worst_deviation(following, wanted.next_states)
-    )
+    found = deviations(labelled(outputs, following), labelled(wanted.outputs, wanted.next_states))
+    errors = rounding_errors(single_steps(plan.program, weights, record, wanted), wanted)
     free = worst_deviation(_free_run(artefact, wanted, record), wanted.outputs)
-    return Agreement(plan.target, plan.dtype, record.steps, one_step, free, None)
+    return Agreement(
+        target=plan.target,
+        dtype=plan.dtype,
+        steps=record.steps,
+        one_step=max(found.values(), default=0.0),
+        free_run=free,
+        bits=None,
+        faults=_far(plan, found, errors),
+        rounding=_costly(plan, wanted, errors),
+    )
+
+
+def _far(
+    plan: ExportPlan, found: Mapping[str, float], errors: Mapping[str, float]
+) -> tuple[Fault, ...]:
+    """The values that are farther from the judge than rounding explains."""
+    limits = {name: step_limit(plan.dtype, errors.get(name, 0.0)) for name in found}
+    return tuple(
+        Fault(name, deviation, limits[name], None)
+        for name, deviation in found.items()
+        if not deviation <= limits[name]
+    )
+
+
+def _different(counts: Mapping[str, int]) -> tuple[Fault, ...]:
+    return tuple(Fault(name, None, None, count) for name, count in counts.items() if count)
+
+
+def _costly(plan: ExportPlan, wanted: Judgement, errors: Mapping[str, float]) -> dict[str, float]:
+    if plan.dtype != "float32":
+        return {}
+    outputs = {name: errors[name] for name in labelled(wanted.outputs, {})}
+    return {n: error for n, error in outputs.items() if not error <= STEP_LIMIT[plan.dtype]}
 
 
 def _slopes(
@@ -139,9 +190,17 @@ def _fixed_point(
     with built_c(files, folder, plan) as model:
         model.step.reset(words.windows)
         found, _ = model.step.run(words.inputs, words.steps)
-    bits = sum(int(np.sum(found[name] != values)) for name, values in words.outputs.items())
-    deviation = worst_deviation(words.real(found), wanted.outputs)
-    return Agreement(plan.target, format, words.steps, None, deviation, bits)
+    counts = {f"`{n}`": int(np.sum(found[n] != values)) for n, values in words.outputs.items()}
+    return Agreement(
+        target=plan.target,
+        dtype=format,
+        steps=words.steps,
+        one_step=None,
+        free_run=worst_deviation(words.real(found), wanted.outputs),
+        bits=sum(counts.values()),
+        faults=_different(counts),
+        rounding={},
+    )
 
 
 def _c(
@@ -151,7 +210,11 @@ def _c(
     files: Sequence[Path],
     folder: Path,
 ) -> Agreement:
-    """Each step from the judge's states, and a free run; in float32 against its bits."""
+    """Each step from the judge's states, and a free run; in float32 against the bits of both.
+
+    What C in float32 promises are the bits of the interpreter in float32: how far these are from
+    float64 is a property of the model, which is told and not judged.
+    """
     wanted = judge(plan.program, weights, record, np.float64)
     same = wanted if plan.dtype == "float64" else judge(plan.program, weights, record, np.float32)
     with built_c(files, folder, plan) as model:
@@ -161,14 +224,30 @@ def _c(
         compared = min(record.steps, LINEARIZED_STEPS)
         slopes = model.slopes(same, compared)
         expected = _slopes(model, plan, weights, record, same, compared)
-    one_step = max(
-        worst_deviation(outputs, wanted.outputs), worst_deviation(following, wanted.next_states)
-    )
+    single = single_steps(plan.program, weights, record, wanted)
+    errors = rounding_errors(single, wanted)
+    near = deviations(labelled(outputs, following), labelled(wanted.outputs, wanted.next_states))
     beginning = {name: values[:FREE_STEPS] for name, values in free.items()}
     deviation = worst_deviation(beginning, wanted.outputs)
     if plan.dtype == "float64":
-        one_step = max(one_step, worst_deviation(slopes, expected))
-        bits = None
+        near |= {f"the matrix {name}": d for name, d in deviations(slopes, expected).items()}
+        bits, faults = None, _far(plan, near, errors)
     else:
-        bits = differing_bits(free, same.outputs) + differing_bits(slopes, expected)
-    return Agreement(plan.target, plan.dtype, record.steps, one_step, deviation, bits)
+        counts = bits_of_each(
+            labelled(outputs, following), labelled(single["outputs"], single["next_states"])
+        )
+        for name, count in bits_of_each(free, same.outputs).items():
+            counts[f"`{name}`"] += count
+        matrices = bits_of_each(slopes, expected)
+        counts |= {f"the matrix {name}": count for name, count in matrices.items()}
+        bits, faults = sum(counts.values()), _different(counts)
+    return Agreement(
+        target=plan.target,
+        dtype=plan.dtype,
+        steps=record.steps,
+        one_step=max(near.values(), default=0.0),
+        free_run=deviation,
+        bits=bits,
+        faults=faults,
+        rounding=_costly(plan, wanted, errors),
+    )

@@ -18,18 +18,28 @@ def worst_deviation(found: Arrays, wanted: Arrays) -> float:
     Arrays are (steps, *shape); those found may have fewer steps. NaN and infinities must stand at
     equal places, else the deviation is infinite.
     """
-    return max((_deviation(found[name], wanted[name]) for name in wanted), default=0.0)
+    return max(deviations(found, wanted).values(), default=0.0)
+
+
+def deviations(found: Arrays, wanted: Arrays) -> dict[str, float]:
+    """The same for each array."""
+    return {name: _deviation(found[name], wanted[name]) for name in wanted}
 
 
 def differing_bits(found: Arrays, wanted: Arrays) -> int:
     """How many values differ in any bit; one NaN is as good as another."""
-    total = 0
+    return sum(bits_of_each(found, wanted).values())
+
+
+def bits_of_each(found: Arrays, wanted: Arrays) -> dict[str, int]:
+    """The same for each array."""
+    counts: dict[str, int] = {}
     for name, values in wanted.items():
         a, b = np.ascontiguousarray(found[name]), np.ascontiguousarray(values)
         unsigned = {4: np.uint32, 8: np.uint64}[b.dtype.itemsize]
         same = a.view(unsigned) == b.view(unsigned)
-        total += int(np.sum(~(same | (np.isnan(a) & np.isnan(b)))))
-    return total
+        counts[name] = int(np.sum(~(same | (np.isnan(a) & np.isnan(b)))))
+    return counts
 
 
 def _deviation(found: NDArray[Any], wanted: NDArray[Any]) -> float:

@@ -7,13 +7,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from msnn.agreement.compare import Agreement, compare
+from msnn.agreement.compare import Agreement, Fault, compare
 from msnn.agreement.record import agreement_record
 from msnn.data.dataset import FloatArray
+from msnn.errors import commands
 from msnn.errors.failures import MissingExtraError
 from msnn.exports.export import ExportPlan
 from msnn.model.model import Model
 from msnn.tables import table_text
+from spec_schema.diagnostics.diagnostic import Diagnostic
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +107,31 @@ def agreement_table(report: AgreementReport) -> str:
     header = ("target", "type", "steps", "one step", "free run", "differing bits", "")
     table = table_text(header, rows, numbers=[2, 3, 4, 5])
     return f"Worst deviation from the interpreter in float64, along {report.origin}:\n{table}"
+
+
+def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:
+    """Where targets break their promise, and values that single precision cannot hold well."""
+    found: list[Diagnostic] = []
+    for row in report.rows:
+        found += [
+            commands.target_differs(row.target, row.dtype, fault.of, _difference(fault))
+            for fault in row.faults
+        ]
+        if row.agrees:
+            found += [
+                commands.costly_rounding(row.target, of, error)
+                for of, error in row.rounding.items()
+            ]
+    return found
+
+
+def _difference(fault: Fault) -> str:
+    if fault.deviation is None or fault.limit is None:
+        return f"{fault.bits} values have other bits"
+    return (
+        f"a step is off by {fault.deviation:.1e} of the largest magnitude, "
+        f"where rounding explains {fault.limit:.1e}"
+    )
 
 
 def agreement_values(report: AgreementReport) -> dict[str, Any]:

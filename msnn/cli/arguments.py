@@ -51,7 +51,7 @@ Settings: TypeAlias = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Replace a value: train.0.epochs=5.",
+        help="Replace a value of the spec: train.0.epochs=5, parameters.k.init=2.",
         callback=_wants_value,
     ),
 ]

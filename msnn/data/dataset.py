@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +16,69 @@ BoolArray = NDArray[np.bool_]
 
 UNASSIGNED = -1
 
+BETWEEN_ROWS = -1
+"""What resampling puts at a moment for which a file has no row."""
+
 
 @dataclass(frozen=True, slots=True)
-class Record:
-    """The rows start … stop−1 of the series, all from one file."""
+class FileRows:
+    """The rows start … stop−1 of the series, all from one file, and which rows they are there."""
 
     file: str
     start: int
     stop: int
-    first_row: int
-    """Row of the file that `start` is."""
-    every: int
-    """Rows of the file between two rows of the record."""
+    rows: range | IntArray
+    """The file's row of each, counted from 0 below the header; BETWEEN_ROWS where it has none."""
+    time: FloatArray | None
+    """Seconds of each as the file has them; None where it has no time."""
 
-    def file_row(self, row: int) -> int:
+    def moved(self, by: int) -> FileRows:
+        """The same rows of the file, later in the series."""
+        return replace(self, start=self.start + by, stop=self.stop + by)
+
+    def row(self, row: int) -> int:
         """The row of the file that a row of the series was."""
-        return self.first_row + (row - self.start) * self.every
+        return int(self.rows[row - self.start])
+
+    def file_rows(self, first: int, stop: int) -> IntArray:
+        """The rows of the file that rows of the series were."""
+        return np.asarray(self.rows[first - self.start : stop - self.start], np.int64)
+
+    def times(self, first: int, stop: int, sample_time: float | None) -> FloatArray | None:
+        """Seconds of rows of the series: as the file has them, else counted from its row 0."""
+        if self.time is not None:
+            return self.time[first - self.start : stop - self.start]
+        if sample_time is None or not isinstance(self.rows, range):
+            return None
+        # rows that `every:` leaves are one sample apart
+        return self.file_rows(first, stop) / self.rows.step * sample_time
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """The rows start … stop−1 of the series: one file, or several that follow in time."""
+
+    file: str
+    start: int
+    stop: int
+    pieces: tuple[FileRows, ...]
+    """The rows of each of its files, in their order."""
+
+    def piece(self, row: int) -> FileRows:
+        """The file that a row of the series is from."""
+        return next(piece for piece in self.pieces if piece.start <= row < piece.stop)
+
+    def place(self, row: int) -> str:
+        """`row 17 of train/a.csv`, for messages."""
+        piece = self.piece(row)
+        if (found := piece.row(row)) != BETWEEN_ROWS or piece.time is None:
+            return f"row {found} of {piece.file}"
+        return f"{float(piece.time[row - piece.start]):.6g} s in {piece.file}"
+
+
+def whole_file(file: str, start: int, stop: int) -> Record:
+    """A record of all rows of a file without time."""
+    return Record(file, start, stop, (FileRows(file, start, stop, range(stop - start), None),))
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,18 +126,3 @@ class Dataset:
         starts = np.flatnonzero(wanted & ~(before & self.continues))
         last = np.flatnonzero(wanted & ~(after & follows))
         return np.stack((starts, last + 1), axis=1)
-
-
-def one_record(series: Mapping[str, FloatArray], name: str = "data") -> Dataset:
-    """Arrays of a session as a data set of one record, all of it in one set."""
-    rows = len(next(iter(series.values())))
-    continues = np.ones(rows, dtype=np.bool_)
-    continues[:1] = False
-    return Dataset(
-        series=series,
-        records=(Record(name, 0, rows, 0, 1),),
-        sets=(name,),
-        set_of_row=np.zeros(rows, dtype=np.int8),
-        continues=continues,
-        usable=np.ones(rows, dtype=np.bool_),
-    )

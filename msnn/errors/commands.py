@@ -51,6 +51,37 @@ def missing_extra(what: str, install: str) -> Diagnostic:
     return Diagnostic("E1037", "error", f"{what} is not installed", None, help=install)
 
 
+def target_differs(target: str, dtype: str, of: str, difference: str) -> Diagnostic:
+    """E1057: an export that computes something else than the interpreter."""
+    help = "please report it with the spec and `msnn doctor`"
+    if dtype == "float32":
+        help += f"; `--set export.{target}.dtype=float64` computes in double precision"
+    return Diagnostic(
+        "E1057",
+        "error",
+        f"{target} differs from the interpreter in {of}: {difference}",
+        None,
+        help=help,
+    )
+
+
+def costly_rounding(target: str, of: str, error: float) -> Diagnostic:
+    """W1058: a value that single precision, in any implementation, gets wrong by more than 1e-5."""
+    note = (
+        "the interpreter in float32 is as far from float64: rounding is magnified there, as "
+        "by a difference of near numbers or a division by a short sample time"
+    )
+    return Diagnostic(
+        "W1058",
+        "warning",
+        f"{of} of {target} is off by {error:.1e} of its largest magnitude in single precision",
+        None,
+        notes=(note,),
+        help=f"write `dtype: float64` at `{target}:` of `export:`, or "
+        f"`--set export.{target}.dtype=float64`",
+    )
+
+
 def unknown_target(name: str, known: Sequence[str]) -> Diagnostic:
     """E1038: an export target that this version does not have."""
     return Diagnostic(

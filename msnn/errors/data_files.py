@@ -194,6 +194,18 @@ def no_rows_in_set(name: str, sets: Iterable[str], span: Span | None) -> Diagnos
     )
 
 
+def sets_differ(sets: Sequence[str], span: Span | None) -> Diagnostic:
+    """E0958: other files than those of the spec, whose sets lay theirs out in different ways."""
+    return Diagnostic(
+        "E0958",
+        "error",
+        f"the sets {_listed([f'`{name}`' for name in sets])} lay out their files in different ways",
+        span,
+        "whose columns do the given files have?",
+        help=f"say like which of them: `--data-set {sets[0]}`, or `data_set=` in Python",
+    )
+
+
 def episodes_too_short(
     name: str, longest: int, needed: int, wanted_by: str, span: Span | None
 ) -> Diagnostic:

@@ -1,9 +1,13 @@
-"""E0910-E0912, E0923, E0924, W0902, W0903: weights read from files."""
+"""E0910-E0912, E0923, E0924, E0959, E0994, W0902: weights, read from files or given."""
 
 from collections.abc import Sequence
+from shlex import quote
 
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import nearest
+
+_MOST_SHOWN = 6
 
 
 def unreadable_weights(file: str, reason: str) -> Diagnostic:
@@ -11,15 +15,55 @@ def unreadable_weights(file: str, reason: str) -> Diagnostic:
     return Diagnostic("E0910", "error", f"cannot read the weights {file}: {reason}", None)
 
 
-def missing_weights(file: str, names: Sequence[str]) -> Diagnostic:
-    """E0911: a weights file without some parameters of the model."""
+def missing_weights(file: str, names: Sequence[str], *, given: bool = False) -> Diagnostic:
+    """E0911: weights without some parameters of the model."""
     listed = ", ".join(f"`{name}`" for name in names)
+    repair = "was it trained with another version of the spec?"
+    if given:
+        repair = "complete it: `{**msnn.initial_weights(model), **weights}`"
+    return Diagnostic("E0911", "error", f"{file} has no values for {listed}", None, help=repair)
+
+
+def unknown_weights(file: str, names: Sequence[str], known: Sequence[str]) -> Diagnostic:
+    """E0959: weights with names that are no parameters of the model."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    meant = {name: found for name in names if (found := nearest(name, known))}
+    repair = "take the physical values by name, as `result.weights` and `loss.weights()` have them"
+    if meant:
+        repair = f"did you mean {', '.join(f'`{found}`' for found in meant.values())}?"
     return Diagnostic(
-        "E0911",
+        "E0959",
         "error",
-        f"{file} has no values for {listed}",
+        f"{file} has {listed}, which the model does not have",
         None,
-        help="was it trained with another version of the spec?",
+        notes=(f"its parameters: {', '.join(known) or 'none'}",),
+        help=repair,
+    )
+
+
+def weights_of_another_model(
+    file: str, differing: Sequence[tuple[str, str | None, str | None]]
+) -> Diagnostic:
+    """E0994: weights whose run had another model; `differing` are paths with both values."""
+    said = [
+        f"`{path}` was {'not there' if then is None else then}, "
+        f"here it is {'not there' if now is None else now}"
+        for path, then, now in differing
+    ]
+    more = len(said) - _MOST_SHOWN
+    notes = (*said[1:_MOST_SHOWN], *((f"{more} more values differ",) if more > 0 else ()))
+    path, then, _ = differing[0]
+    repair = "train again, or take the spec that is kept beside the weights"
+    if then is not None:
+        setting = quote(f"{path}={then}")
+        repair = f"`--set {setting}` asks for the model that was trained; or train again"
+    return Diagnostic(
+        "E0994",
+        "error",
+        f"{file} was trained for another model: {said[0]}",
+        None,
+        notes=notes,
+        help=repair,
     )
 
 
@@ -57,12 +101,6 @@ def moved_off_bound(names: Sequence[str]) -> Diagnostic:
     """W0902: loaded values on a bound, where they could not be trained."""
     listed = ", ".join(f"`{name}`" for name in names)
     return Diagnostic("W0902", "warning", f"moved off their bounds to be trainable: {listed}", None)
-
-
-def extra_weights(file: str, names: Sequence[str]) -> Diagnostic:
-    """W0903: arrays in a weights file that the model does not have."""
-    listed = ", ".join(f"`{name}`" for name in names)
-    return Diagnostic("W0903", "warning", f"{file} also has {listed}, which are not used", None)
 
 
 def _shape(shape: Sequence[int]) -> str:

@@ -15,7 +15,7 @@ from msnn.model.spec_hash import hash_of, parts_of, with_files
 from msnn.model.submodel_weights import read_submodel_weights
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.reading.reader import ReadResult, read_spec
-from spec_schema.reading.settings import settings_source
+from spec_schema.reading.settings import model_settings, settings_source
 
 
 def load_model(
@@ -23,7 +23,7 @@ def load_model(
 ) -> Model:
     """The model in a spec (`.yaml`, `.json`), a program file (`….program.json`) or a run's folder.
 
-    `settings` such as `train.0.epochs=5` replace values of the workflow sections. Raises SpecError
+    `settings` such as `train.0.epochs=5` replace values of the spec. Raises SpecError
     with everything that is wrong; `strict_units` makes warnings about units errors.
     """
     path = Path(path)
@@ -52,7 +52,7 @@ def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
     settings = (*kept.settings, *settings)
     read = read_spec(kept.path, kept.text, settings, texts=kept.texts)
     model = _compiled(read, kept.path, settings, strict_units, kept.weights)
-    if model.program.spec_hash != kept.sha256:
+    if hash_of(model.text, model.parts, model_settings(kept.settings)) != kept.sha256:
         raise SpecError((nothing_kept(str(run)),))
     return replace(model, settings=settings, run=run, trained_in=kept.trained_in)
 
@@ -76,7 +76,7 @@ def _compiled(
             used=read.used,
             weights=weights.arrays,
             strict_units=strict_units,
-            spec_hash=hash_of(text, parts),
+            spec_hash=hash_of(text, parts, model_settings(settings)),
         )
     except SpecError as error:
         findings.report(*error.diagnostics)

@@ -41,7 +41,7 @@ class Model:
     part_weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, FloatArray]])
     """The arrays that their `weights:` have; empty for a program file."""
     settings: tuple[str, ...] = ()
-    """Values of its workflow that were replaced: `train.0.epochs=5`."""
+    """Values that were replaced: `train.0.epochs=5`."""
     run: Path | None = None
     """The run that has kept it."""
     trained_in: str | None = None

@@ -8,23 +8,28 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from compiler.ir.program import Program
+from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.commands import no_data_section
+from msnn.model.given_weights import Weights, weights_path
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
 
-Weights = Mapping[str, FloatArray]
-"""Physical arrays by parameter name, in the units of the spec."""
-
 
 def read_data(
-    model: Model, data_root: str | Path | None, purpose: str, program: Program | None = None
+    model: Model,
+    data_root: str | Path | None,
+    purpose: str,
+    program: Program | None = None,
+    beside: Sequence[Signal] = (),
 ) -> Dataset:
-    """The measured data of the spec, for the signals of `program` (default: all of the model)."""
+    """The measured data of the spec, for the signals of `program` (default: all of the model).
+
+    `beside` are more signals, read where a file has them.
+    """
     from msnn.data.reading.load import load_data
     from msnn.data.reading.row_filter import row_filters
 
@@ -34,7 +39,7 @@ def read_data(
     with sources_of(model):
         signals = program or model.program
         try:
-            return load_data(signals, model.spec.data, folder, row_filters(model.spec))
+            return load_data(signals, model.spec.data, folder, row_filters(model.spec), beside)
         except SpecError as error:
             if model.trained_in is None or data_root is not None:
                 raise
@@ -68,11 +73,20 @@ def measured(
         return frame_data(model.program, spec.data, frames, spec.place, row_filters(spec))
 
 
-def known_in(model: Model, weights: Weights | None) -> Weights:
+def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
+    """The weights that are given, by default the initial values, as far as these are known."""
+    from msnn.model.trained_model import refuse_other_model
     from msnn.model.weights_file import known_weights
 
     with sources_of(model):
+        if isinstance(weights, str | Path):
+            refuse_other_model(model, weights_path(weights))
         return known_weights(model.program, weights)
+
+
+def given_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray] | None:
+    """The weights that are given, None where a training is to begin at its own."""
+    return None if weights is None else known_in(model, weights)
 
 
 @contextmanager

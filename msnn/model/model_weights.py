@@ -12,13 +12,14 @@ from msnn.errors.commands import not_trained
 from msnn.errors.run_ends import unfinished_run
 from msnn.model.kept_run import FOLD, LATEST, WEIGHTS, age, has_checkpoint, newest
 from msnn.model.model import Model
+from msnn.model.trained_model import refuse_other_model
 from msnn.model.weights_file import initial_weights, known_weights, read_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenWeights:
-    """Physical arrays by parameter, where they come from, and what is to be said about them."""
+    """Physical arrays by parameter, and where they come from."""
 
     weights: Mapping[str, FloatArray]
     origin: str
@@ -43,7 +44,7 @@ def choose_weights(
     """The weights in `file`, else with `initial` the spec's own, else those of a training.
 
     That is the run which has kept the model, else the last one in `runs`. Raises SpecError when a
-    file does not fit the model, or nothing was trained yet.
+    file does not fit the model, its run had another one, or nothing was trained yet.
     """
     program = model.program
     needs_training = any(p.learn or p.statistic is not None for p in program.parameters)
@@ -59,8 +60,8 @@ def choose_weights(
             raise SpecError([not_trained(str(file), program.name, begun)])
         if unfinished is not None and age(unfinished) > age(_whole_run(latest.resolve())):
             warnings = (unfinished_run(str(unfinished), str(latest.resolve().name)),)
-    loaded = read_weights(file, program)
-    return ChosenWeights(loaded.weights, str(file), (*warnings, *loaded.warnings))
+    refuse_other_model(model, file)
+    return ChosenWeights(read_weights(file, program), str(file), warnings)
 
 
 def _whole_run(folder: Path) -> Path:

@@ -21,8 +21,9 @@ from msnn.model.model import PROGRAM_SUFFIX, Model
 from msnn.model.spec_hash import hash_of, parts_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.errors.files import unreadable_file
+from spec_schema.errors.settings import compiled_already
 from spec_schema.reading.reader import read_spec
-from spec_schema.reading.settings import settings_source
+from spec_schema.reading.settings import model_settings, settings_source
 
 
 def write_program_file(model: Model, folder: Path) -> Path:
@@ -54,14 +55,22 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     except UnicodeDecodeError as error:
         raise SpecError([unreadable_file(shown, "it is not UTF-8 text")]) from error
     data = data_from_json(text, shown)
+    if refused := model_settings(settings):
+        source = settings_source(refused)
+        path = refused[0].partition("=")[0]
+        raise SpecError([compiled_already(path, source.span(0, len(path)))], (source,))
     embedded = _embedded_spec(data, file.parent)
     program = program_from_data(data, shown)
     if embedded is None:
         raise SpecError([foreign_spec(shown)])
-    settings = (*embedded.settings, *settings)
+    own = embedded.settings
+    settings = (*own, *settings)
     read = read_spec(embedded.path, embedded.text, settings, texts=embedded.texts)
     parts, text = parts_of(read, embedded.weights), read.source.text
-    if program.spec_hash != hash_of(text, parts) or program.name != read.spec.name.value:
+    if (
+        program.spec_hash != hash_of(text, parts, model_settings(own))
+        or program.name != read.spec.name.value
+    ):
         raise SpecError([foreign_spec(shown)])
     sources = (*read.sources, settings_source(settings))
     spec = link(
@@ -88,7 +97,7 @@ def _seen_from(folder: Path, path: str | Path) -> str:
 class _EmbeddedSpec:
     """The spec in a program file, the texts of sub-models by path, digests of their weights.
 
-    `settings` are values of its workflow that were replaced.
+    `settings` are the values that were replaced before it was compiled.
     """
 
     path: Path

@@ -43,9 +43,12 @@ def with_files(parts: Sequence[Part], files: Mapping[str, Path]) -> tuple[Part, 
     return tuple(replace(part, file=files.get(part.name)) for part in parts)
 
 
-def hash_of(text: str, parts: Sequence[Part]) -> str:
-    """sha256 of a spec's text; with sub-models, of what it and they are made of."""
-    own = _sha256(text)
+def hash_of(text: str, parts: Sequence[Part], settings: Sequence[str] = ()) -> str:
+    """sha256 of a spec's text; with sub-models, of what it and they are made of.
+
+    `settings` are those that replace values of the model.
+    """
+    own = _sha256(text) if not settings else _sha256(json.dumps([text, *settings]))
     if not parts:
         return own
     return _sha256(json.dumps([own, *([p.name, _sha256(p.text), p.weights] for p in parts)]))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +14,9 @@ from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors import training as errors
 from msnn.errors import weights as weight_errors
+from msnn.model.given_weights import Weights, checked_weights, given_weights
 from msnn.model.safetensors_file import arrays_in
-from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
-
-
-@dataclass(frozen=True, slots=True)
-class LoadedWeights:
-    """The array of every parameter, and what is to be said about the file."""
-
-    weights: dict[str, FloatArray]
-    warnings: tuple[Diagnostic, ...]
+from spec_schema.diagnostics.diagnostic import SpecError
 
 
 def initial_weights(program: Program) -> dict[str, FloatArray]:
@@ -37,12 +29,13 @@ def initial_weights(program: Program) -> dict[str, FloatArray]:
     }
 
 
-def known_weights(
-    program: Program, weights: Mapping[str, FloatArray] | None
-) -> Mapping[str, FloatArray]:
-    """The weights, by default the initial values; SpecError where those are not known (R12)."""
+def known_weights(program: Program, weights: Weights | None) -> Mapping[str, FloatArray]:
+    """The weights that are given, by default the initial values.
+
+    Raises SpecError where the given ones do not fit, or initial ones are not known (R12).
+    """
     if weights is not None:
-        return weights
+        return given_weights(program, weights)
     unknown = [p for p in program.parameters if p.statistic is not None]
     if unknown:
         names = [parameter.name for parameter in unknown]
@@ -63,12 +56,8 @@ def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Progra
     return write_bytes(path, safetensors_bytes(arrays, metadata), durable=True)
 
 
-def read_weights(path: Path, program: Program) -> LoadedWeights:
-    """The weights of a program (rule R12).
-
-    A missing name, a wrong shape, values that are no floating point numbers and a value that is
-    not finite are errors, raised together as SpecError; extra names are a warning.
-    """
+def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
+    """The weights of a program in a file. Raises SpecError with all that is wrong (rule R12)."""
     shown = str(path)
     try:
         arrays = arrays_in(path.read_bytes())
@@ -78,30 +67,4 @@ def read_weights(path: Path, program: Program) -> LoadedWeights:
     if arrays is None:
         reason = "it is not a safetensors file"
         raise SpecError((weight_errors.unreadable_weights(shown, reason),))
-    faults: list[Diagnostic] = []
-    missing = [p.name for p in program.parameters if p.name not in arrays]
-    if missing:
-        faults.append(weight_errors.missing_weights(shown, missing))
-    found: dict[str, FloatArray] = {}
-    for parameter in program.parameters:
-        shape = tuple(axis.size for axis in parameter.axes)
-        array = arrays.get(parameter.name)
-        if array is not None and array.shape != shape:
-            faults.append(
-                weight_errors.misshapen_weights(
-                    shown, parameter.name, array.shape, shape, parameter.span
-                )
-            )
-        elif array is not None and not np.issubdtype(array.dtype, np.floating):
-            faults.append(
-                weight_errors.weights_not_floating(shown, parameter.name, str(array.dtype))
-            )
-        elif array is not None:
-            found[parameter.name] = array.astype(np.float64)
-    wild = [name for name, array in found.items() if not np.all(np.isfinite(array))]
-    if wild:
-        faults.append(weight_errors.weights_not_finite(shown, wild))
-    if faults:
-        raise SpecError(faults)
-    extra = sorted(set(arrays) - set(found))
-    return LoadedWeights(found, (weight_errors.extra_weights(shown, extra),) if extra else ())
+    return checked_weights(program, arrays, shown)

@@ -21,12 +21,14 @@ from spec_schema.sections.spec import Spec
 _LOG_SUFFIX = ".meas"
 
 
-def checked_model(path: str | Path, *, strict_units: bool = False) -> Model:
+def checked_model(
+    path: str | Path, settings: Sequence[str] = (), *, strict_units: bool = False
+) -> Model:
     """The model in a file, with all that `msnn check` finds; raises SpecError if any is an error.
 
     Its `warnings` are those of reading, compiling and of the workflow.
     """
-    model = load_model(path, strict_units=strict_units)
+    model = load_model(path, settings, strict_units=strict_units)
     diagnostics = (*model.warnings, *check_workflow(model))
     if any(diagnostic.severity == "error" for diagnostic in diagnostics):
         raise SpecError(diagnostics, model.sources)

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from backends.files.atomic_write import replacing
 from compiler.ir.program import Program
 from msnn.errors.failures import MissingExtraError
@@ -36,20 +34,26 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
     """
     figure = _figure(len(program.outputs))
     axes: Any = figure.subplots(len(program.outputs), 1, squeeze=False, sharex=True)[:, 0]
-    step = program.sample_time or 1.0
+    timed = all(run.places.time is not None for run in runs)
+    several = len({name for run in runs for name in run.places.sets}) > 1
     for axis, output in zip(axes, program.outputs, strict=True):
         for run in runs[:_MOST_RUNS]:
             values = run.outputs[output.name]
-            time = (run.first + np.arange(len(values))) * step
-            (line,) = axis.plot(time, values.reshape(len(values), -1)[:, 0], label=run.record.file)
+            label = f"{run.record.file}, {_sets(run)}" if several else run.record.file
+            along = run.places.time if timed else run.places.rows
+            (line,) = axis.plot(along, values.reshape(len(values), -1)[:, 0], label=label)
             if output.name in run.logged:
                 logged = run.logged[output.name].reshape(len(values), -1)[:, 0]
-                axis.plot(time, logged, ".", markersize=2, color=line.get_color(), alpha=0.6)
+                axis.plot(along, logged, ".", markersize=2, color=line.get_color(), alpha=0.6)
         axis.set_ylabel(_quantity(output.name, program.step[output.node].type.unit))
         axis.grid(alpha=0.3)
-    axes[-1].set_xlabel("time / s" if program.sample_time else "row")
+    axes[-1].set_xlabel("time / s" if timed else "row of the file")
     axes[0].legend(fontsize="small", title="line: simulated, dots: measured")
     return _saved(figure, path)
+
+
+def _sets(run: Simulation) -> str:
+    return ", ".join(name or "no set" for name in dict.fromkeys(run.places.sets))
 
 
 def plot_validation(path: Path, measurements: Sequence[Measurement]) -> Path:

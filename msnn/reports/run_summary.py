@@ -25,6 +25,7 @@ from msnn.tables import count, table_text
 from msnn.training.records.progress import EpochEnd, StageEnd
 from msnn.training.records.run_folder import METRICS, PARAMETERS
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.settings import model_settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,8 +160,10 @@ def commands(run: Run) -> dict[str, str]:
         found["resume"] = ["msnn", "train", spec, "--resume", *_options(run)]
     if (run.folder / WEIGHTS).is_file():
         weights = ["--weights", str(run.folder / WEIGHTS)]
-        found["validate"] = ["msnn", "validate", spec, *weights]
-        found["export"] = ["msnn", "export", spec, *weights]
+        settings = model_settings(run.description.get("settings", ()))
+        words = [word for text in settings for word in ("--set", text)]
+        found["validate"] = ["msnn", "validate", spec, *weights, *words]
+        found["export"] = ["msnn", "export", spec, *weights, *words]
     return {what: shlex.join(words) for what, words in found.items()}
 
 

@@ -94,7 +94,7 @@ def set_rollouts(
     runs = rollouts(episodes, far, plan.horizon, step, rest=once)
     needed = far.rows(plan.horizon if isinstance(plan.horizon, int) and not once else 1)
     if runs.skipped and len(runs):
-        total, files = len(episodes), _files_skipped(data, episodes, runs)
+        total, files = len(episodes), files_skipped(data, episodes, runs)
         findings.report(data_files.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
     runs = _with_known_starts(plan.program, data, runs)
     if not len(runs):
@@ -103,7 +103,7 @@ def set_rollouts(
     return runs
 
 
-def _files_skipped(data: Dataset, episodes: IntArray, runs: Runs) -> list[str]:
+def files_skipped(data: Dataset, episodes: IntArray, runs: Runs) -> list[str]:
     """The files with an episode in which no rollout starts."""
     first, after = (np.searchsorted(runs.t0, episodes[:, end]) for end in (0, 1))
     starts = episodes[first == after, 0]

@@ -1,27 +1,42 @@
-"""Runs a program freely over whole records: outputs as arrays, and as a CSV file."""
+"""Runs a program freely over whole records: outputs, and where in the log each row belongs."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
-from pathlib import Path
+from typing import overload
 
 import numpy as np
 
-from backends.files.atomic_write import write_text
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.liveness import states_beside_the_log
-from compiler.ir.program import Output, Program, Role
+from compiler.ir.program import Program, Role, Signal
 from compiler.passes.close_loop import close_loop
-from msnn.data.dataset import Dataset, FloatArray, Record
+from msnn.data.dataset import BETWEEN_ROWS, UNASSIGNED, Dataset, FloatArray, IntArray, Record
 from msnn.data.reads import reads
 from msnn.data.starts import reach, rollouts
-from msnn.errors.workflow import records_too_short
+from msnn.errors import data_files
+from msnn.errors.workflow import records_too_short, unknown_set
 from msnn.simulation.rollout import moments
-from spec_schema.diagnostics.diagnostic import SpecError
+from msnn.simulation.rollout_plan import files_skipped
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+
+@dataclass(frozen=True, slots=True)
+class StepPlaces:
+    """Where each step of a run belongs in the log: the row whose samples are `t` of the step."""
+
+    files: tuple[str, ...]
+    rows: IntArray
+    """Row of the file, counted from 0 below the header; BETWEEN_ROWS where resampling made it."""
+    time: FloatArray | None
+    """Seconds as the file has them, counted from its row 0 where it has none."""
+    sets: tuple[str, ...]
+    """The set that the row belongs to; "" for rows of none."""
+
+    def joins(self, step: int) -> bool:
+        """Whether the file has a row for a step."""
+        return int(self.rows[step]) != BETWEEN_ROWS
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +48,30 @@ class Simulation:
     """Row of the record at which the first step was evaluated."""
     outputs: Mapping[str, FloatArray]
     logged: Mapping[str, FloatArray]
-    """What was measured of the signal that an output predicts; only where the data has it."""
+    """What was measured of the signal that an output predicts; NaN where it was not."""
+    places: StepPlaces
+
+    @property
+    def steps(self) -> int:
+        return len(self.places.rows)
+
+
+@dataclass(frozen=True, slots=True)
+class Simulations(Sequence[Simulation]):
+    """The runs in the order of the data, and what is to be said about these."""
+
+    runs: tuple[Simulation, ...]
+    warnings: tuple[Diagnostic, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    @overload
+    def __getitem__(self, index: int) -> Simulation: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Simulation]: ...
+    def __getitem__(self, index: int | slice) -> Simulation | Sequence[Simulation]:
+        return self.runs[index]
 
 
 def simulation_program(program: Program, close: Iterable[str] | None = None) -> Program:
@@ -56,25 +94,39 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
     return replace(closed, signals=tuple(s for s in closed.signals if s.name in read))
 
 
+def measured_beside(model: Program, program: Program) -> tuple[Signal, ...]:
+    """What the outputs of a model predict and its simulation does not read."""
+    read = {signal.name for signal in program.signals}
+    predicted = {out.predicts.signal for out in model.outputs if out.predicts is not None}
+    return tuple(s for s in model.signals if s.name in predicted - read)
+
+
 def simulate(
     program: Program,
     data: Dataset,
     weights: Mapping[str, FloatArray] | None = None,
     horizon: int | None = None,
-) -> list[Simulation]:
+    data_set: str | None = None,
+) -> Simulations:
     """Free runs over all stretches of the data, each from its first possible row.
 
     `program` is in window form; what it closes is fed back, what it leaves open is read from the
-    data. `horizon` ends every run after so many steps. Runs in float64. Raises SpecError where
-    every stretch is too short.
+    data. `horizon` ends every run after so many steps; `data_set` takes the stretches of one set
+    only. Runs in float64. Raises SpecError where there is no such set, or all is too short.
     """
     judge = Interpreter(program, weights)
     # targets of `predicts` need not be there: a simulation may run past the last of them
     unscored = replace(program, outputs=tuple(replace(o, predicts=None) for o in program.outputs))
     far = reach(unscored)
-    runs = rollouts(data.stretches(), far, "record", 1)
+    stretches = _stretches(data, data_set)
+    runs = rollouts(stretches, far, "record", 1)
     if not len(runs):
         raise SpecError([records_too_short(runs.longest, far.rows(1))])
+    warnings = data.warnings
+    if runs.skipped:
+        files = files_skipped(data, stretches, runs)
+        skipped = (runs.skipped, len(stretches), far.rows(1))
+        warnings += (data_files.episodes_skipped(*skipped, "the simulation", files),)
     if horizon is not None:
         runs = replace(runs, steps=np.minimum(runs.steps, horizon))
     outputs = {
@@ -86,59 +138,70 @@ def simulate(
     for moment in moments(judge, data.series, runs, losses=False):
         for name, value in moment.values.outputs.items():
             outputs[name][moment.members, moment.number] = value
-    return [
-        _simulation(program, data, int(t0), {n: v[i, :steps] for n, v in outputs.items()})
+    # a row after a gap was measured at another time than the steps before it predict
+    ends = np.append(np.flatnonzero(~data.continues), data.rows)
+    unbroken = ends[np.searchsorted(ends, runs.t0, side="right")]
+    found = tuple(
+        _simulation(
+            program,
+            data,
+            range(int(t0), int(t0) + steps),
+            {name: values[i, :steps] for name, values in outputs.items()},
+            int(unbroken[i]),
+        )
         for i, (t0, steps) in enumerate(zip(runs.t0, runs.steps.tolist(), strict=True))
-    ]
+    )
+    return Simulations(found, warnings)
 
 
-def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
-    """Writes one row a step: file, row, time, outputs, and `<output>.log` where it was measured."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    logged = sorted({name for run in runs for name in run.logged})
-    labels = {out.name: _labels(program, out) for out in program.outputs}
-    header = [label for out in program.outputs for label in labels[out.name]]
-    header += [f"{label}.log" for name in logged for label in labels[name]]
-    writer.writerow(["file", "row", *(["time"] if program.sample_time else []), *header])
-    for run in runs:
-        steps = len(next(iter(run.outputs.values())))
-        columns = [run.outputs[out.name].reshape(steps, -1) for out in program.outputs]
-        columns += [
-            run.logged.get(name, np.full(run.outputs[name].shape, np.nan)).reshape(steps, -1)
-            for name in logged
-        ]
-        table = np.concatenate(columns, axis=1)
-        for k in range(steps):
-            row = run.first + k
-            time = [repr(row * program.sample_time)] if program.sample_time else []
-            cells = ["" if np.isnan(cell) else repr(float(cell)) for cell in table[k]]
-            writer.writerow([run.record.file, run.record.file_row(row), *time, *cells])
-    return write_text(path, text.getvalue())
+def _stretches(data: Dataset, data_set: str | None) -> IntArray:
+    if data_set is None:
+        return data.stretches()
+    if data_set not in data.sets:
+        raise SpecError([unknown_set(data_set, None, data.sets)])
+    if not data.has(data_set):
+        known = [known for known in data.sets if data.has(known)]
+        raise SpecError([data_files.no_rows_in_set(data_set, known, None)])
+    return data.episodes(data_set)
 
 
 def _simulation(
-    program: Program, data: Dataset, t0: int, outputs: Mapping[str, FloatArray]
+    program: Program,
+    data: Dataset,
+    rows: range,
+    outputs: Mapping[str, FloatArray],
+    unbroken: int,
 ) -> Simulation:
+    """One run; measured values are taken from the rows before `unbroken`."""
+    t0, steps = rows.start, len(rows)
     record = next(record for record in data.records if record.start <= t0 < record.stop)
     logged: dict[str, FloatArray] = {}
     for out in program.outputs:
         if out.predicts is not None and out.predicts.signal in data.series:
             series = data.series[out.predicts.signal]
-            steps = len(outputs[out.name])
             values = np.full((steps, *series.shape[1:]), np.nan)
             first = t0 + out.predicts.ahead
-            last = min(first + steps, record.stop)
+            last = max(min(first + steps, unbroken), first)
             values[: last - first] = series[first:last]
             logged[out.name] = values
-    return Simulation(record, t0 - record.start, outputs, logged)
+    places = _places(program, data, record, rows)
+    return Simulation(record, t0 - record.start, outputs, logged, places)
 
 
-def _labels(program: Program, output: Output) -> list[str]:
-    """Names of an output's columns: `q_next`, or `q_next[joint1]` for elements."""
-    dimensions = {dimension.name: dimension.labels for dimension in program.dimensions}
-    axes = program.step[output.node].type.axes
-    if not axes:
-        return [output.name]
-    names = [dimensions.get(axis.name) or tuple(map(str, range(axis.size))) for axis in axes]
-    return [f"{output.name}[{','.join(index)}]" for index in product(*names)]
+def _places(program: Program, data: Dataset, record: Record, rows: range) -> StepPlaces:
+    """Where rows of the series are in the files of their record."""
+    first, stop = rows.start, rows.stop
+    pieces = [
+        (piece, max(first, piece.start), min(stop, piece.stop))
+        for piece in record.pieces
+        if piece.start < stop and first < piece.stop
+    ]
+    times = [piece.times(begin, end, program.sample_time) for piece, begin, end in pieces]
+    known = [time for time in times if time is not None]
+    codes: list[int] = data.set_of_row[first:stop].tolist()
+    return StepPlaces(
+        files=tuple(piece.file for piece, begin, end in pieces for _ in range(begin, end)),
+        rows=np.concatenate([piece.file_rows(begin, end) for piece, begin, end in pieces]),
+        time=np.concatenate(known) if len(known) == len(times) else None,
+        sets=tuple("" if code == UNASSIGNED else data.sets[code] for code in codes),
+    )

@@ -1,57 +1,67 @@
-"""The data of a simulation that is not the spec's own: given files, or arrays of a session."""
+"""Reads what a simulation runs along: the data of the spec, other files, or data of a session."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import ArrayLike
+from typing import TypeAlias, cast
 
 from compiler.ir.program import Program
-from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.dataset import Dataset
 from msnn.data.reading.files import data_of_files, matching
+from msnn.data.reading.frames import Frames, frame_data
 from msnn.data.reading.load import load_data
+from msnn.data.reading.row_filter import row_filters
 from msnn.errors.data_files import no_file
 from msnn.model.model import Model
+from msnn.model.model_data import read_data, sources_of
+from msnn.simulation.simulate import measured_beside
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.sections.data.data import Data, Source
 
+GivenData: TypeAlias = "Frames | Sequence[Path | str] | Path | str"
 
-def file_data(model: Model, program: Program, files: Sequence[Path]) -> Dataset:
-    """The records in CSV files, read as the spec's `data` section lays out its first source.
 
-    A spec without that section has plain comma-separated files with a column a signal. Raises
-    SpecError with the faults of all files.
+def simulation_data(
+    model: Model,
+    program: Program,
+    data: GivenData | None,
+    data_root: str | Path | None,
+    data_set: str | None,
+) -> Dataset:
+    """The signals that `program` reads, and those that the outputs of the model predict.
+
+    Data in place of the spec's are one set, not split: `data`, or `data_set`, whose layout files
+    have. Raises SpecError with all that is wrong with the data.
     """
-    missing = [file for file in files if not matching(Path.cwd(), str(file))]
-    if missing:
-        raise SpecError([no_file(str(file), None, None) for file in missing])
-    data = data_of_files(model.spec.data or _plain_layout(model), files)
-    try:
-        return load_data(program, data, Path.cwd())
-    except SpecError as error:
-        raise SpecError(error.diagnostics, (*error.sources, *model.sources)) from None
+    beside = measured_beside(model.program, program)
+    if data is None:
+        return read_data(model, data_root, "simulation", program, beside)
+    files = _files(data)
+    with sources_of(model):
+        if files is None:
+            spec, frames = model.spec, cast("Frames", data)
+            filters = row_filters(spec)
+            return frame_data(
+                program, spec.data, frames, spec.place, filters, beside=beside, split=False
+            )
+        missing = [file for file in files if not matching(Path.cwd(), str(file))]
+        if missing:
+            raise SpecError([no_file(str(file), None, None) for file in missing])
+        section = data_of_files(model.spec.data or _plain_layout(model), files, data_set)
+        filters = row_filters(model.spec.model_copy(update={"data": section}))
+        return load_data(program, section, Path.cwd(), filters, beside)
 
 
-def record_data(program: Program, arrays: Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
-    """The arrays (rows, *shape) that the program reads, in float64.
-
-    Raises ValueError for a signal that is missing, has another shape or another number of rows.
-    """
-    found: dict[str, FloatArray] = {}
-    rows: int | None = None
-    for signal in program.signals:
-        if signal.name not in arrays:
-            raise ValueError(f"the data has no `{signal.name}`")
-        array = np.asarray(arrays[signal.name], np.float64)
-        shape = tuple(axis.size for axis in signal.axes)
-        rows = len(array) if rows is None and array.ndim else rows
-        if array.shape != (rows, *shape):
-            wanted = ", ".join(map(str, ("rows" if rows is None else rows, *shape)))
-            raise ValueError(f"`{signal.name}` has the shape {array.shape}, not ({wanted})")
-        found[signal.name] = array
-    return found
+def _files(data: GivenData) -> list[Path] | None:
+    """The paths, where the data are given by such."""
+    if isinstance(data, str | Path):
+        return [Path(data)]
+    if isinstance(data, list | tuple):
+        items = cast("Sequence[object]", data)
+        if items and all(isinstance(item, str | Path) for item in items):
+            return [Path(cast("str | Path", item)) for item in items]
+    return None
 
 
 def _plain_layout(model: Model) -> Data:

@@ -108,5 +108,5 @@ def _place(dataset: Dataset, row: int) -> str:
     """`row 17 of train/a.csv`."""
     for record in dataset.records:
         if record.start <= row < record.stop:
-            return f"row {record.file_row(row)} of {record.file}"
+            return record.place(row)
     return f"row {row}"

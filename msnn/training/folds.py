@@ -63,6 +63,11 @@ class FoldsResult:
         """The fold with the lowest monitor of the last stage."""
         return min(self.folds, key=lambda fold: fold.monitor)
 
+    @property
+    def weights(self) -> Mapping[str, FloatArray]:
+        """Those of the best fold."""
+        return self.best.training.weights
+
 
 def train_folds(
     model: Model,

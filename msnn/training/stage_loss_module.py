@@ -46,7 +46,8 @@ def stage_loss(
     runs = stage_data(plans[number], data, findings)
     findings.raise_errors()
     assert runs is not None
-    return StageLoss(plans[number], data, runs, weights or first_weights(program, data))
+    first = first_weights(program, data) if weights is None else weights
+    return StageLoss(plans[number], data, runs, first)
 
 
 class StageLoss(nn.Module):

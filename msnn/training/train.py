@@ -71,7 +71,7 @@ def train(
     findings.raise_errors()
     try_optimizers(program, plans)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
-    first = dict(weights or first_weights(program, data))
+    first = dict(first_weights(program, data) if weights is None else weights)
     record = run_record(program, plans, data, options.parts)
     folder, checkpoint = open_run(program, options, record)
     path = None if folder is None else folder.path

@@ -1,9 +1,10 @@
-"""E1030-E1032: settings such as `train.0.epochs=5` of the command line."""
+"""E0996, E1030-E1032: settings such as `train.0.epochs=5` of the command line."""
 
 from collections.abc import Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import nearest
 
 
 def malformed_setting(text: str, span: Span) -> Diagnostic:
@@ -18,16 +19,33 @@ def malformed_setting(text: str, span: Span) -> Diagnostic:
     )
 
 
-def unsettable(path: str, sections: Sequence[str], span: Span) -> Diagnostic:
-    """E1031: a `--set` of something that is not a key of the workflow."""
-    listed = ", ".join(f"`{section}.…`" for section in sections)
+def unsettable(
+    path: str, added: Sequence[str], removed: Sequence[str], known: Sequence[str], span: Span
+) -> Diagnostic:
+    """E1031: a `--set` that would add or remove names of the model."""
+    verb, names = ("add", added) if added else ("remove", removed)
+    listed = ", ".join(f"`{name}`" for name in names)
+    meant = nearest(names[0], known) if added else None
     return Diagnostic(
         "E1031",
         "error",
-        f"`{path}` cannot be set from the command line",
+        f"`{path}` cannot be set: it would {verb} {listed}",
         span,
-        "not part of the workflow",
-        help=f"{listed} can be set; change the spec for anything else",
+        "values can be replaced, names are those of the spec",
+        notes=(f"names there: {', '.join(known) or 'none'}",),
+        help=f"did you mean `{meant}`?" if meant else "change the spec for other names",
+    )
+
+
+def compiled_already(path: str, span: Span) -> Diagnostic:
+    """E0996: a `--set` of a value of the model, of a program that is compiled."""
+    return Diagnostic(
+        "E0996",
+        "error",
+        f"`{path}` cannot be set: the program file was compiled with the value it had",
+        span,
+        "a value of the model",
+        help="set it for the spec: `msnn compile SPEC --set …`, or any verb with the spec",
     )
 
 

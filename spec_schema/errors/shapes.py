@@ -27,6 +27,28 @@ def axes_differ(
     )
 
 
+def twin_axes(
+    operation: str,
+    name: str,
+    size: int,
+    span: Span,
+    left: tuple[Span, str],
+    right: tuple[Span, str],
+) -> Diagnostic:
+    """W0401: a named and an unnamed axis of one length, of which an operation makes all pairs."""
+    return Diagnostic(
+        "W0401",
+        "warning",
+        f"`{operation}` pairs each element of `{name}` with each of an unnamed axis as long",
+        span,
+        f"{size}×{size} values",
+        secondary=tuple((place, f"this is {axes}") for place, axes in (left, right)),
+        notes=("operands are aligned by the names of their axes",),
+        help=f"element by element: name the other, as a constant with `dims: {name}`; "
+        "all pairs: say `outer(a, b)`, or name both",
+    )
+
+
 def wrong_axes(what: str, wanted: str, found: str, span: Span) -> Diagnostic:
     """E0402: a value with other axes than its place needs."""
     return Diagnostic(

@@ -136,14 +136,6 @@ def unusable_weights(name: str, problem: str, span: Span, repair: str | None) ->
     )
 
 
-def needless_weights(name: str, extra: Sequence[str], span: Span) -> Diagnostic:
-    """W0741: arrays in a sub-model's weights that its spec does not declare."""
-    listed = ", ".join(f"`{array}`" for array in extra)
-    return Diagnostic(
-        "W0741", "warning", f"the weights of `{name}` also have {listed}", span, "not used"
-    )
-
-
 def weights_of_other_text(name: str, spec: str, span: Span) -> Diagnostic:
     """W0742: a sub-model's weights that were trained with another text of its spec."""
     return Diagnostic(

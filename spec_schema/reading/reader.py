@@ -19,7 +19,7 @@ def read_spec(
 ) -> ReadResult:
     """The spec in a `.yaml` or `.json` file, or in `text` as if it stood in that file.
 
-    `settings` such as `train.0.epochs=5` replace values of the workflow sections. The files of
+    `settings` such as `train.0.epochs=5` replace values. The files of
     sub-models are read too; with `texts`, these are their contents by path.
     Raises SpecError with all diagnostics of the first stage that fails: the file, its YAML, its
     schema together with its expressions, its sub-models.

@@ -6,11 +6,14 @@ from dataclasses import replace
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.errors import settings as errors
-from spec_schema.yaml_tree.nodes import Listing, Node, Table, with_key
+from spec_schema.fields.entry import RefusedError
+from spec_schema.reading.value_paths import Kind, entry_of, inside, named_sections
+from spec_schema.sections.spec import Spec
+from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, with_key
 from spec_schema.yaml_tree.reader import read_tree
 
-SECTIONS = ("data", "train", "validate", "export")
-"""What may be set: the workflow. The model itself has one source, the file."""
+WORKFLOW = ("data", "train", "validate", "export")
+"""The sections that say what to do with the model; all others are the model."""
 
 FILE = "--set"
 """What diagnostics call the file that a setting stands in."""
@@ -21,11 +24,16 @@ def settings_source(settings: Sequence[str]) -> SourceText:
     return SourceText(FILE, "\n".join(_as_yaml(setting).replace("\n", " ") for setting in settings))
 
 
+def model_settings(settings: Sequence[str]) -> tuple[str, ...]:
+    """Those that replace values of the model, not of what is done with it."""
+    return tuple(s for s in settings if s.partition("=")[0].strip().split(".")[0] not in WORKFLOW)
+
+
 def apply_settings(root: Node, settings: Sequence[str], findings: Findings) -> Node:
     """The tree with each setting's value at its path: keys, and numbers of list items from 0.
 
     What is wrong with a setting goes to `findings`. A key that is not there is added; whether it
-    may be there is the schema's business.
+    may be there is the schema's business. Names of the model are neither added nor removed.
     """
     text = ""
     for setting in settings:
@@ -37,11 +45,11 @@ def apply_settings(root: Node, settings: Sequence[str], findings: Findings) -> N
         if isinstance(tree, Table) and len(tree.entries) == 1:
             ((path, value),) = tree.entries.items()
             place = tree.keys[path]
-            steps = path.split(".")
-            if steps[0] in SECTIONS:
-                root = _with(root, steps, value, place, own)
-            else:
-                own.report(errors.unsettable(path, SECTIONS, place))
+            changed = _with(root, path.split("."), value, place, own, Spec)
+            section = path.partition(".")[0]
+            if section in named_sections(Spec):
+                _refuse_names(path, _names(root, section), _names(changed, section), place, own)
+            root = changed
         elif not own.failed:
             own.report(errors.malformed_setting(setting, source.span(len(text), len(source.text))))
         findings.report(*own.in_order)
@@ -54,7 +62,23 @@ def _as_yaml(setting: str) -> str:
     return f"{path}: {value}"
 
 
-def _with(node: Node, steps: Sequence[str], value: Node, place: Span, findings: Findings) -> Node:
+def _names(root: Node, section: str) -> tuple[str, ...]:
+    found = root.entries.get(section) if isinstance(root, Table) else None
+    return tuple(found.entries) if isinstance(found, Table) else ()
+
+
+def _refuse_names(
+    path: str, before: Sequence[str], after: Sequence[str], place: Span, findings: Findings
+) -> None:
+    added = [name for name in after if name not in before]
+    removed = [name for name in before if name not in after]
+    if added or removed:
+        findings.report(errors.unsettable(path, added, removed, before, place))
+
+
+def _with(
+    node: Node, steps: Sequence[str], value: Node, place: Span, findings: Findings, kind: Kind
+) -> Node:
     """The node with `value` at the end of the path; unchanged after a report."""
     if not steps:
         return with_key(value, node.key or place)
@@ -65,13 +89,30 @@ def _with(node: Node, steps: Sequence[str], value: Node, place: Span, findings: 
                 findings.report(errors.no_such_item(step, len(items), place))
                 return node
             index = int(step)
-            item = _with(items[index], steps[1:], value, place, findings)
+            item = _with(items[index], steps[1:], value, place, findings, inside(kind, step))
             return replace(node, items=(*items[:index], item, *items[index + 1 :]))
         case Table(entries=entries, keys=keys):
+            # names of members of sub-models have dots of their own
+            joined = [".".join(steps[:count]) for count in range(len(steps), 0, -1)]
+            step = next((name for name in joined if name in entries), step)
+            rest = steps[step.count(".") + 1 :]
             key = keys.get(step, place)
             inner = entries.get(step, Table({}, {}, place, key))
-            item = _with(inner, steps[1:], value, place, findings)
+            item = _with(inner, rest, value, place, findings, inside(kind, step))
             return replace(node, entries={**entries, step: item}, keys={**keys, step: key})
-        case _:
-            # a shorthand such as `rollout: 2 s`: the setting writes the mapping in its place
-            return _with(Table({}, {}, place, node.key), steps, value, place, findings)
+        case Scalar():
+            written_out = _written_out(node, kind, place, findings)
+            return _with(written_out, steps, value, place, findings, kind)
+
+
+def _written_out(node: Scalar, kind: Kind, place: Span, findings: Findings) -> Table:
+    """The mapping that a shorthand such as `rollout: 2 s` stands for."""
+    entry = entry_of(kind)
+    if entry is not None and not node.is_empty:
+        try:
+            canonical = entry.canonical(node, findings)
+        except RefusedError:
+            canonical = node
+        if isinstance(canonical, Table):
+            return canonical
+    return Table({}, {}, place, node.key)

@@ -9,7 +9,6 @@ import pytest
 
 import msnn
 from msnn.project.new_project import new_project
-from msnn.simulation.simulation_data import record_data
 from tests.cli.test_check import SPEC
 
 
@@ -89,16 +88,16 @@ def test_a_spec_without_data_simulates_plain_files(spec: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"x": [0.0], "v": [0.0]}, "the data has no `F`"),
-        ({"F": [0.0, 1.0], "x": [0.0], "v": [0.0]}, r"has the shape \(\d,\), not \(\d\)"),
-        ({"F": [[0.0]], "x": [0.0], "v": [0.0]}, r"`F` has the shape \(1, 1\), not \(1\)"),
-        ({"F": 0.0, "x": [0.0], "v": [0.0]}, r"`F` has the shape \(\), not \(rows\)"),
+        ({"x": [0.0], "v": [0.0]}, r"data\[0\] has no column `F`"),
+        ({"F": [0.0, 1.0], "x": [0.0], "v": [0.0]}, "E0841"),
+        ({"F": np.zeros((2, 2)), "x": [0.0, 0.0], "v": [0.0, 0.0]}, r"its shape \(2, 2\)"),
+        ({"F": 0.0, "x": [0.0], "v": [0.0]}, r"its shape \(\)"),
+        ({"F": [np.nan], "x": [0.0], "v": [0.0]}, "E0809"),
     ],
 )
 def test_arrays_that_do_not_fit(spec: Path, arrays: dict[str, object], message: str):
-    program = msnn.compile(spec)
-    with pytest.raises(ValueError, match=message):
-        record_data(program, arrays)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(msnn.SpecError, match=message):
+        msnn.simulate(msnn.load(spec), arrays)  # pyright: ignore[reportArgumentType]
 
 
 def test_exporting_another_target_is_refused(spec: Path, tmp_path: Path):

@@ -197,8 +197,8 @@ def test_simulating_given_files(msnn: CommandLine, trained: Path):
     said = msnn("simulate", SPEC, "--data", file, "--horizon", "50", "--out", "out/run.csv")
     assert (said.code, said.out) == (0, "out/run.csv: 1 run, 50 steps\n")
     lines = (trained / "out" / "run.csv").read_text().splitlines()
-    assert lines[0] == "file,row,time,x_next,x_next.log"
-    assert lines[1].startswith(f"{file},0,0.0,")
+    assert lines[0] == "file,set,row,time,x_next,x_next.log"
+    assert lines[1].startswith(f"{file},data,0,0.0,")
     assert len(lines) == 51
 
 

@@ -48,7 +48,7 @@ def test_r10_every_picks_rows_from_the_first_on(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\ntime: time\nfrom: 1\nevery: 4\n"
     data = load(tmp_path, section, files)
     np.testing.assert_array_equal(data.series["x"], [1, 5, 9])
-    assert data.records[0].file_row(1) == 5
+    assert data.records[0].place(1) == "row 5 of a.csv"
     assert episodes(data, "train") == [(0, 3)]
 
 

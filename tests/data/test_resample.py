@@ -91,3 +91,15 @@ def test_one_row_stands_for_itself() -> None:
     one = np.array([3.0])
     found = resample({"x": (np.array([1.0]), one)}, 0.1, "nearest")
     np.testing.assert_array_equal(found.columns["x"], one)
+
+
+def test_columns_beside_have_no_say_in_the_moments() -> None:
+    time = np.arange(10, dtype=np.float64)
+    late = np.array([3.0, 4.0, 8.0, 9.0, 10.0])
+    found = resample(
+        {"u": (time, time), "z": (late, np.multiply(late, 2))}, 1.0, "linear", beside={"z"}
+    )
+    np.testing.assert_array_equal(found.time, time)
+    assert found.covered.all()
+    nan = np.nan
+    np.testing.assert_array_equal(found.columns["z"], [nan, nan, nan, 6, 8, nan, nan, nan, 16, 18])

@@ -24,6 +24,14 @@ def compiled(text: str) -> Program:
     return compile_spec(read_spec("test.yaml", head + body).spec).program
 
 
+def warnings_of(text: str) -> list[str]:
+    """Codes of the warnings of a spec."""
+    body = dedent(text)
+    head = "msnn: 1\nname: test\n" + ("" if "sample_time" in body else "sample_time: 0.1 s\n")
+    found = compile_spec(read_spec("test.yaml", head + body).spec).warnings
+    return [diagnostic.code for diagnostic in found]
+
+
 def codes(text: str) -> list[str]:
     """Codes of the errors that reading and compiling the spec raises."""
     try:

@@ -253,7 +253,7 @@ def test_r13_every_target_agrees_on_the_controller_alone(tmp_path: Path) -> None
         ({"a": 1.0}, "the weights of `plant`: no values for `b`"),
         ({"a": [1.0, 2.0], "b": 1.0}, "the weights of `plant`: `a` has the shape [2], not []"),
         ({"a": np.nan, "b": 1.0}, "the weights of `plant`: `a` has values that are not finite"),
-        ({"a": 1.0, "b": 1.0, "c": 1.0}, "the weights of `plant` also have `c`"),
+        ({"a": 1.0, "b": 1.0, "c": 1.0}, "the weights of `plant`: its spec declares no `c`"),
     ],
 )
 def test_r11_weights_that_do_not_fit(tmp_path: Path, arrays: dict[str, object], said: str) -> None:

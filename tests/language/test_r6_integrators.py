@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.language.compiled import Array, compiled, simulated
+from tests.language.compiled import Array, compiled, simulated, warnings_of
 
 F = np.sin(np.arange(60.0) / 7)
 MASS_SPRING_DAMPER = """
@@ -280,3 +280,25 @@ def test_r6_reference_cases_of_nnodely(
         outputs: {{y: next(x)}}
         """
     assert simulated(text, {"u": np.zeros(2)}, 0, 1)[0] == pytest.approx(factor * x0, rel=1e-14)
+
+
+INTEGRATORS = ("euler", "semi_implicit", "linear_implicit", "midpoint", "rk4")
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_state_without_a_unit_is_told_of_none(integrator: str) -> None:
+    for law in ("tanh(u) - x", "exp(-x) - x", "3 - x", "x * dt - x"):
+        text = (
+            f"inputs: {{u: {{}}}}\nstates: {{x: {{der: {law}}}}}\noutputs: {{y: tanh(x) + x + u}}\n"
+            f"integrator: {{{integrator}: {{substeps: 3}}}}"
+        )
+        assert warnings_of(text) == []
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_state_with_a_unit_is_checked(integrator: str) -> None:
+    text = (
+        "inputs: {u: m}\nstates: {x: {unit: m, der: u - x}}\noutputs: {y: x}\n"
+        f"integrator: {integrator}"
+    )
+    assert "W0504" in warnings_of(text)

@@ -8,7 +8,7 @@ import numpy as np
 
 from compiler.elaboration.compile import compile_spec
 from compiler.ir.program import Program
-from msnn.data.dataset import Dataset, FloatArray, Record
+from msnn.data.dataset import Dataset, FloatArray, Record, whole_file
 from spec_schema.reading.reader import read_spec
 from spec_schema.sections.spec import Spec
 
@@ -58,7 +58,7 @@ def dataset(series: dict[str, FloatArray], **episodes: list[int]) -> Dataset:
     start = 0
     for code, name in enumerate(names):
         for length in episodes[name]:
-            records.append(Record(f"{name}{len(records)}.csv", start, start + length, 0, 1))
+            records.append(whole_file(f"{name}{len(records)}.csv", start, start + length))
             codes.append(np.full(length, code, dtype=np.int8))
             continues.append(np.arange(length) > 0)
             start += length

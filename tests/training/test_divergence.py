@@ -39,7 +39,7 @@ def test_the_first_bad_value_and_its_line_are_named(tmp_path: Path) -> None:
     folder = caught.value.result.folder
     assert folder is not None
     kept = read_weights(folder / "weights.safetensors", program)
-    assert kept.weights["a"] == caught.value.result.weights["a"]
+    assert kept["a"] == caught.value.result.weights["a"]
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def test_a_resumed_run_that_diverges_stays_the_latest(tmp_path: Path) -> None:
     assert folder is not None
     assert (tmp_path / "gain" / "latest").resolve() == folder.resolve()
     program, _ = gain(stages)
-    kept = read_weights(folder / "weights.safetensors", program).weights
+    kept = read_weights(folder / "weights.safetensors", program)
     assert kept["a"] == caught.value.result.weights["a"]
     assert np.isfinite(kept["a"])
 

@@ -119,7 +119,7 @@ def test_a_killed_run_has_its_best_weights_and_no_epoch_twice(tmp_path: Path) ->
     (folder,) = (tmp_path / "gain").iterdir()
     epochs = [line["epoch"] for line in metrics(folder)]
     assert epochs == [1, 2, 3]  # written, and yet the checkpoint is older
-    found = read_weights(folder / "weights.safetensors", gain()[0]).weights
+    found = read_weights(folder / "weights.safetensors", gain()[0])
     assert found["a"] != 0.5
     with (folder / METRICS).open("a") as file:
         file.write('{"stage": "stage_1", "ep')  # a line that was cut
@@ -220,7 +220,7 @@ def test_a_full_disk_ends_a_training_with_the_name_of_the_file(
     has_weights = (folder / "weights.safetensors").is_file()
     assert ("weights.safetensors" in found.notes[0]) == has_weights
     if (folder / "checkpoint.safetensors").is_file():
-        assert read_weights(folder / "weights.safetensors", gain()[0]).weights
+        assert read_weights(folder / "weights.safetensors", gain()[0])
         resumed = run(STAGES["double"], tmp_path, resume=True)
         assert resumed.weights == undisturbed.weights
 

@@ -341,7 +341,7 @@ def test_a_run_is_kept_with_its_metrics_weights_and_spec(tmp_path: Path) -> None
     assert description["spec_sha256"] == program.spec_hash
     assert set(description["versions"]) == {"msnn", "python", "numpy", "torch"}
     latest = read_weights(tmp_path / "gain" / "latest" / "weights.safetensors", program)
-    assert latest.weights["a"] == result.weights["a"]
+    assert latest["a"] == result.weights["a"]
     assert not (result.folder / "checkpoint.safetensors").exists()
     again = train(program, data, spec.train, options)
     assert again.folder != result.folder

@@ -60,6 +60,23 @@ def align(
     return in_order(tuple(result)), left_axes, right_axes
 
 
+def twin_axes(left: tuple[Axis, ...], right: tuple[Axis, ...]) -> Axis | None:
+    """The named axis of one operand that is as long as the unnamed one of the other.
+
+    Elementwise operations make all pairs of the two. None where they meet otherwise: by name, or
+    along a window. Raises AxisConflict.
+    """
+    _, left, right = align(left, right)
+    for one, other in ((left, right), (right, left)):
+        unnamed = _named(one, UNNAMED)
+        if unnamed is None or unnamed.size == 1 or _named(other, UNNAMED) is not None:
+            continue
+        for axis in other:
+            if axis.size == unnamed.size and axis.name != WINDOW and _named(one, axis.name) is None:
+                return axis
+    return None
+
+
 def contracted(
     left: tuple[Axis, ...], right: tuple[Axis, ...]
 ) -> tuple[Axis, str, tuple[Axis, ...]]:

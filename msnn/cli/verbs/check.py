@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from msnn.cli.arguments import Settings
 from msnn.cli.exit_codes import ExitCode
 
 
@@ -28,6 +29,7 @@ def check(
     strict_units: Annotated[
         bool, typer.Option("--strict-units", help="Units that do not fit are errors.")
     ] = False,
+    settings: Settings = None,
     format: Annotated[Format, typer.Option(help="How diagnostics are printed.")] = Format.FULL,
 ) -> None:
     """Say what is wrong with specs.
@@ -46,7 +48,7 @@ def check(
     said: list[Diagnostic] = []
     for file in files:
         try:
-            model = checked_model(file, strict_units=strict_units)
+            model = checked_model(file, settings or (), strict_units=strict_units)
             diagnostics, sources = model.warnings, model.sources
         except SpecError as error:
             model, diagnostics, sources = None, error.diagnostics, error.sources

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from msnn.cli.arguments import SpecFile
+from msnn.cli.arguments import Settings, SpecFile
 
 
 def compile_(
@@ -18,6 +18,7 @@ def compile_(
     strict_units: Annotated[
         bool, typer.Option("--strict-units", help="Units that do not fit are errors.")
     ] = False,
+    settings: Settings = None,
 ) -> None:
     """Write the compiled program.
 
@@ -27,6 +28,6 @@ def compile_(
     from msnn.model.load import load_model
     from msnn.model.program_file import write_program_file
 
-    model = load_model(spec, strict_units=strict_units)
+    model = load_model(spec, settings or (), strict_units=strict_units)
     report(model.warnings, model.sources)
     result(str(write_program_file(model, out)))

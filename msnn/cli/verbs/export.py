@@ -15,6 +15,7 @@ from msnn.cli.arguments import (
     OutputFormat,
     ResultFormat,
     RunsFolder,
+    Settings,
     SpecFile,
     WeightsFile,
     refuse_two_origins,
@@ -50,6 +51,7 @@ def export(
         bool, typer.Option("--check", help="Run every target and compare it with the interpreter.")
     ] = False,
     data_root: DataRoot = None,
+    settings: Settings = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
     """Write C, ONNX, CasADi and torch.
@@ -68,7 +70,7 @@ def export(
     refuse_two_origins(weights, initial)
     names = _listed(to, (*TARGETS, "all"), "--to")
     extras = _listed(extra, EXTRAS, "--with")
-    model = load_model(spec)
+    model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     findings = Findings()
     targets = target_names(names, model.spec.export)
@@ -97,12 +99,18 @@ def export(
     record: dict[str, Any] = {"files": {t: [str(p) for p in ps] for t, (_, ps) in written.items()}}
     found = None
     if check:
-        from msnn.agreement.report import agreement_table, agreement_values, check_exports
+        from msnn.agreement.report import (
+            agreement_diagnostics,
+            agreement_table,
+            agreement_values,
+            check_exports,
+        )
 
         found = check_exports(model, plans, chosen.weights, written, data_root or model.folder)
         record["agreement"] = agreement_values(found)
         if format is ResultFormat.TEXT:
             result(f"\n{agreement_table(found)}")
+        report(agreement_diagnostics(found), ())
     if format is ResultFormat.JSON:
         json_result("export", record)
     if found is not None and found.first_error is not None:
@@ -111,7 +119,6 @@ def export(
         report([error.diagnostic for error in found.missing], ())
         raise typer.Exit(ExitCode.MISSING_EXTRA)
     if found is not None and not found.agrees:
-        note("a target differs from the interpreter by more than it promises")
         raise typer.Exit(ExitCode.LIMIT_BROKEN)
 
 

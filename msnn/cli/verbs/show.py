@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from msnn.cli.arguments import OutputFormat, PlotFile, ResultFormat, refuse_undrawable
+from msnn.cli.arguments import OutputFormat, PlotFile, ResultFormat, Settings, refuse_undrawable
 
 
 class GraphFormat(StrEnum):
@@ -38,6 +38,7 @@ def show(
         GraphFormat | None, typer.Option("--graph", help="Print signals and formulas as a graph.")
     ] = None,
     latex: Annotated[bool, typer.Option("--latex", help="Print the equations as LaTeX.")] = False,
+    settings: Settings = None,
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
@@ -55,11 +56,14 @@ def show(
         message = "choose one of --program, --windows, --resolved, --interface, --graph, --latex"
         raise typer.BadParameter(message)
     if spec.is_dir() and not any(views):
+        if settings:
+            message = "--set takes a spec or a view of the model: what a run reached is as it is"
+            raise typer.BadParameter(message)
         _show_run(spec, plot, format)
         return
     if plot is not None:
         raise typer.BadParameter("takes the folder of a run", param_hint="'--plot'")
-    model = load_model(spec)
+    model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     if format is ResultFormat.JSON:
         from msnn.reports.show import interface_record

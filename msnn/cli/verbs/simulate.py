@@ -11,8 +11,11 @@ from msnn.cli.arguments import (
     RUNS,
     DataRoot,
     Initial,
+    OutputFormat,
     PlotFile,
+    ResultFormat,
     RunsFolder,
+    Settings,
     SpecFile,
     WeightsFile,
     refuse_two_origins,
@@ -24,12 +27,21 @@ def simulate(
     spec: SpecFile,
     data: Annotated[
         list[Path] | None,
-        typer.Option("--data", metavar="FILE", help="CSV files; default: the data of the spec."),
+        typer.Option("--data", metavar="FILE", help="Files; default: the data of the spec."),
+    ] = None,
+    data_set: Annotated[
+        str | None,
+        typer.Option(
+            "--data-set",
+            metavar="NAME",
+            help="Run over one set only; of --data FILE: the set whose columns it has.",
+        ),
     ] = None,
     weights: WeightsFile = None,
     initial: Initial = False,
     runs: RunsFolder = RUNS,
     data_root: DataRoot = None,
+    settings: Settings = None,
     horizon: Annotated[
         str, typer.Option(metavar="record|N", help="Steps of each run; default: whole records.")
     ] = "record",
@@ -37,35 +49,45 @@ def simulate(
         Path, typer.Option("--out", metavar="FILE", help="The CSV file to write.")
     ] = Path("simulation.csv"),
     plot: PlotFile = None,
+    format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
     """Run the model freely over records.
 
     Every input that an output predicts is fed back, the others are read from the record. Writes a
-    row a step: outputs, and beside them what was measured.
+    row a step: file, set, row and time as the log has them, outputs, and beside them what was
+    measured.
     """
     from msnn import api
-    from msnn.cli.console import note, report, result
+    from msnn.cli.console import json_result, note, report, result
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
-    from msnn.simulation.simulate import simulation_program, write_simulation
+    from msnn.simulation.simulate import simulation_program
+    from msnn.simulation.table import run_record, write_simulation
     from msnn.tables import count
 
     refuse_two_origins(weights, initial)
     if horizon != "record" and not (horizon.isdecimal() and int(horizon) > 0):
         raise typer.BadParameter("`record` or a number of steps", param_hint="--horizon")
     refuse_undrawable(plot)
-    model = load_model(spec)
+    model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     steps = None if horizon == "record" else int(horizon)
-    found = api.simulate(model, data, chosen.weights, horizon=steps, data_root=data_root)
+    found = api.simulate(
+        model, data, chosen.weights, horizon=steps, data_root=data_root, data_set=data_set
+    )
+    report(found.warnings, model.sources)
     program = simulation_program(model.program)
     write_simulation(out, program, found)
-    rows = sum(len(next(iter(run.outputs.values()))) for run in found)
-    result(f"{out}: {count(len(found), 'run')}, {count(rows, 'step')}")
+    if format is ResultFormat.JSON:
+        json_result("simulate", {"file": str(out), "runs": [run_record(run) for run in found]})
+    else:
+        rows = sum(run.steps for run in found)
+        result(f"{out}: {count(len(found), 'run')}, {count(rows, 'step')}")
     if plot is not None:
         from msnn.reports.plotting import plot_simulation
 
-        result(str(plot_simulation(plot, program, found)))
+        say = note if format is ResultFormat.JSON else result
+        say(str(plot_simulation(plot, program, found)))

@@ -40,7 +40,8 @@ class NamedArrays:
         for key, user in wanted.users.items():
             name, index = self._split(key)
             if name is None:
-                missing[str(key)] = user
+                if key not in wanted.spare:
+                    missing[str(key)] = user
                 continue
             column, reason = _column(self.get(name), index)
             if column is None:
@@ -57,6 +58,10 @@ class NamedArrays:
         if faults:
             raise SpecError(faults)
         return Table(columns)
+
+    def has(self, key: ColumnKey) -> bool:
+        """Whether there is an array for a column."""
+        return self._split(key)[0] is not None
 
     def _split(self, key: ColumnKey) -> tuple[str | None, int | None]:
         if isinstance(key, int):

@@ -27,9 +27,9 @@ def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
     """
     try:
         header = read_header(path, shown, dialect, wanted.users)
-        places = header.places(wanted.users)
+        places = header.places(wanted)
         columns = _numbers(path, header, tuple(places.values()))
-        if columns is None or not _complete(columns, tuple(wanted.users), wanted.optional):
+        if columns is None or not _complete(columns, tuple(places), wanted.optional):
             columns = checked_columns(path, header, places, wanted.optional)
     except UnicodeDecodeError as error:
         reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from msnn.data.formats.table import ColumnKey
+from msnn.data.formats.table import ColumnKey, Wanted
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
@@ -54,16 +54,18 @@ class Header:
         """What messages call a column: its name, or its index."""
         return self.names[index] if self.lines else str(index)
 
-    def places(self, wanted: Mapping[ColumnKey, str]) -> dict[ColumnKey, int]:
-        """The index of each wanted column. Raises SpecError with all that are missing."""
+    def places(self, wanted: Wanted) -> dict[ColumnKey, int]:
+        """The index of each wanted column that is there; SpecError with all that are missing."""
         found: dict[ColumnKey, int] = {}
         faults: list[Diagnostic] = []
         missing: dict[str, str] = {}
         names = self.names if self.lines else ()
-        for key, user in wanted.items():
+        for key, user in wanted.users.items():
             match key:
                 case int() if key < self.width:
                     found[key] = key
+                case _ if key in wanted.spare and key not in names:
+                    pass
                 case int():
                     faults.append(
                         errors.no_such_index(key, self.file, self.width, user, self.place)

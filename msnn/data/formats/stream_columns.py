@@ -27,7 +27,8 @@ def stream_columns(file: str, wanted: Wanted, names: Sequence[str], find: Lookup
         try:
             found = None if name is None else find(name)
             if found is None or name is None:
-                missing[str(key)] = user
+                if key not in wanted.spare:
+                    missing[str(key)] = user
                 continue
             time, values = found
             optional = frozenset({name}) if key in wanted.optional else frozenset[ColumnKey]()

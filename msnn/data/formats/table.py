@@ -24,6 +24,8 @@ class Wanted:
     users: Mapping[ColumnKey, str]
     optional: frozenset[ColumnKey] = frozenset()
     """Columns in which values may be missing."""
+    spare: frozenset[ColumnKey] = frozenset()
+    """Columns that a file need not have."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.data.columns import Column
 from spec_schema.units.unit import Unit
 
-_LOG_SUFFIX = ".meas"
+LOG_SUFFIX = ".meas"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +34,12 @@ class Feed:
         values = cells * self.factor + self.offset
         return values.reshape(len(cells), *(axis.size for axis in self.signal.axes))
 
+    def series_if_there(self, columns: Mapping[ColumnKey, FloatArray], rows: int) -> FloatArray:
+        """The series; missing values where the file has not all of its columns."""
+        if all(key in columns for key in self.keys):
+            return self.series(columns)
+        return np.full((rows, *(axis.size for axis in self.signal.axes)), np.nan)
+
 
 def feeds(
     signals: Iterable[Signal], columns: Mapping[str, Column], findings: Findings
@@ -41,7 +47,7 @@ def feeds(
     """The feed of every signal; a signal without an entry has the column of its own name."""
     found: list[Feed] = []
     for signal in signals:
-        name = signal.name.removesuffix(_LOG_SUFFIX)
+        name = signal.name.removesuffix(LOG_SUFFIX)
         column = columns.get(signal.name, columns.get(name))
         size = math.prod(axis.size for axis in signal.axes)
         keys: tuple[ColumnKey, ...] = (name,)

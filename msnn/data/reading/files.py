@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.table_of_formats import SUFFIXES, Format, format_of
+from msnn.data.reading.splits import split_source
 from msnn.errors import data_files as errors
-from spec_schema.diagnostics.diagnostic import Findings
+from msnn.errors.workflow import unknown_set
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.editors.spec_data import entry_data
 from spec_schema.fields.located import Located
 from spec_schema.sections.data.data import Data, Source
+from spec_schema.sections.data.splits import SETS
+
+GIVEN = "data"
+"""The set of data that somebody gives in place of the spec's, where nobody names it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,17 +66,40 @@ def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
     return found
 
 
-def data_of_files(data: Data, files: Sequence[Path]) -> Data:
-    """The section for other files: laid out as its first source, all in the set `data`, not split.
+def data_of_files(data: Data, files: Sequence[Path], data_set: str | None = None) -> Data:
+    """The section for other files, in one set that is not split: `data_set`, by default `data`.
 
-    Rows are not picked by `from`, `to`: these belong to the files of the spec.
+    They are laid out like the files of that set, by default as those of all sets are. Rows are not
+    picked by `from`, `to`: these belong to the files of the spec. SpecError where there is no such
+    set, or where the sets differ and none is named.
     """
-    first = next(iter(data.source.values()))
-    place = first.place.value
-    names = tuple(Located(str(path.absolute()), place) for path in files)
-    source = first.model_copy(update={"files": names, "first": None, "last": None})
-    update = {"source": {"data": source}, "split": None, "first": None, "last": None}
+    layout = _layout(data, data_set)
+    names = tuple(Located(str(path.absolute()), layout.place.value) for path in files)
+    source = layout.model_copy(update={"files": names})
+    update = {"source": {data_set or GIVEN: source}, "split": None, "first": None, "last": None}
     return data.model_copy(update=update)
+
+
+def _layout(data: Data, data_set: str | None) -> Source:
+    """What a set says of its files, without which they are and which of their rows it takes."""
+    plain = {
+        name: source.model_copy(update={"files": (), "first": None, "last": None})
+        for name, source in data.source.items()
+    }
+    if data_set is not None:
+        made = SETS if data.split is not None else ()
+        if data_set not in plain and data_set not in made:
+            raise SpecError([unknown_set(data_set, None, dict.fromkeys((*plain, *made)))])
+        findings = Findings()
+        divided = None
+        if data_set not in plain and data.split is not None:
+            divided = split_source(tuple(plain), data.split, findings)
+        findings.raise_errors()
+        return plain[divided or data_set]
+    texts = {json.dumps(entry_data(layout), sort_keys=True) for layout in plain.values()}
+    if len(texts) > 1:
+        raise SpecError([errors.sets_differ(tuple(plain), data.place.key)])
+    return next(iter(plain.values()))
 
 
 def matching(folder: Path, pattern: str) -> list[Path]:

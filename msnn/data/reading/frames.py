@@ -9,12 +9,13 @@ from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compiler.ir.program import Program
+from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset
 from msnn.data.formats.array_columns import NamedArrays
-from msnn.data.reading.files import DataFile
+from msnn.data.reading.files import GIVEN, DataFile
 from msnn.data.reading.load import joined_files
 from msnn.data.reading.row_filter import RowFilter
+from msnn.data.reading.whole_signals import with_whole_signals
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.fields.located import Place
 from spec_schema.sections.data.data import Data, Source
@@ -41,40 +42,51 @@ def frame_data(
     frames: Frames,
     place: Place,
     filters: Mapping[str, RowFilter],
+    *,
+    beside: Sequence[Signal] = (),
+    split: bool = True,
 ) -> Dataset:
     """Records of a session, read as the `data` section reads files: columns, units, split, gaps.
 
     Each frame is a record; a mapping is one of sets if its values are frames or lists of them, and
     of columns otherwise. What `data` says of files is left out, and what its first source says of
-    columns holds for all. Raises SpecError with everything that is wrong, TypeError for other
-    things than frames.
+    columns holds for all. A mapping may also have a signal under its own name: an array
+    (rows, *shape) in the signal's unit, where the columns of the spec are not there. `beside` are
+    more signals, read where a frame has them; without `split` the records of no set are in `data`.
+    Raises SpecError with everything that is wrong, TypeError for other things than frames.
     """
-    sets = _sets(frames)
+    sets = _sets(frames, "train" if split else GIVEN)
     layout = _layout(data, place)
-    section = data or Data.model_construct(place=place, source={"data": layout})
-    section = section.model_copy(update={"source": dict.fromkeys(sets, layout)})
-    if data is None or (isinstance(frames, Mapping) and _is_of_sets(frames)):
+    section = data or Data.model_construct(place=place, source={GIVEN: layout})
+    # each record says by itself where its columns and its time are
+    columns, time = {**section.columns, **layout.columns}, layout.time or section.time
+    layout = layout.model_copy(update={"columns": {}, "time": None})
+    update = {"source": dict.fromkeys(sets, layout), "columns": {}, "time": None}
+    section = section.model_copy(update=update)
+    if data is None or not split or (isinstance(frames, Mapping) and _is_of_sets(frames)):
         section = section.model_copy(update={"split": None})
     condition = next(iter(filters.values()), None)
-    files = [
-        DataFile(
-            Path(f"{name}[{number}]"),
-            f"{name}[{number}]",
-            name,
-            layout,
-            _arrays(f"{name}[{number}]", frame),
-        )
-        for name, records in sets.items()
-        for number, frame in enumerate(records)
-    ]
+    more = () if condition is None else condition.signals
+    signals = {signal.name: signal for signal in (*more, *beside, *program.signals)}
+    files: list[DataFile] = []
+    findings = Findings()
+    for name, records in sets.items():
+        for number, frame in enumerate(records):
+            shown = f"{name}[{number}]"
+            mine = layout.model_copy(update={"columns": columns, "time": time})
+            arrays = _arrays(shown, frame)
+            if isinstance(frame, Mapping):
+                arrays, mine = with_whole_signals(arrays, mine, signals.values(), findings)
+            files.append(DataFile(Path(shown), shown, name, mine, arrays))
+    findings.raise_errors()
     chosen = {} if condition is None else dict.fromkeys(sets, condition)
-    return joined_files(program, section, files, chosen, Findings())
+    return joined_files(program, section, files, chosen, findings, beside)
 
 
-def _sets(frames: Frames) -> dict[str, list[Frame]]:
+def _sets(frames: Frames, alone: str) -> dict[str, list[Frame]]:
     if isinstance(frames, Mapping) and _is_of_sets(frames):
         return {str(name): _records(value) for name, value in frames.items()}
-    return {"train": _records(frames)}
+    return {alone: _records(frames)}
 
 
 def refuse_sets(frames: Frames | None) -> None:

@@ -30,18 +30,19 @@ def load_data(
     data: Data,
     folder: Path,
     filters: Mapping[str, RowFilter] | None = None,
+    beside: Sequence[Signal] = (),
 ) -> Dataset:
     """The measured series of all signals of the program, divided into records and sets.
 
     Relative paths start in `folder`: that of the spec, or `--data-root`. `filters` are those of
-    the sources by name. Raises SpecError with the faults of all files, and MissingExtraError where
-    the reader of a format is not installed.
+    the sources by name. `beside` are more signals, read where a file has them. Raises SpecError
+    with the faults of all files, and MissingExtraError where the reader of a format is missing.
     """
     findings = Findings()
     files = find_files(data, folder, findings)
     for file in files:
         require_reader(file.path)
-    return joined_files(program, data, files, filters or {}, findings)
+    return joined_files(program, data, files, filters or {}, findings, beside)
 
 
 def joined_files(
@@ -50,12 +51,13 @@ def joined_files(
     files: Sequence[DataFile],
     filters: Mapping[str, RowFilter],
     findings: Findings,
+    beside: Sequence[Signal] = (),
 ) -> Dataset:
     """The series of these files, or arrays in their place. Raises SpecError with all faults."""
     parts = [
         part
         for file in files
-        if (part := read_part(program, data, file, filters.get(file.source), findings))
+        if (part := read_part(program, data, file, filters.get(file.source), findings, beside))
     ]
     if findings.failed:
         faults = _once(findings.in_order)
@@ -65,9 +67,10 @@ def joined_files(
     parts = _with_files_joined(parts, data, program.sample_time)
     sets = _set_names(data)
     rows = _sets(data, parts, sets, program.sample_time, findings)
-    _report_ranges(program.signals, parts, findings)
+    signals = (*program.signals, *beside)
+    _report_ranges(signals, parts, findings)
     findings.raise_errors()
-    return _joined(program, parts, sets, rows, findings.in_order)
+    return _joined(signals, parts, sets, rows, findings.in_order)
 
 
 def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[SourceText]:
@@ -96,8 +99,8 @@ def _once(faults: Iterable[Diagnostic]) -> list[Diagnostic]:
 def _dropped(part: Part, findings: Findings) -> bool:
     if part.usable.all():
         return False
-    row = part.picked.first + int(np.argmin(part.usable)) * part.picked.every
-    findings.report(errors.record_dropped(part.file.shown, row))
+    (piece,) = part.pieces  # files are joined later
+    findings.report(errors.record_dropped(part.file.shown, piece.row(int(np.argmin(part.usable)))))
     return True
 
 
@@ -182,7 +185,7 @@ def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: F
 
 
 def _joined(
-    program: Program,
+    signals: Sequence[Signal],
     parts: Sequence[Part],
     sets: tuple[str, ...],
     rows: Sequence[SetCodes],
@@ -192,7 +195,8 @@ def _joined(
     start = 0
     for part in parts:
         stop = start + len(part.usable)
-        records.append(Record(part.file.shown, start, stop, part.picked.first, part.picked.every))
+        pieces = tuple(piece.moved(start) for piece in part.pieces)
+        records.append(Record(part.file.shown, start, stop, pieces))
         start = stop
     none = np.zeros(0, dtype=np.bool_)
     return Dataset(
@@ -201,7 +205,7 @@ def _joined(
                 [part.series[signal.name] for part in parts]
                 or [np.zeros((0, *(axis.size for axis in signal.axes)))]
             )
-            for signal in program.signals
+            for signal in signals
         },
         records=tuple(records),
         sets=sets,

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compiler.ir.program import Program, Role, Signal
-from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.dataset import BoolArray, FileRows, FloatArray
 from msnn.data.formats.csv_header import Dialect
 from msnn.data.formats.table import Streams, Table, Wanted
 from msnn.data.reading.columns import Feed, feeds, target_columns, wanted_columns
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.record_rows import RecordRows, record_rows
 from msnn.data.reading.row_filter import RowFilter
-from msnn.data.reading.rows import RowRange
 from msnn.errors import data_formats
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.data.data import Csv, Data
@@ -25,10 +24,10 @@ _TO = " … "
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The picked rows of one file."""
+    """The picked rows of one file, or of several that follow each other."""
 
     file: DataFile
-    picked: RowRange
+    pieces: tuple[FileRows, ...]
     series: dict[str, FloatArray]
     time: FloatArray | None
     """Seconds of each row, where the file says."""
@@ -44,7 +43,7 @@ class Part:
         continues[len(self.continues)] = True
         return Part(
             replace(self.file, shown=f"{first}{_TO}{other.file.shown}"),
-            self.picked,
+            (*self.pieces, *(piece.moved(len(self.continues)) for piece in other.pieces)),
             {n: np.concatenate((v, other.series[n])) for n, v in self.series.items()},
             np.concatenate((self.time, other.time)),
             continues,
@@ -58,20 +57,29 @@ def read_part(
     file: DataFile,
     row_filter: RowFilter | None,
     findings: Findings,
+    beside: Sequence[Signal] = (),
 ) -> Part | None:
-    """The rows of a file that the spec picks; None after a report of what is wrong."""
+    """The rows of a file that the spec picks; None after a report of what is wrong.
+
+    `beside` are signals that the file need not have: their series are NaN then.
+    """
     mine = Findings()
-    signals = _signals(program, row_filter)
-    found = feeds(signals, {**data.columns, **file.layout.columns}, mine)
-    read = _read(file, data, found, mine)
+    columns = {**data.columns, **file.layout.columns}
+    found = feeds(_signals(program, row_filter), columns, mine)
+    more = feeds(beside, columns, mine)
+    read = _read(file, data, found, more, mine)
     rows = None
     if read is not None and not mine.failed:
-        rows = record_rows(read, file, data, program.sample_time, mine)
+        spare = wanted_columns(more).keys() - wanted_columns(found).keys()
+        rows = record_rows(read, file, data, program.sample_time, mine, spare)
     findings.report(*mine.in_order)
     if rows is None:
         return None
     series = {feed.signal.name: feed.series(rows.columns) for feed in found}
     usable = rows.covered.copy()
+    if not usable.all():
+        for values in series.values():
+            values[~usable] = np.nan  # what resampling drew through a hole was not measured
     for feed in found:
         if feed.signal.role is Role.INPUT and feed.signal in program.signals:
             values = series[feed.signal.name].reshape(len(usable), -1)
@@ -79,7 +87,9 @@ def read_part(
     if row_filter is not None:
         usable &= _kept(row_filter, series, rows, file, findings)
     series = {signal.name: series[signal.name] for signal in program.signals}
-    return Part(file, rows.picked, series, rows.time, rows.continues, usable)
+    series |= {feed.signal.name: feed.series_if_there(rows.columns, len(usable)) for feed in more}
+    piece = FileRows(file.shown, 0, len(usable), rows.rows, rows.time)
+    return Part(file, (piece,), series, rows.time, rows.continues, usable)
 
 
 def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ...]:
@@ -103,16 +113,19 @@ def _kept(
 
 
 def _read(
-    file: DataFile, data: Data, found: Sequence[Feed], findings: Findings
+    file: DataFile, data: Data, found: Sequence[Feed], more: Sequence[Feed], findings: Findings
 ) -> Table | Streams | None:
-    users = wanted_columns(found)
-    optional = frozenset(users) if data.nan != "error" else target_columns(found)
+    needed = wanted_columns(found)
+    users = {**wanted_columns(more), **needed}
+    spare = frozenset(users) - frozenset(needed)
+    optional = spare | (frozenset(users) if data.nan != "error" else target_columns(found))
     time = file.layout.time or data.time
     if time is not None and not file.keeps_time:
         users[time.column.column] = "`time`"
         optional -= {time.column.column}
+        spare -= {time.column.column}
     try:
-        wanted = Wanted(users, optional)
+        wanted = Wanted(users, optional, spare)
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, Streams, Table
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, resample
@@ -25,7 +25,8 @@ class RecordRows:
     """Columns of the picked rows, and how the rows follow each other."""
 
     columns: Mapping[ColumnKey, FloatArray]
-    picked: RowRange
+    rows: range | IntArray
+    """The file's row of each; BETWEEN_ROWS for moments that resampling put between two."""
     time: FloatArray | None
     continues: BoolArray
     """Whether a row is one sample after the row before."""
@@ -39,11 +40,18 @@ def record_rows(
     data: Data,
     sample_time: float | None,
     findings: Findings,
+    beside: Collection[ColumnKey] = (),
 ) -> RecordRows | None:
-    """The rows of a record that the spec picks; None after a report of what is wrong."""
+    """The rows of a record that the spec picks; None after a report of what is wrong.
+
+    Columns `beside` have no say in which rows there are.
+    """
     how = file.layout.resample or data.resample or "error"
     span = file.layout.place.key
-    table = _one_table(read) if isinstance(read, Streams) else read
+    resampled = how in ("linear", "nearest")
+    # resampling brings columns beside to the moments; without it only those of the same times fit
+    fitting = () if resampled else beside
+    table = _one_table(read, fitting) if isinstance(read, Streams) else read
     if how in ("linear", "nearest"):
         method: Method = "linear" if how == "linear" else "nearest"
         if sample_time is None:
@@ -51,11 +59,11 @@ def record_rows(
             return None
         if table is None:
             assert isinstance(read, Streams)
-            return _streams(read, file, data, sample_time, method, findings)
+            return _streams(read, file, data, sample_time, method, findings, beside)
         return _resampled(table, file, data, sample_time, method, findings)
     if table is None:
         assert isinstance(read, Streams)
-        first, *others = read.columns
+        first, *others = (key for key in read.columns if key not in beside)
         times = read.columns[first][0]
         other = next(k for k in others if not np.array_equal(read.columns[k][0], times))
         findings.report(data_formats.different_times(file.shown, str(first), str(other), span))
@@ -63,12 +71,14 @@ def record_rows(
     return _as_recorded(table, file, data, sample_time, how == "error", findings)
 
 
-def _one_table(streams: Streams) -> Table | None:
-    """The streams as rows where all have the same times."""
-    times = [time for time, _ in streams.columns.values()]
-    if not all(np.array_equal(time, times[0]) for time in times):
+def _one_table(streams: Streams, beside: Collection[ColumnKey]) -> Table | None:
+    """The streams as rows where all have the same times, without those beside that have others."""
+    times = {key: time for key, (time, _) in streams.columns.items()}
+    first = next(time for key, time in times.items() if key not in beside)
+    alike = {key for key, time in times.items() if np.array_equal(time, first)}
+    if not alike >= times.keys() - set(beside):
         return None
-    return Table({key: values for key, (_, values) in streams.columns.items()}, times[0])
+    return Table({key: v for key, (_, v) in streams.columns.items() if key in alike}, first)
 
 
 def _picked(
@@ -104,7 +114,8 @@ def _as_recorded(
         if gaps_are_errors:
             for fault in faults:
                 findings.report(_time_fault(fault, file, sample_time, table))
-    return RecordRows(columns, picked, time, continues, np.ones(length, dtype=np.bool_))
+    rows = range(picked.first, picked.stop, picked.every)
+    return RecordRows(columns, rows, time, continues, np.ones(length, dtype=np.bool_))
 
 
 def _resampled(
@@ -130,7 +141,9 @@ def _resampled(
         findings.report(_time_fault(fault, file, sample_time, table))
         return None
     columns = {key: (moments, column[picked.rows]) for key, column in table.columns.items()}
-    return _on_grid(columns, sample_time, method, None)
+    found_rows = _on_grid(columns, sample_time, method, None)
+    assert found_rows.time is not None
+    return replace(found_rows, rows=_rows_at(found_rows.time, moments, picked, sample_time))
 
 
 def _streams(
@@ -140,6 +153,7 @@ def _streams(
     sample_time: float,
     method: Method,
     findings: Findings,
+    beside: Collection[ColumnKey],
 ) -> RecordRows | None:
     span = _time_span(file, data, findings)
     if span is None:
@@ -149,7 +163,7 @@ def _streams(
             row = int(np.argmin(np.diff(time) > 0)) + 1
             findings.report(errors.time_not_increasing(f"`{key}` in {file.shown}", row, 0, None))
             return None
-    rows = _on_grid(streams.columns, sample_time, method, span)
+    rows = _on_grid(streams.columns, sample_time, method, span, beside)
     if not len(rows.continues):
         place = file.layout.place.key
         findings.report(
@@ -164,12 +178,24 @@ def _on_grid(
     sample_time: float,
     method: Method,
     span: tuple[float, float] | None,
+    beside: Collection[ColumnKey] = (),
 ) -> RecordRows:
-    found = resample(columns, sample_time, method, span)
+    found = resample(columns, sample_time, method, span, beside)
     count = len(found.time)
-    return RecordRows(
-        found.columns, RowRange(0, count, 1), found.time, _unbroken(count), found.covered
-    )
+    rows = np.full(count, BETWEEN_ROWS, dtype=np.int64)
+    return RecordRows(found.columns, rows, found.time, _unbroken(count), found.covered)
+
+
+def _rows_at(
+    grid: FloatArray, moments: FloatArray, picked: RowRange, sample_time: float
+) -> IntArray:
+    """The rows of a file at moments of a grid; BETWEEN_ROWS where it has none at that moment."""
+    after = np.clip(np.searchsorted(moments, grid), 0, len(moments) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(grid - moments[before] < moments[after] - grid, before, after)
+    # the grid is summed up, the times are printed: a hair between them is none
+    same = np.abs(moments[nearest] - grid) <= 1e-6 * sample_time
+    return np.where(same, picked.first + nearest * picked.every, BETWEEN_ROWS)
 
 
 def _time_span(file: DataFile, data: Data, findings: Findings) -> tuple[float, float] | None:

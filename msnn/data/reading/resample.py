@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,14 +31,18 @@ def resample(
     sample_time: float,
     method: Method,
     span: tuple[float, float] | None = None,
+    beside: Collection[ColumnKey] = (),
 ) -> Resampled:
     """Columns (seconds, values) at the moments that all of them cover, `sample_time` apart.
+
+    Those `beside` have no say in what is covered: they are missing where they have nothing.
 
     `linear` draws straight lines between neighbours, `nearest` takes the closest one, the earlier
     of two. A missing value makes the moments beside it missing. `span` limits the moments.
     """
-    low = max(float(time[0]) for time, _ in columns.values())
-    high = min(float(time[-1]) for time, _ in columns.values())
+    deciding = [time for key, (time, _) in columns.items() if key not in beside]
+    low = max(float(time[0]) for time in deciding)
+    high = min(float(time[-1]) for time in deciding)
     if span is not None:
         low, high = max(low, span[0]), min(high, span[1])
     # the last row is kept where rounding puts it a hair before its moment
@@ -50,7 +54,12 @@ def resample(
     found: dict[ColumnKey, FloatArray] = {}
     for key, (time, values) in columns.items():
         found[key] = _at(grid, time, values, method)
-        covered &= ~_in_holes(grid, time, sample_time)
+        known = ~_in_holes(grid, time, sample_time)
+        if key in beside:
+            known &= (grid >= time[0]) & (grid <= time[-1] + 1e-6 * sample_time)
+            found[key] = np.where(known, found[key], np.nan)
+        else:
+            covered &= known
     return Resampled(grid, found, covered)
 
 

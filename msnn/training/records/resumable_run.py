@@ -68,7 +68,7 @@ class NotedProgress:
         self._said: list[Diagnostic] = []
         self._reasons: dict[str, str] = before.get("stages", {})
         self._warnings: list[str] = before.get("warnings", [])
-        self._kept = self._said()
+        self._kept = self._lines()
 
     def stage_started(self, event: StageStart) -> None:
         self._shown.stage_started(event)
@@ -96,15 +96,15 @@ class NotedProgress:
         for diagnostic in said:
             self._note(diagnostic)
         if self._folder is not None:
-            self._folder.write_end({"state": state, **self._said()})
+            self._folder.write_end({"state": state, **self._lines()})
 
     def keep(self) -> None:
         """Keeps what was said so far, for a run that may be killed."""
-        if self._folder is not None and self._said() != self._kept:
-            self._kept = self._said()
+        if self._folder is not None and self._lines() != self._kept:
+            self._kept = self._lines()
             self._folder.write_end(self._kept)
 
-    def _said(self) -> dict[str, Any]:
+    def _lines(self) -> dict[str, Any]:
         return {"stages": dict(self._reasons), "warnings": list(self._warnings)}
 
     def _note(self, diagnostic: Diagnostic) -> None:

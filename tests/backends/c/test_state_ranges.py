@@ -83,7 +83,7 @@ def test_a_saturated_state_is_reported_for_nan_alone(tmp_path: Path) -> None:
     step = _built(text, tmp_path)
     step.init()
     outputs, status = step.run({"u": np.array([0.5, 3.0, NAN, -np.inf])}, 4)
-    np.testing.assert_array_equal(outputs["y"], np.float32([0.5, 1, 1, -1]))
+    np.testing.assert_array_equal(outputs["y"], np.array([0.5, 1, 1, -1], np.float32))
     assert status.tolist() == [0, 0, Status.STATE_OUT_OF_RANGE, 0]
 
 
