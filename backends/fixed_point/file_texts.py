@@ -26,7 +26,7 @@ from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 from spec_schema.version import __version__
 
 SELFTEST_STEPS = 16
-_RUNS, _STEPS, _SEED = 10, 25, 2
+_RUNS, _STEPS, _SEED, _LAG = 10, 25, 2, 3
 _MEANING = {
     FixedStatus.OUT_OF_RANGE: "an input was outside its range",
     FixedStatus.CLAMPED: "an input was moved to the nearest limit",
@@ -158,11 +158,13 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
         "Golden vectors",
         guard=f"{names.macro}_VECTORS_H",
         functions=_golden(program, names, runs),
+        runs=_RUNS,
+        from_init=1,
     )
     return {
         f"test/{prefix}_vectors.h": vectors,
         f"test/{prefix}_sil.c": render(
-            "main.c.j2", names, "Test program", runs=_RUNS, steps=_STEPS
+            "main.c.j2", names, "Test program", runs=_RUNS, from_init=1, steps=_STEPS, lag=_LAG
         ),
         f"test/{prefix}_expected.txt": expected_text(program, runs),
     }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from benchmarks.mutation.mutants import Mutant
+
 _FILLED = "the first step fills the samples anew"
 _TIMES_ZERO = "what is changed is multiplied by 0"
 _PUT_RIGHT = "an interval that is one too high is put right by the comparison that follows"
@@ -27,3 +29,8 @@ EQUIVALENTS: dict[str, dict[tuple[str, str], str]] = {
     }
 }
 """By model: the line and the change. Equal lines share an entry: `_FILLED` is of that in init."""
+
+
+def reason(prefix: str, mutant: Mutant) -> str | None:
+    """Why a change changes no answer; None where it is not known to be so."""
+    return EQUIVALENTS.get(prefix, {}).get((mutant.line, mutant.change))

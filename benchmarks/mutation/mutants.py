@@ -1,10 +1,17 @@
-"""Changes generated C in one place at a time: constants, signs, indices, shifts, comparisons."""
+"""Changes generated C in one place at a time, by class of fault."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.mutation.last_digits import last_digits
+from benchmarks.mutation.memory_faults import deleted, raw_samples, shared_memory, static_locals
+
+Change = tuple[int, int, str]
+"""Where a change begins and ends in a text, and what stands there instead."""
 
 _REAL = re.compile(r"(?<![\w.])(\d+\.\d*(?:e[-+]?\d+)?)f\b")
 _INDEX = re.compile(r"\[(\w+)( \+ 1U)?\]")
@@ -14,30 +21,52 @@ _COMPARISONS = {"<": ">=", ">": "<=", "<=": ">", ">=": "<"}
 _COMPARISON = re.compile(r" (<=|>=|<|>) (?!\d+U; )")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _BODY = re.compile(r"^[^\n#/{}]*\([^;{}]*\)\n\{\n(.*?)^\}", re.DOTALL | re.MULTILINE)
+_DEFINITION = re.compile(r"^const \w+_real \w+_sample_time = (.*?)f?;", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
 class Mutant:
     """The changed source, and what was changed in which line."""
 
+    kind: str
+    file: str
     text: str
     line: str
     change: str
 
 
-def mutants(source: str) -> Iterator[Mutant]:
-    """Every mutant of the functions of a source."""
-    for body in _BODY.finditer(source):
-        code = _COMMENT.sub(lambda comment: " " * len(comment[0]), body[1])
-        for begin, stop, instead in sorted(set(_changes(code))):
-            a, b = body.start(1) + begin, body.start(1) + stop
-            line = source[source.rfind("\n", 0, a) + 1 : source.find("\n", a)].strip()
-            change = f"{source[a:b].strip()} -> {instead.strip()}"
-            yield Mutant(source[:a] + instead + source[b:], line, change)
+def mutants(export: Path, prefix: str) -> Iterator[Mutant]:
+    """Every mutant of the sources of a model; its self-test and trained values stay as they are."""
+    for end, classes in _FILES.items():
+        path = export / "src" / f"{prefix}{end}.c"
+        if path.is_file():
+            source = path.read_text(encoding="utf-8")
+            for kind, changes in classes.items():
+                yield from _mutants(kind, path.name, source, changes)
 
 
-def _changes(code: str) -> Iterator[tuple[int, int, str]]:
-    """Where a change begins and ends, and what stands there instead."""
+def _mutants(
+    kind: str, file: str, source: str, changes: Callable[[str], Iterator[tuple[Change, ...]]]
+) -> Iterator[Mutant]:
+    code = _COMMENT.sub(lambda comment: re.sub(r"[^\n]", " ", comment[0]), source)
+    for places in sorted(set(changes(code))):
+        begin, end, instead = places[0]
+        line = source[source.rfind("\n", 0, begin) + 1 : source.find("\n", begin)].strip()
+        text = source
+        for first, last, other in sorted(places, reverse=True):
+            text = text[:first] + other + text[last:]
+        change = f"{source[begin:end].strip()} -> {instead.strip()}"
+        yield Mutant(kind, file, text, line, " ".join(change.split()))
+
+
+def _values(code: str) -> Iterator[tuple[Change, ...]]:
+    """Constants by 1 %, indices, bounds, signs and comparisons of every function."""
+    for body in _BODY.finditer(code):
+        for begin, end, instead in _values_of(body[1]):
+            yield ((body.start(1) + begin, body.start(1) + end, instead),)
+
+
+def _values_of(code: str) -> Iterator[Change]:
     for match in _REAL.finditer(code):
         value = float(match[1])
         yield match.start(), match.end(), f"{value * 1.01 + 0.001!r}f"
@@ -52,3 +81,24 @@ def _changes(code: str) -> Iterator[tuple[int, int, str]]:
                 yield match.start(), match.end(), other
     for match in _COMPARISON.finditer(code):
         yield match.start(1), match.end(1), _COMPARISONS[match[1]]
+
+
+def _sample_time(code: str) -> Iterator[tuple[Change, ...]]:
+    """The time between two steps, a little and much longer."""
+    for match in _DEFINITION.finditer(code):
+        for factor in (1.000001, 2.0):
+            yield ((match.start(1), match.end(1), repr(float(match[1]) * factor)),)
+
+
+_FILES: dict[str, dict[str, Callable[[str], Iterator[tuple[Change, ...]]]]] = {
+    "": {
+        "value": _values,
+        "deleted": deleted,
+        "raw": raw_samples,
+        "shared": shared_memory,
+        "static": static_locals,
+    },
+    "_about": {"sample time": _sample_time},
+    "_math": {"last digit": last_digits},
+}
+"""Classes of faults by the end of a file's name."""

@@ -1,14 +1,16 @@
-"""Changes the C of models in one place at a time and counts the changes that its test program sees.
+"""Puts faults into the C of models, one at a time, and counts those that verification sees.
 
-`run.py [NAME…]`: specs of the gallery, `reference` without one. Needs gcc.
+`run.py [--every N] [--kinds KIND,…] [NAME…]`: specs of the gallery, all without a name, exported
+with their Jacobian. Needs gcc.
 """
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +19,13 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from benchmarks.mutation.equivalents import EQUIVALENTS
+from benchmarks.mutation.equivalents import reason
 from benchmarks.mutation.mutants import Mutant, mutants
 from compiler.interpreter.interpreter import physical_weights
 from msnn.exports.export import plan_exports, write_export
 from msnn.model.load import load_model
+from msnn.verification.host.host_checks import writable_objects
+from msnn.verification.proof_step import ToolFailedError
 from spec_schema.diagnostics.diagnostic import Findings
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
@@ -34,31 +38,49 @@ _SECONDS = 20.0
 class Score:
     """How many of the changes were seen, and those that were not."""
 
-    seen: int
+    seen: tuple[Mutant, ...]
     equivalent: tuple[Mutant, ...]
     missed: tuple[Mutant, ...]
 
+    def of(self, kind: str) -> Score:
+        """Of one class of faults."""
+        parts = (self.seen, self.equivalent, self.missed)
+        return Score(*(tuple(m for m in part if m.kind == kind) for part in parts))
+
     @property
-    def share(self) -> float:
-        return self.seen / (self.seen + len(self.missed))
+    def total(self) -> int:
+        """All that can be seen."""
+        return len(self.seen) + len(self.missed)
 
 
 def main() -> None:
-    for name in sys.argv[1:] or ["reference"]:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("names", nargs="*", default=[])
+    parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--kinds", default="")
+    given = parser.parse_args()
+    every = sorted(path.name.split(".")[0] for path in GALLERY.glob("*.msnn.yaml"))
+    kinds = [kind for kind in given.kinds.split(",") if kind]
+    for name in given.names or every:
         with tempfile.TemporaryDirectory() as place:
-            export_with_drawn_weights(name, Path(place))
-            score = mutation_score(Path(place), name)
-        total = score.seen + len(score.missed)
-        print(f"{name}: {score.seen} of {total} changes seen, {100 * score.share:.1f} %")
-        for kind, those in (("equivalent", score.equivalent), ("missed", score.missed)):
-            for mutant in those:
-                print(f"  {kind}: {mutant.change}: {mutant.line}")
+            export_with_drawn_weights(name, Path(place), ["jacobian"])
+            _show(name, mutation_score(Path(place), name, given.every, kinds))
 
 
-def export_with_drawn_weights(name: str, folder: Path) -> None:
+def _show(name: str, score: Score) -> None:
+    kinds = sorted({m.kind for part in (score.seen, score.equivalent, score.missed) for m in part})
+    for kind in kinds:
+        of = score.of(kind)
+        line = f"{name}, {kind}: {len(of.seen)} of {of.total} seen, {len(of.missed)} missed"
+        print(f"{line}, {len(of.equivalent)} equivalent", flush=True)
+    for mutant in score.missed:
+        print(f"  missed: {mutant.kind}: {mutant.file}: {mutant.change}: {mutant.line}", flush=True)
+
+
+def export_with_drawn_weights(name: str, folder: Path, extras: Collection[str] = ()) -> None:
     """Weights near the initial ones, not equal as these are: that would hide wrong indices."""
     model = load_model(GALLERY / f"{name}.msnn.yaml")
-    (plan,) = plan_exports(model, ["c"], Findings())
+    (plan,) = plan_exports(model, ["c"], Findings(), extras)
     random = np.random.Generator(np.random.Philox(3))
     weights = physical_weights(plan.program, {})
     drawn = {k: w * random.uniform(0.9, 1.1, w.shape) for k, w in weights.items()}
@@ -66,34 +88,31 @@ def export_with_drawn_weights(name: str, folder: Path) -> None:
     write_export(plan, drawn, folder)
 
 
-def mutation_score(export: Path, prefix: str, every: int = 1) -> Score:
-    """Of every so many changes of the model's own source; what it calls stays as it is."""
-    source = export / "src" / f"{prefix}.c"
-    changed = list(mutants(source.read_text(encoding="utf-8")))[::every]
+def mutation_score(export: Path, prefix: str, every: int = 1, kinds: Collection[str] = ()) -> Score:
+    """Of every so many changes of the model's own sources, of these classes or of all."""
+    changed = [m for m in mutants(export, prefix) if not kinds or m.kind in kinds][::every]
     with tempfile.TemporaryDirectory() as place:
-        others = _objects(export, source, Path(place))
+        objects = _objects(export, Path(place))
         folders = [Path(place) / str(number) for number in range(len(changed))]
 
         def found(mutant: Mutant, folder: Path) -> bool | None:
-            return _seen(mutant, export, others, folder)
+            return _seen(mutant, export, objects, folder)
 
         with ThreadPoolExecutor(max_workers=2) as pool:
             outcomes = list(zip(changed, pool.map(found, changed, folders), strict=True))
     unseen = [mutant for mutant, seen in outcomes if seen is False]
-    known = EQUIVALENTS.get(prefix, {})
     return Score(
-        seen=sum(seen is True for _, seen in outcomes),
-        equivalent=tuple(m for m in unseen if (m.line, m.change) in known),
-        missed=tuple(m for m in unseen if (m.line, m.change) not in known),
+        seen=tuple(mutant for mutant, seen in outcomes if seen),
+        equivalent=tuple(m for m in unseen if reason(prefix, m) is not None),
+        missed=tuple(m for m in unseen if reason(prefix, m) is None),
     )
 
 
-def _objects(export: Path, source: Path, folder: Path) -> list[Path]:
-    """All but the source, compiled once."""
-    files = [path for path in _sources(export) if path != source]
-    objects = [folder / f"{path.stem}.o" for path in files]
-    for path, compiled in zip(files, objects, strict=True):
-        command = ["gcc", *_FLAGS, f"-I{export / 'include'}", "-c", path, "-o", compiled]
+def _objects(export: Path, folder: Path) -> dict[str, Path]:
+    """All sources, compiled once."""
+    objects = {path.name: folder / f"{path.stem}.o" for path in _sources(export)}
+    for path in _sources(export):
+        command = ["gcc", *_FLAGS, f"-I{export / 'include'}", "-c", path, "-o", objects[path.name]]
         subprocess.run(command, check=True)
     return objects
 
@@ -103,15 +122,19 @@ def _sources(export: Path) -> Iterator[Path]:
     yield from sorted((export / "test").glob("*.c"))
 
 
-def _seen(mutant: Mutant, export: Path, others: list[Path], folder: Path) -> bool | None:
-    """Whether the test program fails; None where the change is no C."""
+def _seen(mutant: Mutant, export: Path, objects: dict[str, Path], folder: Path) -> bool | None:
+    """Whether the test program fails or there is memory of its own; None if it is no C."""
     folder.mkdir()
-    changed, program = folder / "changed.c", folder / "program"
+    changed, compiled, program = folder / "changed.c", folder / "changed.o", folder / "program"
     changed.write_text(mutant.text, encoding="utf-8")
     includes = [f"-I{export / 'include'}", f"-I{export / 'src'}"]
-    command = ["gcc", *_FLAGS, *includes, changed, *others, "-o", program, "-lm"]
-    if subprocess.run(command, capture_output=True, check=False).returncode != 0:
+    try:
+        if writable_objects([changed], ["-w", *includes], folder):
+            return True
+    except ToolFailedError:
         return None
+    others = [path for name, path in objects.items() if name != mutant.file]
+    subprocess.run(["gcc", compiled, *others, "-o", program, "-lm"], check=True)
     try:
         done = subprocess.run([program], capture_output=True, check=False, timeout=_SECONDS)
     except subprocess.TimeoutExpired:

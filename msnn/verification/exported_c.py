@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from msnn.errors.commands import not_exported_c
@@ -27,6 +29,8 @@ class Member:
     unsigned: bool
     name: str
     range: Range | None
+    policy: str = ""
+    """What the step does about invalid values of an input; empty for what is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +44,18 @@ class ExportedC:
     exact: bool
     """Whether every build must give the same bits; else results agree within a tolerance."""
     inputs: tuple[Member, ...]
+    start: tuple[Member, ...]
+    """What reset takes."""
     state: tuple[Member, ...]
     outputs: tuple[Member, ...]
     slopes: tuple[Member, ...]
     """Matrices of the Jacobian; empty without one."""
     expected: tuple[str, ...]
     """What each golden step answers: status and bits of the outputs in hexadecimal digits."""
+    status: dict[str, int]
+    """What each bit of a status is named in C."""
     runs: int
-    """Of as many steps each; all but the last begin with a reset, the last with init."""
+    """Of as many steps each; the file of vectors knows how each begins."""
 
     @property
     def include(self) -> Path:
@@ -66,6 +74,12 @@ class ExportedC:
     def fixed_point(self) -> bool:
         """Whether it computes in integers."""
         return self.dtype in ("q15", "q31")
+
+    @property
+    def constant_time(self) -> bool:
+        """Whether it takes the same instructions for all numbers, so that it has no branches."""
+        hides = f"{self.prefix}_truth(bool condition)"
+        return any(hides in path.read_text(encoding="utf-8") for path in self.model_sources)
 
     @property
     def number(self) -> str:
@@ -114,16 +128,20 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
         layout["dtype"],
         bool(layout["takes_parameters"]),
         bool(layout["exact"]),
-        inputs=_members(structs["in"]),
+        inputs=_members(structs["in"], layout.get("on_invalid", {})),
+        start=_members(structs["init"]),
         state=_members(structs["state"]),
         outputs=_members(structs["out"]),
         slopes=_members(structs.get("jacobian", [])),
         expected=tuple(line for line in expected.splitlines() if line),
+        status=layout["status"],
         runs=len(expected.rstrip("\n").split("\n\n")),
     )
 
 
-def _members(fields: list[dict[str, Any]]) -> tuple[Member, ...]:
+def _members(
+    fields: list[dict[str, Any]], policies: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Member, ...]:
     return tuple(
         Member(
             _identifier(field["field"]),
@@ -131,6 +149,7 @@ def _members(fields: list[dict[str, Any]]) -> tuple[Member, ...]:
             field["type"] == "uint32",
             field["name"] or field["field"],
             _range(field["range"]),
+            policies.get(field["field"], ""),
         )
         for field in fields
     )

@@ -11,7 +11,8 @@ from typing import Literal
 
 from msnn.verification.tools import Tool
 
-Verdict = Literal["ok", "found", "missing", "left out"]
+Verdict = Literal["ok", "found", "missing", "left out", "not done"]
+"""`left out` is what needs no check; `not done` is what a tool did not answer."""
 
 _SECONDS = 300.0
 """After which a tool counts as hanging."""
@@ -66,6 +67,8 @@ class Check:
         folder.mkdir(parents=True)
         try:
             return self.run(folder)
+        except ToolTimedOutError as error:
+            return Result(self.name, self.target, "not done", str(error))
         except ToolFailedError as error:
             return Result(self.name, self.target, "found", str(error), tuple(error.lines))
 
@@ -89,11 +92,15 @@ class Check:
 
 
 class ToolFailedError(Exception):
-    """A command ended with an error or not at all; `lines` are what it said."""
+    """A command ended with an error; `lines` are what it said."""
 
     def __init__(self, what: str, output: str) -> None:
         super().__init__(what)
         self.lines = [line for line in output.splitlines() if line.strip()][:40]
+
+
+class ToolTimedOutError(ToolFailedError):
+    """A command did not end in time: it said nothing about the code."""
 
 
 def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECONDS) -> str:
@@ -111,7 +118,7 @@ def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECO
             timeout=seconds,
         )
     except subprocess.TimeoutExpired:
-        raise ToolFailedError(f"no answer within {seconds:g} s: {words[0]}", "") from None
+        raise ToolTimedOutError(f"no answer within {seconds:g} s: {words[0]}", "") from None
     output = done.stdout + done.stderr
     if done.returncode != 0:
         raise ToolFailedError(f"{words[0]} failed", f"{shlex.join(words)}\n{output}")

@@ -8,7 +8,7 @@ from typing import Any
 
 from msnn.tables import table_text
 from msnn.verification.proof.trace import by_spec_line, traced
-from msnn.verification.proof_step import Figures, Result
+from msnn.verification.proof_step import Figures, Result, Verdict
 from msnn.verification.verify import Verification
 
 _CHECKS = ("check", "target", "", "detail")
@@ -23,6 +23,13 @@ _FIGURES = (
     "stack painted",
     "stack bound",
 )
+_VERDICTS: dict[Verdict, str] = {
+    "ok": "ok",
+    "found": "FOUND",
+    "missing": "MISSING",
+    "left out": "left out",
+    "not done": "NOT DONE",
+}
 _LEGEND = (
     "Instructions of one step, counted in QEMU: not cycles. Flash, .data and .bss in bytes: a "
     "linked program less the same one without the model. Stack in bytes: painted words that a "
@@ -67,13 +74,13 @@ def verification_values(verification: Verification) -> dict[str, Any]:
         "model": verification.model.prefix,
         "results": [asdict(result) for result in verification.results],
         "found": verification.found,
+        "undone": verification.undone,
         "install": verification.install_line if verification.missing else None,
     }
 
 
 def _check_row(result: Result) -> tuple[str, ...]:
-    verdict = {"ok": "ok", "found": "FOUND", "missing": "MISSING", "left out": "left out"}
-    return result.check, result.target, verdict[result.verdict], result.detail
+    return result.check, result.target, _VERDICTS[result.verdict], result.detail
 
 
 def _figure_rows(verification: Verification) -> Iterator[tuple[str, ...]]:

@@ -26,6 +26,7 @@ class Tool:
 GCC = Tool("gcc", "gcc")
 GCOV = Tool("gcov", "gcc")
 GPP = Tool("g++", "g++")
+NM = Tool("nm", "binutils")
 CLANG = Tool("clang", "clang")
 CPPCHECK = Tool("cppcheck", "cppcheck")
 FRAMA_C = Tool("frama-c", "frama-c-base")

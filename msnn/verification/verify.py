@@ -15,7 +15,7 @@ from msnn.verification.exported_c import ExportedC, read_exported_c
 from msnn.verification.host.coverage import coverage_check
 from msnn.verification.host.fuzz import fuzz_check
 from msnn.verification.host.host_checks import host_checks, misra_check
-from msnn.verification.proof.proof import proof_check
+from msnn.verification.proof.proof import proof_checks
 from msnn.verification.proof_step import Check, Result
 from msnn.verification.tools import Tool
 
@@ -51,6 +51,11 @@ class Verification:
         return tuple(dict.fromkeys(tools))
 
     @property
+    def undone(self) -> bool:
+        """Whether a check was not done though its tools are there."""
+        return any(result.verdict == "not done" for result in self.results)
+
+    @property
     def install_line(self) -> str:
         """What brings all missing tools."""
         packages = dict.fromkeys(p for tool in self.missing for p in tool.package.split())
@@ -83,6 +88,6 @@ def _checks(model: ExportedC, wanted: Wanted) -> Iterator[Check]:
     if wanted.misra:
         yield misra_check(model)
     if wanted.proof:
-        yield proof_check(model)
+        yield from proof_checks(model)
     if wanted.fuzz:
         yield fuzz_check(model, wanted.fuzz)

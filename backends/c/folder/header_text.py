@@ -29,6 +29,7 @@ def header_text(
 ) -> str:
     """`include/<prefix>.h`; `functions` are step, init, reset and others by name."""
     printer = Printer(interface.prefix, interface.options.dtype)
+    helpers = program.sample_time is not None or bool(interface.jacobian)
     return render(
         "header.h.j2",
         interface,
@@ -38,7 +39,9 @@ def header_text(
         sample_time=program.sample_time and real_literal(program.sample_time, "float64"),
         c_real="float" if interface.options.dtype == "float32" else "double",
         status=[_bit(interface, bit) for bit in step_bits(interface)],
-        selftest=[_bit(interface, bit) for bit in selftest_bits(has_kernels=kernels)],
+        selftest=[
+            _bit(interface, bit) for bit in selftest_bits(has_kernels=kernels, has_helpers=helpers)
+        ],
         selftest_checks=" and checks the arithmetic of this build",
         structs=[_struct(struct, printer) for struct in structs(interface)],
         prototypes={name: printer.prototype(function) for name, function in functions.items()},

@@ -48,6 +48,9 @@ def layout_metadata(
         "exact": interface.options.is_exact,
         "takes_parameters": interface.takes_parameters,
         "status": {status_macro(interface.prefix, bit): int(bit) for bit in MEANING},
+        "on_invalid": {
+            input.field.identifier: input.port.signal.on_invalid for input in interface.inputs
+        },
         "structs": {
             struct.name: [_field(field, struct.name, ranges) for field in struct.fields]
             for struct in structs(interface)

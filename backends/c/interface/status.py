@@ -26,6 +26,7 @@ class SelfTest(IntFlag):
     KERNEL_DIFFERS = 512
     CONTRACTED = 1024
     NO_SUBNORMALS = 2048
+    HELPER_DIFFERS = 4096
 
 
 MEANING: dict[Status | SelfTest, str] = {
@@ -42,6 +43,8 @@ MEANING: dict[Status | SelfTest, str] = {
     SelfTest.KERNEL_DIFFERS: "a mathematical function gave other numbers",
     SelfTest.CONTRACTED: "the compiler fuses multiplications with additions",
     SelfTest.NO_SUBNORMALS: "the processor flushes subnormal numbers to zero",
+    SelfTest.HELPER_DIFFERS: "a vector held other numbers than its struct, or the sample time is "
+    "another",
 }
 
 

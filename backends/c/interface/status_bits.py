@@ -32,6 +32,7 @@ def step_bits(interface: Interface) -> list[Status]:
     return list(bits)
 
 
-def selftest_bits(*, has_kernels: bool) -> list[SelfTest]:
-    """Bits of the self-test's result."""
-    return [bit for bit in SelfTest if has_kernels or bit is not SelfTest.KERNEL_DIFFERS]
+def selftest_bits(*, has_kernels: bool, has_helpers: bool) -> list[SelfTest]:
+    """Bits of the self-test's result; helpers are the sample time and what copies structs."""
+    there = {SelfTest.KERNEL_DIFFERS: has_kernels, SelfTest.HELPER_DIFFERS: has_helpers}
+    return [bit for bit in SelfTest if there.get(bit, True)]

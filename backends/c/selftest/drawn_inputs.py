@@ -66,14 +66,18 @@ def knots_of(program: Program, dtype: Dtype) -> Array:
     return np.array(sorted(x for x in numbers if math.isfinite(x)), dtype)
 
 
-def drawn_series(input: InputField, steps: int, random: np.random.Generator, knots: Array) -> Array:
+def drawn_series(
+    input: InputField, steps: int, random: np.random.Generator, knots: Array, opening: int = 0
+) -> Array:
     """Values of an input, (steps, *shape), within its range or [-1, 1] but for invalid ones.
 
     Some lie at one of the knots, and some just below; the last but one are 0 where that is valid.
+    Some values come twice in a row.
 
     Where the policy replaces invalid values there are some of each kind; where it flags them, one
     is little and one far above the range, and below, and the last is NaN, as it would spoil what
-    follows. Where they are trusted only the last is invalid.
+    follows. Where they are trusted only the last is invalid. The first `opening` samples are
+    invalid in every element: of all kinds where they are replaced, else just outside the range.
     """
     signal = input.port.signal
     low, high = _drawable(signal.range)
@@ -84,6 +88,8 @@ def drawn_series(input: InputField, steps: int, random: np.random.Generator, kno
         """Into one element of each of these rows."""
         rows[at, random.integers(rows.shape[1], size=len(at))] = np.resize(values, len(at))
 
+    again = np.arange(_SPECIAL_EVERY - 1, steps, _SPECIAL_EVERY)
+    rows[again] = rows[again - 1]
     inside = knots[(knots >= low) & (knots <= high)]
     if inside.size:
         at = np.arange(0, steps, _SPECIAL_EVERY)
@@ -106,6 +112,11 @@ def drawn_series(input: InputField, steps: int, random: np.random.Generator, kno
             rows[-1] = math.nan
         case _:
             pass
+    first = rows[:opening]
+    replaced = signal.on_invalid in ("clamp", "hold")
+    kinds = np.array([*outside, *never] if replaced else _beside(signal))
+    if first.size and kinds.size:
+        first[:] = np.resize(np.roll(kinds, random.integers(kinds.size)), first.shape)
     return series
 
 
@@ -155,19 +166,26 @@ def _drawable(range: tuple[float, float] | None) -> tuple[float, float]:
 
 def _outside(signal: Signal) -> tuple[list[float], tuple[float, ...]]:
     """Values of every kind that is invalid: just and far outside the range, and no numbers."""
-    beside: list[float] = []
     far: list[float] = []
     if signal.range is not None:
         low, high = signal.range
         limits = _drawable(signal.range)
         away = _FAR * (1.0 + limits[1] - limits[0])
         if math.isfinite(high):
-            beside.append(_above(*limits))
             far.append(high + away)
         if math.isfinite(low):
-            beside.append(_below(*limits))
             far.append(low - away)
-    return [*beside, *far], (math.nan, math.inf, -math.inf)
+    return [*_beside(signal), *far], (math.nan, math.inf, -math.inf)
+
+
+def _beside(signal: Signal) -> list[float]:
+    """Just above and below the range, where it has these limits."""
+    if signal.range is None:
+        return []
+    low, high = signal.range
+    limits = _drawable(signal.range)
+    above = [_above(*limits)] if math.isfinite(high) else []
+    return [*above, *([_below(*limits)] if math.isfinite(low) else [])]
 
 
 def _nearest(knots: Array, x: float, *, below: bool) -> float:

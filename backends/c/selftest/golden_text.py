@@ -10,19 +10,22 @@ from backends.c.interface.interface import Interface
 from backends.c.selftest.golden_tables import DIFFER, Array, GoldenTables
 from backends.c.selftest.golden_vectors import GoldenVectors, joined
 from backends.c_language.helper_functions import is_nan
+from backends.c_language.places import Index
+from backends.c_language.scope import LocalNames, Scope
 from backends.c_language.tree import (
     Argument,
     Binary,
     Call,
     CType,
     Declare,
+    Element,
     Expression,
     Function,
     If,
     Name,
     Real,
     Return,
-    Statement,
+    Table,
     Truth,
     Unary,
 )
@@ -93,12 +96,20 @@ def tolerance(interface: Interface, values: Array) -> float:
 def kernels_function(
     prefix: str, cases: Mapping[str, Sequence[tuple[tuple[float, ...], float]]]
 ) -> Function:
-    """Whether a kernel gives other bits than it should: arguments and value by kernel."""
-    body: list[Statement] = [Declare(CType.BOOL, "differ", Truth(False))]
+    """Whether a kernel gives other bits than it should: a table of arguments and value for each."""
+    scope = Scope(LocalNames(prefix))
+    scope.reserve("differ")
+    scope.add(Declare(CType.BOOL, "differ", Truth(False)))
     for kernel, rows in cases.items():
-        for arguments, value in rows:
-            called = Call(f"{prefix}_{kernel}", tuple(Real(argument) for argument in arguments))
-            check = Call(f"{prefix}_differs", (called, Real(value), Real(0.0)))
-            body.append(If(check, DIFFER))
-    body.append(Return(Name("differ")))
-    return Function(f"{prefix}_kernels_differ", "bool", (), tuple(body), static=True)
+        table = scope.fresh(f"golden_{kernel}")
+        numbers = tuple(x for arguments, value in rows for x in (*arguments, value))
+        width = len(numbers) // len(rows)
+        scope.add(Table(table, numbers, hexadecimal=True))
+        with scope.loop(len(rows)) as (index, inner):
+            begin = index.times(width)
+            row = [Element(Name(table), begin.plus(Index(n)).expression()) for n in range(width)]
+            called = Call(f"{prefix}_{kernel}", tuple(row[:-1]))
+            inner.add(If(Call(f"{prefix}_differs", (called, row[-1], Real(0.0))), DIFFER))
+    scope.add(Return(Name("differ")))
+    body = tuple(scope.statements)
+    return Function(f"{prefix}_kernels_differ", "bool", (), body, static=True)

@@ -39,7 +39,11 @@ class GoldenVectors:
     """States that `reset` takes."""
     inputs: dict[str, Array]
     """As given to the step, invalid ones among them."""
+    seen: dict[str, Array]
+    """Inputs after what the policies made of them."""
     outputs: dict[str, Array]
+    states: dict[str, Array]
+    """After each step."""
     status: NDArray[np.uint32]
     slopes: dict[str, Array]
     """Matrices of the Jacobian before each step, (steps, rows, columns); empty without one."""
@@ -53,11 +57,12 @@ def golden_vectors(
     seed: int = 0,
     *,
     start: Place | Outside | None = _ANYWHERE,
+    opening: int = 0,
 ) -> GoldenVectors:
     """`steps` steps from a drawn past, each from the states that the one before left.
 
     `start` says where in their ranges, or beyond, the states begin; with None they begin without a
-    past, as after `init`.
+    past, as after `init`. The first samples of each input, `opening` of them, are invalid.
 
     The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
     """
@@ -67,7 +72,8 @@ def golden_vectors(
     log = _checked_log(interface, drawn, t0)
     knots = knots_of(program, dtype)
     inputs = {
-        input.field.name: drawn_series(input, steps, random, knots) for input in interface.inputs
+        input.field.name: drawn_series(input, steps, random, knots, opening)
+        for input in interface.inputs
     }
     interpreter = Interpreter(_with_checked(program), weights, dtype)
     states = interpreter.start(log, t0)
@@ -79,6 +85,8 @@ def golden_vectors(
         interface.jacobian.jacobian, program, weights, dtype
     )
     slopes: list[dict[str, Array]] = []
+    following: list[Mapping[str, Array]] = []
+    accepted = {name: np.empty_like(values) for name, values in inputs.items()}
     seen = {
         input.field.name: first_held(input.port.signal, input.field.shape, dtype)
         for input in interface.inputs
@@ -89,6 +97,7 @@ def golden_vectors(
             name = input.field.name
             checked = apply_policy(input.port.signal, inputs[name][k], seen[name], dtype)
             seen[name], bits = checked[0], bits | checked[1]
+            accepted[name][k] = seen[name]
         if start is None and interface.from_record and k == 0:
             states = _emptied(interface, states)
         if linearized is not None:
@@ -104,24 +113,38 @@ def golden_vectors(
         bits |= _saturation_bits(program, result.outputs)
         status[k] = bits | _state_bits(interface, result.next_states)
         states = result.next_states | _restarted(interface, result.next_states, first)
+        following.append(states)
     windows = {
         field.name: _samples(drawn[field.name][t0 + port.first : t0 + port.last + 1], field.shape)
         for field, port in interface.windows
     }
     names = slopes[0] if slopes else ()
     matrices = {name: np.concatenate([step[name] for step in slopes]) for name in names}
-    return GoldenVectors(windows, starts, inputs, outputs, status, matrices)
+    remembered = {
+        s.name: np.concatenate([step[s.name] for step in following]) for s in program.states
+    }
+    return GoldenVectors(
+        windows=windows,
+        supplied=starts,
+        inputs=inputs,
+        seen=accepted,
+        outputs=outputs,
+        states=remembered,
+        status=status,
+        slopes=matrices,
+    )
 
 
 def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
     """The steps of all runs one after the other, with the start of the first."""
-    first = runs[0]
     return replace(
-        first,
-        inputs={n: np.concatenate([run.inputs[n] for run in runs]) for n in first.inputs},
-        outputs={n: np.concatenate([run.outputs[n] for run in runs]) for n in first.outputs},
+        runs[0],
+        inputs=_one_after_the_other([run.inputs for run in runs]),
+        seen=_one_after_the_other([run.seen for run in runs]),
+        outputs=_one_after_the_other([run.outputs for run in runs]),
+        states=_one_after_the_other([run.states for run in runs]),
         status=np.concatenate([run.status for run in runs]),
-        slopes={n: np.concatenate([run.slopes[n] for run in runs]) for n in first.slopes},
+        slopes=_one_after_the_other([run.slopes for run in runs]),
     )
 
 
@@ -134,6 +157,10 @@ def _checked_log(interface: Interface, log: Mapping[str, Array], t0: int) -> dic
         series[rows] = apply_policy_to_window(port.signal, series[rows], interface.options.dtype)
         checked[field.name] = series
     return checked
+
+
+def _one_after_the_other(series: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    return {name: np.concatenate([each[name] for each in series]) for name in series[0]}
 
 
 def _emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Array]:

@@ -9,6 +9,7 @@ import numpy as np
 from backends.c.functions.function_writer import Weights
 from backends.c.interface.interface import Interface
 from backends.c.selftest.drawn_inputs import Outside, Place
+from backends.c.selftest.golden_helpers import helper_functions, resumed_step
 from backends.c.selftest.golden_jacobian import slopes_function
 from backends.c.selftest.golden_text import differs_function, golden_functions, kernels_function
 from backends.c.selftest.golden_vectors import GoldenVectors, expected_text, golden_vectors
@@ -21,8 +22,11 @@ from compiler.ir.program import Program
 SELFTEST_STEPS = 16
 """Golden steps that travel with the code to the target."""
 
+_LAG = 3
+"""Steps by which a second instance follows the first: neither may touch the other's memory."""
+
 _PARTS = 7
-_STARTS: tuple[Place | Outside | None, ...] = (
+_STARTS: tuple[Place | Outside, ...] = (
     *(Place(part, _PARTS) for part in range(_PARTS)),
     *(Place(part, _PARTS, "at") for part in range(_PARTS)),
     *(Place(part, _PARTS, "below") for part in range(_PARTS)),
@@ -30,9 +34,18 @@ _STARTS: tuple[Place | Outside | None, ...] = (
     "below",
     "far above",
     "nan",
-    None,
 )
-"""Where the golden runs of the test program begin: the last without a past."""
+_RUNS: tuple[tuple[Place | Outside | None, int], ...] = (
+    *((start, 0) for start in _STARTS),
+    *((Place(part, _PARTS), opening) for part, opening in ((1, 1), (3, 3), (5, 5))),
+    *((None, opening) for opening in (0, 2, 4)),
+)
+"""Where the golden runs of the test program begin, and after how many invalid samples the first
+valid one comes. Those without a past stand last."""
+
+_FROM_INIT = sum(start is None for start, _ in _RUNS)
+_SELFTEST_OPENING = 2
+"""Invalid samples with which the self-test begins, where the policy replaces them."""
 
 _TEST_STEPS = 16
 """Golden steps of each."""
@@ -46,13 +59,25 @@ def selftest_text(
     """`src/<prefix>_selftest.c`: golden steps, kernels, and what a compiler may do wrong."""
     dtype, prefix = interface.options.dtype, interface.prefix
     printer = Printer(prefix, dtype)
-    golden = golden_vectors(program, interface, weights, SELFTEST_STEPS, _SELFTEST_SEED)
+    golden = golden_vectors(
+        program,
+        interface,
+        weights,
+        SELFTEST_STEPS,
+        _SELFTEST_SEED,
+        opening=_SELFTEST_OPENING,
+    )
     functions = _golden(interface, [golden])
+    jacobian, sample_time = interface.jacobian, program.sample_time
+    if (kernels or sample_time is not None) and not _compares(interface):
+        functions.append(printer.function(differs_function(prefix)))
     if kernels:
-        if not interface.outputs and interface.jacobian is None:
-            functions.append(printer.function(differs_function(prefix)))
         check = kernels_function(prefix, kernel_cases(kernels, dtype))
         functions.append(printer.function(check))
+    if jacobian is not None:
+        helpers = helper_functions(interface, jacobian, golden, weights)
+        functions += [printer.function(function) for function in helpers]
+    letters = _letters(interface)
     # 1 + ε' squared is 1 + 2ε' + ε'²: for this ε' the last term is lost when the product is rounded
     small = 2.0**-12 if dtype == "float32" else 2.0**-27
     return render(
@@ -61,13 +86,18 @@ def selftest_text(
         "Self-test",
         functions=functions,
         kernels=bool(kernels),
-        jacobian=interface.jacobian is not None,
+        jacobian=jacobian is not None,
+        letters=letters,
+        sample_time=None if sample_time is None else real_literal(sample_time, dtype),
+        resumed=resumed_step(interface, golden) if "x" in letters else None,
+        lag=_LAG,
         steps=SELFTEST_STEPS,
         factor=hex_literal(1.0 + small, dtype),
         square=hex_literal(1.0 + 2.0 * small, dtype),
         smallest=hex_literal(float(np.finfo(dtype).tiny), dtype),
         half=real_literal(0.5, dtype),
         zero=real_literal(0.0, dtype),
+        one=real_literal(1.0, dtype),
     )
 
 
@@ -82,8 +112,9 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
             _TEST_STEPS,
             _TEST_SEED + run,
             start=start,
+            opening=opening,
         )
-        for run, start in enumerate(_STARTS)
+        for run, (start, opening) in enumerate(_RUNS)
     ]
     vectors = render(
         "vectors.h.j2",
@@ -91,23 +122,37 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         "Golden vectors",
         guard=f"{prefix.upper()}_VECTORS_H",
         functions=_golden(interface, runs),
+        runs=len(_RUNS),
+        from_init=_FROM_INIT,
     )
     main = render(
         "main.c.j2",
         interface,
         "Test program",
         jacobian=interface.jacobian is not None,
-        letters=[vector.letter for vector in interface.jacobian.vectors]
-        if interface.jacobian is not None
-        else [],
-        runs=len(_STARTS),
+        letters=_letters(interface),
+        runs=len(_RUNS),
+        from_init=_FROM_INIT,
         steps=_TEST_STEPS,
+        lag=_LAG,
     )
     return {
         f"test/{prefix}_sil.c": main,
         f"test/{prefix}_vectors.h": vectors,
         f"test/{prefix}_expected.txt": expected_text(interface, runs),
     }
+
+
+def _letters(interface: Interface) -> list[str]:
+    """The vectors that have functions which copy structs into them."""
+    if interface.jacobian is None:
+        return []
+    return [vector.letter for vector in interface.jacobian.vectors]
+
+
+def _compares(interface: Interface) -> bool:
+    """Whether golden steps need the function that compares two numbers."""
+    return bool(interface.outputs) or interface.jacobian is not None
 
 
 def _golden(interface: Interface, runs: Sequence[GoldenVectors]) -> list[str]:

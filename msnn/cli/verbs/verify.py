@@ -39,7 +39,7 @@ def verify(
     Strict builds, golden vectors of the interpreter to the bit and what of the code they reach,
     sanitizers; on boards in QEMU also
     instructions, memory and stack of a step. Exit code 1 when anything was found, 5 when a tool is
-    missing: what needs no missing tool is checked all the same.
+    missing or did not end: what needs no missing tool is checked all the same.
     """
     from backends.files.atomic_write import write_text
     from msnn.cli.console import json_result, note, result
@@ -68,5 +68,5 @@ def verify(
         note(f"missing: {found.install_line}")
     if found.found:
         raise typer.Exit(ExitCode.DIAGNOSTICS)
-    if found.missing:
+    if found.missing or found.undone:
         raise typer.Exit(ExitCode.MISSING_EXTRA)

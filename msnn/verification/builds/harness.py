@@ -14,6 +14,9 @@ from msnn.verification.exported_c import ExportedC
 
 TEMPLATES = Path(templates.__path__[0]) / "verify"
 
+_LAG = 3
+"""Golden steps by which a second instance follows the first."""
+
 
 def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -> Path:
     """Fills `templates/verify/<template>.j2` for the model; the path of what it wrote."""
@@ -23,6 +26,7 @@ def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -
         "params": f", &{model.prefix}_params_default" if model.takes_parameters else "",
         "runs": model.runs,
         "steps": len(model.expected) // model.runs,
+        "lag": _LAG,
         "reals": model.reals,
         "number": model.number,
         "linearizes": model.linearizes,

@@ -1,4 +1,4 @@
-"""Lets libFuzzer look for a state and inputs that make a step do what C leaves undefined."""
+"""Lets libFuzzer look for what C leaves undefined, and for inputs that break their policy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 
 from msnn.verification.builds.harness import write_harness
 from msnn.verification.exported_c import ExportedC
-from msnn.verification.proof_step import Check, Result, ToolFailedError, run_tool
+from msnn.verification.host.fuzz_values import fuzz_facts
+from msnn.verification.proof_step import Check, Result, ToolFailedError, ToolTimedOutError, run_tool
 from msnn.verification.tools import CLANG, LIBFUZZER
 
 _SANITIZERS = "-fsanitize=fuzzer,address,undefined,float-cast-overflow"
@@ -16,7 +17,8 @@ _DONE = re.compile(r"Done (\d+) runs in (\d+) second")
 
 
 def fuzz_check(model: ExportedC, seconds: int) -> Check:
-    """For so many seconds: any bits as state, a corrupted one included, and any inputs."""
+    """For so many seconds: any bits as state, a corrupted one included, and any inputs; and from a
+    valid start, where invalid inputs act as their policies say and outputs stay finite."""
 
     def run(folder: Path) -> Result:
         if model.fixed_point:
@@ -25,7 +27,9 @@ def fuzz_check(model: ExportedC, seconds: int) -> Check:
         try:
             runs = fuzz(model, folder, f"-max_total_time={seconds}", seconds + 60.0)
         except FuzzerFoundError as error:
-            return check.of(error.lines or [str(error)], "the fuzzer found an input")
+            named = [line for line in error.lines if "error:" in line or "ERROR:" in line]
+            found = named or error.lines or [str(error)]
+            return check.of(found, "the fuzzer found an input")
         return check.of([], f"{runs:,} runs of 8 steps in {seconds} s, corrupted states included")
 
     check = Check("fuzz", "clang", (CLANG, LIBFUZZER), run)
@@ -41,7 +45,7 @@ def fuzz(model: ExportedC, folder: Path, limit: str, seconds: float) -> int:
 
     Raises FuzzerFoundError, and ToolFailedError where the fuzzer cannot be built.
     """
-    main = write_harness("fuzz_main.c", model, folder)
+    main = write_harness("fuzz_main.c", model, folder, **fuzz_facts(model))
     program = folder / "fuzz"
     run_tool(
         [
@@ -53,6 +57,8 @@ def fuzz(model: ExportedC, folder: Path, limit: str, seconds: float) -> int:
     )
     try:
         said = run_tool([program, limit, *_OPTIONS], folder, seconds)
+    except ToolTimedOutError:
+        raise
     except ToolFailedError as error:
         raise FuzzerFoundError(str(error), "\n".join(error.lines)) from error
     done = _DONE.search(said)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from msnn.verification.builds.golden_run import differences
 from msnn.verification.builds.harness import includes, write_harness
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
-from msnn.verification.proof_step import Check, Result, ToolFailedError, run_tool
-from msnn.verification.tools import CLANG, CPPCHECK, GCC, GPP, Tool
+from msnn.verification.proof_step import (
+    Check,
+    Result,
+    ToolFailedError,
+    ToolTimedOutError,
+    run_tool,
+)
+from msnn.verification.tools import CLANG, CPPCHECK, GCC, GPP, NM, Tool
 
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
 _STANDARD = ("-std=c99", "-ffp-contract=off")
@@ -29,6 +36,7 @@ def host_checks(model: ExportedC) -> Iterator[Check]:
     cpp = ["-x", "c++", "-std=c++17", "-ffp-contract=off", "-O1", *CPP_WARNINGS]
     yield _compiling("warnings", "g++", (GPP,), model, cpp)
     yield _compiling("analyzer", "gcc", (GCC,), model, [*_STANDARD, "-O1", "-fanalyzer"])
+    yield _memory(model)
     for tool in (GCC, CLANG):
         yield _golden(tool, model)
     yield _sanitized(model)
@@ -79,6 +87,29 @@ def _compiling(
     return check
 
 
+_WRITABLE = re.compile(r"^(\S+?):.* [bBcCdDgGsS] (\S+)$", re.MULTILINE)
+"""Of what nm says: the object file and the name of what lies in .bss, .data or common."""
+
+
+def writable_objects(sources: Sequence[Path], options: Sequence[str], folder: Path) -> list[str]:
+    """What memory the sources have besides the structs they are given, as `file: name`."""
+    run_tool([GCC.command, *_STANDARD, "-O0", *options, "-c", *sources], folder)
+    objects = [f"{path.stem}.o" for path in sources]
+    said = run_tool([NM.command, "-A", *objects], folder)
+    return [f"{file.removesuffix('.o')}.c: {name}" for file, name in _WRITABLE.findall(said)]
+
+
+def _memory(model: ExportedC) -> Check:
+    """Instances are independent where all memory is in the structs that functions are given."""
+
+    def run(folder: Path) -> Result:
+        found = writable_objects(model.model_sources, includes(model), folder)
+        return check.of(found, f"{len(found)} objects that all instances would share")
+
+    check = Check("memory", "gcc", (GCC, NM), run)
+    return check
+
+
 def _golden(tool: Tool, model: ExportedC) -> Check:
     def run(folder: Path) -> Result:
         found: list[str] = []
@@ -98,6 +129,8 @@ def _sanitized(model: ExportedC) -> Check:
     def run(folder: Path) -> Result:
         try:
             answer = _replay(GCC.command, list(_SANITIZERS), model, folder)
+        except ToolTimedOutError:
+            raise
         except ToolFailedError as error:
             return check.of(error.lines, "a sanitizer stopped the golden steps")
         return check.of(

@@ -1,9 +1,13 @@
 """Proves by abstract interpretation that a step has no run-time error for all declared values.
 
-Frama-C's Eva takes one step from any state and any input within the ranges of the spec, and any
-position of a ring. A float that may become infinite or NaN, a conversion that may overflow and an
-index that may leave its array are alarms. The project's own math functions stand in it with their
-bounds (`kernel_bounds`).
+Frama-C's Eva takes one step from any state within the ranges of the spec, and any position of a
+ring, with any input: within its range where the spec only flags what is outside, any number where
+`clamp` or `hold` replaces it, infinities too. A float that may become infinite or NaN, a conversion
+that may overflow and an index that may leave its array are alarms. The project's own math functions
+stand in it with their bounds (`kernel_bounds`).
+
+What is proved of a step holds for all steps if the state that it leaves is one that was assumed:
+the report says so of each state. See decisions/0185.
 """
 
 from __future__ import annotations
@@ -13,98 +17,157 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from msnn.verification.builds.harness import write_harness
-from msnn.verification.exported_c import ExportedC, Member
+from msnn.verification.exported_c import ExportedC
+from msnn.verification.proof.drawn_values import (
+    ASSUMED,
+    REPLACED,
+    assumed_range,
+    drawn,
+    outside_ranges,
+    shown,
+)
+from msnn.verification.proof.eva import PRECISION, Alarm, Analysis, Values, analysed
 from msnn.verification.proof.kernel_bounds import kernel_bounds
-from msnn.verification.proof_step import Check, Result, run_tool
+from msnn.verification.proof.root_alarms import roots_first
+from msnn.verification.proof_step import Check, Result
 from msnn.verification.tools import FRAMA_C
 
-ASSUMED = 1e6
-"""Magnitude of a value for which the spec declares no range; the report names each."""
-
-_PRECISION = "7"
-_ALARM = re.compile(r"\[eva:alarm\] (\S+?):(\d+): Warning:\s*([^\n]*)\n?([^\[]*)")
-_SHOWN = re.compile(r"Frama_C_show_each_(\w+):\s*(?:\[(\S+) \.\. (\S+?)\]|\{(\S+?)\})")
 _SPEC = re.compile(r"/\* spec: (?:.*\()?([^ ()]+:\d+)\)? *\*/")
 
 
-def proof_check(model: ExportedC) -> Check:
-    """Runs Eva on a main that draws state and inputs from their ranges."""
+def proof_checks(model: ExportedC) -> Iterator[Check]:
+    """Of the step, and of the Jacobian where there is one."""
+    yield _check("step", model)
+    if model.linearizes:
+        yield _check("linearize", model)
 
+
+def _check(function: str, model: ExportedC) -> Check:
     def run(folder: Path) -> Result:
         if model.fixed_point:
             detail = "the export proved the bounds of every integer; Eva is asked about floats only"
             return Result(check.name, check.target, "left out", detail)
-        main = write_harness(
-            "eva_main.c",
-            model,
-            folder,
-            values=[*_drawn("s", model.state, model), *_drawn("u", model.inputs, model)],
-            shown=list(_shown(model)),
-            kernels=kernel_bounds(model),
-        )
-        said = run_tool(
-            [
-                *(FRAMA_C.command, "-eva", "-eva-precision", _PRECISION),
-                *("-machdep", "gcc_x86_32"),
-                f"-cpp-extra-args=-I{model.include} -I{model.folder / 'src'}",
-                *(main, *(p for p in model.model_sources if not p.stem.endswith("_math"))),
-            ],
-            folder,
-        )
-        alarms = [_alarm(match, model) for match in _ALARM.finditer(said)]
-        proved = _proved(said)
-        if len(proved) < sum(not member.unsigned for member in model.outputs):
-            alarms.append("no step comes to its end")
-        assumed = [m.name for m in (*model.state, *model.inputs) if not m.unsigned and not m.range]
-        detail = f"{len(alarms)} alarms, Eva at precision {_PRECISION}"
-        notes = [f"proved {name} in {low:.6g} .. {high:.6g}" for name, low, high in proved]
-        notes += [f"assumed |{name}| <= {ASSUMED:g}: the spec has no range" for name in assumed]
-        return check.of(list(dict.fromkeys(alarms)), detail, notes=notes)
+        if model.constant_time:
+            detail = (
+                "not proved: constant-time code takes one of two values from an array, and "
+                "intervals do not follow which; prove the export without constant_time, which has "
+                "the same bits"
+            )
+            return Result(check.name, check.target, "not done", detail)
+        return _proved(check, function, model, folder)
 
-    check = Check("proof", "source", (FRAMA_C,), run)
+    check = Check("proof", function, (FRAMA_C,), run)
     return check
 
 
-def _drawn(struct: str, members: tuple[Member, ...], model: ExportedC) -> Iterator[str]:
-    kind = "float" if model.dtype == "float32" else "double"
-    suffix = "f" if kind == "float" else ""
-    for member in members:
+def _proved(check: Check, function: str, model: ExportedC, folder: Path) -> Result:
+    results = model.outputs if function == "step" else model.slopes
+    reals = [("result", m) for m in results if not m.unsigned]
+    if function == "step":
+        reals += [("left", m) for m in model.state if not m.unsigned]
+    runs = [_analysed(function, model, folder, infinite=False)]
+    replaced = [member.name for member in model.inputs if member.policy in REPLACED]
+    if replaced:
+        runs.append(_analysed(function, model, folder, infinite=True))
+    alarms = dict.fromkeys(alarm for run in runs for alarm in run.alarms)
+    ordered = roots_first(list(alarms), model.folder / "src")
+    findings = [_shown_alarm(alarm, model) for alarm in ordered]
+    found = [(kind, m, _joined(runs, f"{kind}_{m.field}")) for kind, m in reals]
+    if any(values is None for *_, values in found):
+        findings.append("no call comes to its end")
+    notes: list[str] = []
+    for kind, member, values in found:
+        if values is not None and not values.finite:
+            after = "" if kind == "result" else " after a step"
+            findings.append(f"{member.name} may be NaN or infinite{after}: {_interval(values)}")
+        elif values is not None and function == "step" and kind == "result":
+            notes.append(f"proved {member.name} in {_interval(values)}")
+    detail = f"{len(findings)} alarms, Eva at precision {PRECISION}"
+    if function == "step":
+        kept, said = _inductive(model, runs)
+        notes += said
+        detail += f"; {kept} of {len(said)} states stay in the range assumed" if said else ""
+    assumed = [m.name for m in (*model.state, *model.inputs) if not m.unsigned and not m.range]
+    notes += [f"assumed |{name}| <= {ASSUMED:g}: the spec has no range" for name in assumed]
+    if replaced:
+        notes.append(f"any number and infinities taken at {', '.join(replaced)}")
+        notes.append(
+            "not proved: NaN there, as Eva does not follow comparisons with it; "
+            "golden vectors and the fuzzer give it"
+        )
+    return check.of(findings, detail, notes=notes)
+
+
+def _analysed(function: str, model: ExportedC, folder: Path, *, infinite: bool) -> Analysis:
+    lines = [*drawn("s", model.state, model), *drawn("u", model.inputs, model)]
+    lines += outside_ranges(model, infinite=infinite)
+    results = ("y", model.outputs) if function == "step" else ("jac", model.slopes)
+    begun = shown("begun", "begun", model.state)
+    left = [*shown("result", *results), *shown("left", "s", model.state)]
+    main = write_harness(
+        "eva_main.c",
+        model,
+        folder,
+        function=function,
+        values=lines,
+        begun=list(begun),
+        shown=left,
+        kernels=kernel_bounds(model),
+    )
+    return analysed(model, main, infinite=infinite, folder=folder)
+
+
+def _inductive(model: ExportedC, runs: list[Analysis]) -> tuple[int, list[str]]:
+    """How many states a step leaves where it assumed them, and a sentence about each."""
+    said: list[str] = []
+    kept = 0
+    for member in model.state:
         if member.unsigned:
-            value = "(uint32_t)Frama_C_interval(-2147483647 - 1, 2147483647)"
+            continue
+        low, high = assumed_range(member, model)
+        assumed = f"{low:.6g} .. {high:.6g}"
+        next = _joined(runs, f"left_{member.field}")
+        begun = _joined(runs, f"begun_{member.field}")
+        name = member.name
+        if next is None or begun is None:
+            said.append(f"inductive: no: {name}: no call comes to its end")
+        elif not _within(next, low, high):
+            said.append(f"inductive: no: a step takes {name} from {assumed} to {_interval(next)}")
+        elif not _within(begun, low, high):
+            said.append(f"inductive: no: init sets {name} to {_interval(begun)}, not in {assumed}")
         else:
-            low, high = member.range or (-ASSUMED, ASSUMED)
-            limits = f"{float(low)!r}{suffix}, {float(high)!r}{suffix}"
-            value = f"Frama_C_{kind}_interval({limits})"
-        if member.size is None:
-            yield f"{struct}.{member.field} = {value};"
-        else:
-            loop = f"for (uint32_t i = 0U; i < {member.size}U; i++)"
-            yield f"{loop} {struct}.{member.field}[i] = {value};"
+            said.append(f"inductive: yes: {name} stays in {assumed}")
+            kept += 1
+    return kept, said
 
 
-def _shown(model: ExportedC) -> Iterator[str]:
-    for member in model.outputs:
-        for index in range(member.size or 1) if not member.unsigned else ():
-            place = member.field if member.size is None else f"{member.field}[{index}]"
-            yield f"Frama_C_show_each_{member.field}(y.{place});"
+def _within(values: Values, low: float, high: float) -> bool:
+    return not values.nan and low <= values.low and values.high <= high
 
 
-def _proved(said: str) -> list[tuple[str, float, float]]:
-    """The interval that holds all that was shown of each output."""
-    found: dict[str, tuple[float, float]] = {}
-    for name, low, high, one in _SHOWN.findall(said):
-        bounds = [float(text) for text in ((one, one) if one else (low, high))]
-        known = found.get(name, (bounds[0], bounds[1]))
-        found[name] = min(known[0], bounds[0]), max(known[1], bounds[1])
-    return [(name, *bounds) for name, bounds in found.items()]
+def _interval(values: Values) -> str:
+    nan = " or NaN" if values.nan else ""
+    return (
+        f"{values.low + 0.0:.6g} .. {values.high + 0.0:.6g}{nan}"
+        if values.low <= values.high
+        else "NaN"
+    )
 
 
-def _alarm(match: re.Match[str], model: ExportedC) -> str:
-    path, line, what, rest = match.groups()
-    claim = " ".join((what + " " + rest).split())
-    name = Path(path).name
-    place = _spec_line(model, name, int(line))
-    return f"{name}:{line}: {claim[:160]}" + (f" (spec {place})" if place else "")
+def _joined(runs: list[Analysis], name: str) -> Values | None:
+    """None where a run did not come to where the value is shown."""
+    found: Values | None = None
+    for run in runs:
+        values = run.values.get(name)
+        if values is None:
+            return None
+        found = values if found is None else found.joined(values)
+    return found
+
+
+def _shown_alarm(alarm: Alarm, model: ExportedC) -> str:
+    place = _spec_line(model, alarm.file, alarm.line)
+    return f"{alarm.file}:{alarm.line}: {alarm.claim}" + (f" (spec {place})" if place else "")
 
 
 def _spec_line(model: ExportedC, name: str, line: int) -> str | None:

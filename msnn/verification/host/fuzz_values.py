@@ -1,0 +1,98 @@
+"""What the fuzzer's valid start and second instance need: inputs as their policies leave them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from msnn.verification.exported_c import ExportedC, Member, Range
+
+_UNBOUNDED = 1e3
+"""Magnitude of what a start takes where the spec has no range."""
+
+
+def fuzz_facts(model: ExportedC) -> dict[str, Any]:
+    """What `fuzz_main.c` is filled with."""
+    reals = [member for member in model.inputs if not member.unsigned]
+    told = ("STATE_OUT_OF_RANGE", "UNINITIALISED", "EQUATION_OUT_OF_RANGE")
+    return {
+        "held": [
+            {
+                "held": f"held_{member.field}",
+                "size": member.size or 1,
+                "instead": _literal(_stand_in(_limits(member, model)), model),
+            }
+            for member in reals
+            if member.policy == "hold"
+        ],
+        "start": list(_start(model)),
+        "within": [
+            # flagged and trusted inputs are given valid
+            _moved(member, "u", "u", member.range or (-_UNBOUNDED, _UNBOUNDED), model)
+            for member in reals
+            if member.policy not in ("clamp", "hold")
+        ],
+        "replaced": [line for member in reals for line in _replaced(member, model)],
+        "outputs": [
+            {
+                "name": member.name,
+                "first": member.field + ("" if member.size is None else "[0]"),
+                "size": member.size or 1,
+            }
+            for member in model.outputs
+            if not member.unsigned
+        ],
+        "mask": sum(model.status.get(f"{model.prefix.upper()}_STATUS_{bit}", 0) for bit in told),
+    }
+
+
+def _start(model: ExportedC) -> Iterator[str]:
+    """Brings each sample that reset takes into the range of its state or input."""
+    ranges = {m.name: m.range for m in (*model.inputs, *model.state) if m.range is not None}
+    for member in model.start:
+        if not member.unsigned:
+            low, high = ranges.get(member.name, (-_UNBOUNDED, _UNBOUNDED))
+            yield _moved(member, "x0", "x0", (low, high), model)
+
+
+def _replaced(member: Member, model: ExportedC) -> Iterator[str]:
+    limits = _limits(member, model)
+    if member.policy == "clamp":
+        yield _moved(member, "v", "u", limits, model)
+    if member.policy == "hold":
+        place, low, high = _place(member, "u"), *(_literal(x, model) for x in limits)
+        kept = f"held_{member.field}[i]"
+        loop = f"for (int i = 0; i < {member.size or 1}; i++)"
+        yield f"{loop} {{ if (valid({place}, {low}, {high})) {{ {kept} = {place}; }} }}"
+        yield f"{loop} {{ {_place(member, 'v')} = {kept}; }}"
+
+
+def _moved(member: Member, to: str, source: str, limits: Range, model: ExportedC) -> str:
+    low, high, instead = (_literal(x, model) for x in (*limits, _stand_in(limits)))
+    moved = f"nearest({_place(member, source)}, {low}, {high}, {instead})"
+    loop = f"for (int i = 0; i < {member.size or 1}; i++)"
+    return f"{loop} {{ {_place(member, to)} = {moved}; }}"
+
+
+def _place(member: Member, struct: str) -> str:
+    return f"{struct}.{member.field}" + ("" if member.size is None else "[i]")
+
+
+def _limits(member: Member, model: ExportedC) -> Range:
+    """What is valid: the finite numbers within the range, as the policies of the spec say."""
+    single = model.dtype == "float32"
+    largest = float(np.finfo(np.float32).max) if single else sys.float_info.max
+    low, high = member.range or (-largest, largest)
+    return low, high
+
+
+def _stand_in(limits: Range) -> float:
+    """Of NaN, and of a last valid value before there is one."""
+    return min(max(0.0, limits[0]), limits[1])
+
+
+def _literal(value: float, model: ExportedC) -> str:
+    return f"({value!r}f)" if model.dtype == "float32" else f"({value!r})"

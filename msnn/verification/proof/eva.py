@@ -1,0 +1,93 @@
+"""Runs Frama-C's Eva on one function of an export and reads what it says of values and alarms."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from msnn.verification.exported_c import ExportedC
+from msnn.verification.proof_step import run_tool
+from msnn.verification.tools import FRAMA_C
+
+PRECISION = "7"
+_ALARM = re.compile(r"\[eva:alarm\] (\S+?):(\d+): Warning:\s*([^\n]*)\n?([^\[]*)")
+_NUMBER = r"[-+.\w]+"
+_SHOWN = re.compile(
+    rf"Frama_C_show_each_(\w+):\s*(?:\[({_NUMBER}) \.\. ({_NUMBER})\]|\{{({_NUMBER})\}}|(NaN))"
+    r"(\s*∪\s*\{NaN\})?"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """A place where a run-time error could not be excluded."""
+
+    file: str
+    line: int
+    claim: str
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """All that a quantity may be; the limits are infinite where it may be infinite."""
+
+    low: float
+    high: float
+    nan: bool
+
+    @property
+    def finite(self) -> bool:
+        """Whether every value is a number, none infinite."""
+        return not self.nan and math.isfinite(self.low) and math.isfinite(self.high)
+
+    def joined(self, other: Values) -> Values:
+        low, high = min(self.low, other.low), max(self.high, other.high)
+        return Values(low, high, self.nan or other.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """What Eva found; `values` by the name under which main showed them."""
+
+    alarms: tuple[Alarm, ...]
+    values: dict[str, Values]
+
+
+def analysed(model: ExportedC, main: Path, *, infinite: bool, folder: Path) -> Analysis:
+    """Analyses a main with the sources of a model.
+
+    A float that becomes NaN is an alarm, and one that becomes infinite unless `infinite` numbers
+    are among those that main draws; then `values` says where they remain.
+    """
+    sources = [path for path in model.model_sources if not path.stem.endswith("_math")]
+    said = run_tool(
+        [
+            *(FRAMA_C.command, "-eva", "-eva-precision", PRECISION),
+            *("-warn-special-float", "nan" if infinite else "non-finite"),
+            *("-machdep", "gcc_x86_32"),
+            f"-cpp-extra-args=-I{model.include} -I{model.folder / 'src'}",
+            *(main, *sources),
+        ],
+        folder,
+    )
+    return Analysis(tuple(dict.fromkeys(_alarms(said))), _values(said))
+
+
+def _alarms(said: str) -> Iterator[Alarm]:
+    for match in _ALARM.finditer(said):
+        path, line, what, rest = match.groups()
+        claim = " ".join((what + " " + rest).split())
+        yield Alarm(Path(path).name, int(line), claim[:160])
+
+
+def _values(said: str) -> dict[str, Values]:
+    """The interval that holds all that was shown under each name."""
+    found: dict[str, Values] = {}
+    for name, low, high, one, only_nan, or_nan in _SHOWN.findall(said):
+        bounds = (math.inf, -math.inf) if only_nan else (float(one or low), float(one or high))
+        shown = Values(*bounds, nan=bool(only_nan or or_nan))
+        found[name] = shown.joined(found.get(name, shown))
+    return found

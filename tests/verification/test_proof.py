@@ -1,0 +1,112 @@
+"""What the proof says: of which inputs and states, in which order, and what is not proved."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from msnn.cli.application import run
+from msnn.verification.proof.eva import Alarm
+from msnn.verification.proof.root_alarms import roots_first
+from msnn.verification.proof_step import Check, Result, run_tool
+from msnn.verification.tools import FRAMA_C
+from tests.conditions import miss
+
+LEAKS = """
+msnn: 1
+name: leaks
+sample_time: 1 s
+inputs:
+  u: {range: [-1, 1], on_invalid: clamp}
+  h: {range: [0, 2], on_invalid: hold}
+states:
+  kept: {next: 0.5 * kept + 0.5 * u, init: 0, range: [-2, 2]}
+  grown: {next: grown + h, init: 0, range: [0, 10]}
+outputs:
+  y: kept + grown
+"""
+
+CODE = """\
+void step(void)
+{
+    /* a comment with = and ; */
+    const float first = x / z;
+    const float plain = 2.0f * x;
+    const float second = first
+        * 3.0f;
+    s->third = second + plain;
+    const float other = plain / z;
+}
+"""
+
+
+def verified(
+    spec: str, folder: Path, capsys: pytest.CaptureFixture[str], *options: str
+) -> tuple[int, dict[str, Any]]:
+    if not FRAMA_C.is_there:
+        miss(f"frama-c is not installed: apt-get install {FRAMA_C.package}")
+    path = folder / "leaks.msnn.yaml"
+    path.write_text(spec, encoding="utf-8")
+    words = ["export", str(path), "--initial", "--to", "c", "--out", str(folder), *options]
+    assert run(words) == 0
+    capsys.readouterr()
+    code = run(["verify", str(folder / "c"), "--targets", "", "--proof", "--format", "json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_the_report_says_which_states_stay_in_their_range(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = verified(LEAKS, tmp_path, capsys, "--with", "jacobian")
+    assert code == 0, said
+    step, linearize = said["results"]
+    assert (step["target"], linearize["target"]) == ("step", "linearize")
+    assert "inductive: yes: kept stays in -2 .. 2" in step["notes"]
+    assert "inductive: no: a step takes grown from 0 .. 10 to 0 .. 12" in step["notes"]
+    assert "inductive: yes: h_held stays in 0 .. 2" in step["notes"]
+    assert "2 of 3 states stay in the range assumed" in step["detail"]
+    assert "any number and infinities taken at u, h" in step["notes"]
+
+
+def test_inputs_that_are_clamped_are_drawn_from_all_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verified(LEAKS, tmp_path, capsys)
+    source = tmp_path / "c" / "src" / "leaks.c"
+    text = source.read_text(encoding="utf-8")
+    assert "if (x > high) {\n        result = high;" in text
+    source.write_text(text.replace("result = high;", "result = x;"), encoding="utf-8")
+    assert run(["verify", str(tmp_path / "c"), "--targets", "", "--proof"]) == 1
+    assert "kept may be NaN or infinite after a step" in capsys.readouterr().out
+
+
+def test_constant_time_is_named_as_not_proved(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = LEAKS + "export:\n  c: {constant_time: true}\n"
+    code, said = verified(spec, tmp_path, capsys)
+    assert code == 5
+    (result,) = said["results"]
+    assert result["verdict"] == "not done"
+    assert result["detail"].startswith("not proved: constant-time code")
+    assert not said["found"]
+
+
+def test_a_tool_that_does_not_end_is_not_done_and_no_finding(tmp_path: Path) -> None:
+    def hang(folder: Path) -> Result:
+        run_tool(["sleep", "20"], folder, 0.1)
+        raise AssertionError
+
+    result = Check("proof", "step", (), hang).result(tmp_path / "here")
+    assert (result.verdict, result.findings) == ("not done", ())
+    assert result.detail == "no answer within 0.1 s: sleep"
+
+
+def test_alarms_that_follow_from_no_other_stand_first(tmp_path: Path) -> None:
+    (tmp_path / "plant.c").write_text(CODE, encoding="utf-8")
+    root, follows, last, other = (Alarm("plant.c", line, "assert") for line in (4, 7, 8, 9))
+    found = roots_first([last, follows, root, other], tmp_path)
+    assert found == [root, other, last, follows]
