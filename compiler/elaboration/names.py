@@ -149,8 +149,9 @@ class Elaboration:
                 return lower_layer(
                     self.context, self.layers, function.base, owner.entry, call, environment
                 )
+            meant = function.name if owner is None and function.name in SIGNATURES else None
             self.context.findings.report(
-                names.no_member(function.base, function.name, function.span)
+                names.no_member(function.base, function.name, function.span, meant)
             )
             raise LoweringFailed
         name = function.name

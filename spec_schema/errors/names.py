@@ -86,15 +86,20 @@ def unknown_keyword(name: str, keyword: str, span: Span, known: Iterable[str]) -
     )
 
 
-def no_member(base: str, member: str, span: Span) -> Diagnostic:
-    """E0307: something after the dot that the thing before it does not have."""
+def no_member(base: str, member: str, span: Span, function: str | None = None) -> Diagnostic:
+    """E0307: something after the dot that the thing before it does not have.
+
+    `function` is one of the language that is meant: `np.tanh`.
+    """
+    windows = "the log of a signal or state is `.meas`, its windows are `.past(…)`, `.future(…)`"
+    repair = f"write `{function}(…)`: functions of the language stand without a prefix"
     return Diagnostic(
         "E0307",
         "error",
         f"`{base}` has no member `{member}`",
         span,
         "unknown member",
-        help="the log of a signal or state is `.meas`, its windows are `.past(…)`, `.future(…)`",
+        help=repair if function else windows,
     )
 
 

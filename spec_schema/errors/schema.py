@@ -65,14 +65,19 @@ def wrong_kind(wanted: str, found: str, span: Span, repair: str | None = None) -
 
 def malformed_name(name: str, span: Span) -> Diagnostic:
     """E0205: a name that expressions could not use."""
-    repair = similar_name(name)
+    similar = similar_name(name)
+    repair = f"write for example `{similar}`" if similar else None
+    if name.isdecimal():
+        repair = (
+            "name a dimension of `dims:`, where its size stands; leave the key out for one number"
+        )
     return Diagnostic(
         "E0205",
         "error",
         f"`{name}` is not a name",
         span,
         "a name is made of letters (Latin or Greek), digits and `_`, and starts with a letter",
-        help=f"write for example `{repair}`" if repair else None,
+        help=repair,
     )
 
 
