@@ -25,7 +25,13 @@ def caret(span: Span) -> Diagnostic:
 def unbalanced_bracket(bracket: str, span: Span, closing: bool) -> Diagnostic:
     """E0322: a bracket without its partner."""
     said = "closes nothing" if closing else "is never closed"
-    return _error("E0322", f"`{bracket}` {said}", span, "no partner")
+    repair = (
+        "remove it, or open one before it" if closing else f"close it with `{_CLOSING[bracket]}`"
+    )
+    return _error("E0322", f"`{bracket}` {said}", span, "no partner", repair)
+
+
+_CLOSING = {"(": ")", "[": "]"}
 
 
 def malformed_expression(span: Span) -> Diagnostic:

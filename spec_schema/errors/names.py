@@ -12,9 +12,10 @@ def unknown_name(
     span: Span,
     known: Iterable[str],
     wanted: str = "an input, parameter, layer or equation",
+    meant: str | None = None,
 ) -> Diagnostic:
-    """E0301: a name that nothing declares."""
-    meant = nearest(name, known)
+    """E0301: a name that nothing declares; `meant` is known better than by its letters."""
+    meant = meant or nearest(name, known)
     return Diagnostic(
         "E0301",
         "error",

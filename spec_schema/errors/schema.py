@@ -47,7 +47,7 @@ def missing_key(key: str, span: Span, owner: str) -> Diagnostic:
         f"{owner} needs the key `{key}`",
         span,
         f"`{key}` is missing here",
-        help=f"add `{key}:`",
+        help="add `msnn: 1`" if key == "msnn" else f"add `{key}:`",
     )
 
 
@@ -179,8 +179,9 @@ def malformed_length(text: str, span: Span) -> Diagnostic:
         "error",
         f"`{text}` is not a length of time",
         span,
-        "write an integer (samples) or a duration such as `50 ms`",
+        "not a length",
         notes=("the units of a duration are us, ms, s, min and h",),
+        help="write a number of samples such as `5`, or a duration such as `50 ms`",
     )
 
 

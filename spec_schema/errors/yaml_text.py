@@ -43,6 +43,7 @@ def duplicate_key(key: str, span: Span, first: Span) -> Diagnostic:
         span,
         "again here",
         secondary=((first, "first here"),),
+        help="keep one of the two, or give one another name",
     )
 
 
@@ -147,16 +148,18 @@ def malformed_json(problem: str, span: Span) -> Diagnostic:
     return _error("E0120", f"not valid JSON: {problem}", span, "cannot be read from here on")
 
 
-def missing_colon(span: Span) -> Diagnostic:
+def missing_colon(text: str, span: Span) -> Diagnostic:
     """E0121: a line that should be a key and has no colon."""
-    return _error("E0121", "this line has no `:`", span, "neither a key nor part of a value")
+    label = "neither a key nor part of a value"
+    repair = f"for a key write `{text}:`" if text.isidentifier() else "a key ends with `:`"
+    return _error("E0121", "this line has no `:`", span, label, repair)
 
 
 def open_bracket(bracket: str, span: Span) -> Diagnostic:
     """E0122: a YAML list or mapping in brackets that goes wrong."""
     message = f"the `{bracket}` that starts here is not closed as it should be"
     return _error(
-        "E0122", message, span, "opened here", "check commas, colons and brackets after it"
+        "E0122", message, span, "opened here", "check commas, colons, quotes and brackets after it"
     )
 
 

@@ -107,6 +107,9 @@ def _meant(symbol: str) -> str | None:
         return known or alike[0]
     if single != symbol and unit_symbol(single) is not None:
         return single
+    for end in range(1, len(symbol)):
+        if unit_symbol(symbol[:end]) and unit_symbol(symbol[end:]):
+            return f"{symbol[:end]}*{symbol[end:]}"
     return nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
 
 

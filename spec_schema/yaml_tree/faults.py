@@ -56,7 +56,9 @@ def syntax_fault(error: yaml.MarkedYAMLError, source: SourceText) -> Diagnostic:
     if scanning == "while scanning a simple key":
         line_end = opened + len(text[opened:].splitlines()[0].rstrip())
         glued = _colon_without_blank(opened, source)
-        return glued or errors.missing_colon(source.span(opened, line_end))
+        return glued or errors.missing_colon(
+            text[opened:line_end].strip(), source.span(opened, line_end)
+        )
     if scanning.startswith("while parsing a block") or "block end" in problem:
         return errors.misplaced_line(here)
     return errors.other_syntax(problem, here)
@@ -66,7 +68,9 @@ def _colon_without_blank(at: int, source: SourceText) -> Diagnostic | None:
     """The fault of a line that begins with `key:` and goes on without a blank."""
     text = source.text
     begin = text.rfind("\n", 0, at) + 1
-    found = _GLUED.match(text, begin)
+    before = text.rfind("\n", 0, max(begin - 1, 0)) + 1
+    # YAML complains a line later where the word is the first of a mapping
+    found = _GLUED.match(text, begin) or _GLUED.match(text, before)
     if found is None:
         return None
     colon = found.end("key")
