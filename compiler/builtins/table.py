@@ -132,6 +132,7 @@ def _concat(context: Context, call: Call, environment: Environment) -> NodeId:
                     "a scalar, a list or a window",
                     describe_axes(type.axes),
                     argument.span,
+                    "a layer takes values side by side: `h(x, u)`",
                 )
             )
             raise LoweringFailed

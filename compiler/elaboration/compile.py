@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from compiler.elaboration.deep_recursion import room_for
 from compiler.elaboration.histories import Known
@@ -28,13 +28,14 @@ from compiler.passes import run_passes
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.errors import states as state_errors
 from spec_schema.errors import time as times
+from spec_schema.errors import units
 from spec_schema.expressions.tree import Name
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections import signals
 from spec_schema.sections.spec import Spec
 
 UNIT_WARNINGS = ("W0504", "W0505", "W0737")
-"""What `strict_units` makes errors."""
+"""What `strict_units` refuses."""
 
 _STEP = Environment(Part.STEP)
 _START = Environment(Part.START)
@@ -83,10 +84,10 @@ def compile_linked(
     with room_for(len(spec.equations) + len(spec.outputs)):
         lowered = _lowered(linked, draw)
     elaborated, context = lowered.elaborated, lowered.elaborated.context
-    diagnostics = tuple(
-        replace(d, severity="error") if strict_units and d.code in UNIT_WARNINGS else d
-        for d in context.findings.in_order
-    )
+    refused = [d for d in context.findings.in_order if d.code in UNIT_WARNINGS]
+    if strict_units and refused:
+        context.findings.report(units.strict_units(len(refused)))
+    diagnostics = context.findings.in_order
     if any(d.severity == "error" for d in diagnostics):
         raise SpecError(diagnostics)
     # What failed without a diagnostic would silently be missing.

@@ -27,7 +27,7 @@ from compiler.lowering.scope import Declared, Kind, Scope
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, submodels
-from spec_schema.expressions.language import LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
+from spec_schema.expressions.language import ELSEWHERE, LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
 from spec_schema.expressions.tree import Call, LanguageName, Member, Name
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers import Layer
@@ -149,8 +149,9 @@ class Elaboration:
                 return lower_layer(
                     self.context, self.layers, function.base, owner.entry, call, environment
                 )
+            meant = function.name if owner is None and function.name in SIGNATURES else None
             self.context.findings.report(
-                names.no_member(function.base, function.name, function.span)
+                names.no_member(function.base, function.name, function.span, meant)
             )
             raise LoweringFailed
         name = function.name
@@ -171,8 +172,10 @@ class Elaboration:
         declared = self.declared(name, function.span) if is_declared else None
         if declared is None:
             known = [n for n, d in self.context.scope.items() if d.kind in _CALLABLE]
+            losses = LOSS_FUNCTIONS if environment.part is Part.LOSS else ()
+            wanted, meant = "a layer or function", ELSEWHERE.get(name)
             report = names.unknown_name(
-                name, function.span, (*known, *SIGNATURES), "a layer or function"
+                name, function.span, (*known, *SIGNATURES, *losses), wanted, meant
             )
             self.context.findings.report(report)
             raise LoweringFailed

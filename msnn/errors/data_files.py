@@ -1,5 +1,6 @@
 """E08xx: data files, their columns, rows, times and splits."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -9,8 +10,11 @@ from spec_schema.diagnostics.suggest import nearest
 _LISTED = 12
 
 
-def no_file(pattern: str, folder: str | None, span: Span | None) -> Diagnostic:
-    """E0801: a file name or pattern that nothing matches."""
+def no_file(
+    pattern: str, folder: str | None, span: Span | None, meant: str | None = None
+) -> Diagnostic:
+    """E0801: a file name or pattern that nothing matches; `meant` is the nearest that is there."""
+    relative = "paths are relative to the spec file; `--data-root` moves them" if folder else None
     inside = f" in {folder}" if folder else ""
     return Diagnostic(
         "E0801",
@@ -18,13 +22,19 @@ def no_file(pattern: str, folder: str | None, span: Span | None) -> Diagnostic:
         f"no data file matches `{pattern}`{inside}",
         span,
         "no such file",
-        help="paths are relative to the spec file; `--data-root` moves them" if folder else None,
+        help=f"did you mean `{meant}`?" if meant else relative,
     )
 
 
 def unreadable_file(file: str, reason: str) -> Diagnostic:
     """E0802: a file that the system does not give, or that is not text."""
     return Diagnostic("E0802", "error", f"cannot read {file}: {reason}", None)
+
+
+def spreadsheet(file: str, span: Span | None = None) -> Diagnostic:
+    """E0826: a workbook of a spreadsheet program where a table of text belongs."""
+    message = f"{file} is a workbook of a spreadsheet, not a table of text"
+    return Diagnostic("E0826", "error", message, span, help="save the sheet as CSV and name that")
 
 
 def empty_file(file: str, *, header: bool) -> Diagnostic:
@@ -48,9 +58,9 @@ def missing_columns(
     else:
         message = f"{file} has no columns {_listed([f'`{name}`' for name in missing])}"
         label = "none of them here"
-    nearby = {name: meant for name in missing if (meant := nearest(name, columns))}
-    repair = " and ".join(f"`{meant}`" for meant in nearby.values())
-    repair = f"did you mean {repair}?" if nearby else None
+    nearby = {name: meant for name in missing if (meant := _meant(name, columns))}
+    joined = ", ".join(f"{name}: {_quoted(meant)}" for name, meant in nearby.items())
+    repair = f"say which column it is: `columns: {{{joined}}}` under `data:`" if nearby else None
     if numbers:
         label = "numbers, not names of columns"
         repair = "add a header, or write `csv: {header: false}` and name columns by index, from 0"
@@ -60,6 +70,24 @@ def missing_columns(
         repair += " under `data:`, or feed it by `connect:`"
     notes = (f"columns: {_listed(columns)}",)
     return Diagnostic("E0804", "error", message, place, label, notes=notes, help=repair)
+
+
+def _meant(name: str, columns: Sequence[str]) -> str | None:
+    """The column that a name most likely means: `F [N]`, `force`, `Force`, a typing error."""
+    plain = {_UNIT_OF_HEADER.sub("", column).strip().casefold(): column for column in columns}
+    if name.casefold() in plain:
+        return plain[name.casefold()]
+    if (near := nearest(name, columns)) is not None:
+        return near
+    longer = [column for key, column in plain.items() if key.startswith(name.casefold())]
+    return longer[0] if len(longer) == 1 else None
+
+
+_UNIT_OF_HEADER = re.compile(r"\s*[\[(].*[\])]\s*$")
+
+
+def _quoted(column: str) -> str:
+    return column if re.fullmatch(r"\w+", column) else f'"{column}"'
 
 
 def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic:
@@ -93,15 +121,28 @@ def wrong_sample_time(file: str, found: float, expected: float, place: Span | No
     """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
     ratio = expected / found if found > 0 else 0.0
     every = round(ratio)
-    fits = every > 1 and abs(ratio - every) < 0.01 * every
+    if every > 1 and abs(ratio - every) < 0.01 * every:
+        repair = f"`every: {every}` takes one row in {every}"
+    elif unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
+        repair = f"if the time is in {unit}, write `time: {{column: …, unit: {unit}}}`"
+    else:
+        repair = f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
     return Diagnostic(
         "E0812",
         "error",
         f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s",
         place,
         "the second row",
-        help=f"`every: {every}` takes one row in {every}" if fits else None,
+        help=repair,
     )
+
+
+_TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
+"""Units that a column of time often has, and how many of them a second is."""
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.6g} s" if value >= 1 else f"{value * 1000:.6g} ms"
 
 
 def time_not_increasing(file: str, row: int, more: int, place: Span | None) -> Diagnostic:
@@ -113,6 +154,7 @@ def time_not_increasing(file: str, row: int, more: int, place: Span | None) -> D
         place,
         "time does not increase",
         notes=_and_more(more, "row"),
+        help="sort the rows by time, and of rows with the same time keep one",
     )
 
 
@@ -233,14 +275,14 @@ def no_time_column(what: str, span: Span | None) -> Diagnostic:
 
 
 def outside_range(
-    signal: str, count: int, worst: float, low: float, high: float, unit: str
+    *, signal: str, count: int, worst: float, low: float, high: float, unit: str, file: str
 ) -> Diagnostic:
-    """W0801: data beyond the range that the spec declares."""
+    """W0801: data beyond the range that the spec declares; `file` has the farthest."""
     return Diagnostic(
         "W0801",
         "warning",
         f"{count} samples of `{signal}` are outside its range {low:g} … {high:g}{unit}, "
-        f"the farthest is {worst:.6g}",
+        f"the farthest is {worst:.6g} in {file}",
         None,
     )
 

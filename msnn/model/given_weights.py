@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.errors import weights as errors
-from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from msnn.errors import training as errors
+from msnn.model.checked_weights import GIVEN, checked_weights
+from msnn.model.weights_file import initial_weights, read_weights
+from spec_schema.diagnostics.diagnostic import SpecError
 
 WEIGHTS_FILE = "weights.safetensors"
 """What the folder of a run calls its weights."""
@@ -40,8 +42,6 @@ Weights: TypeAlias = "Mapping[str, Value] | HasWeights | str | Path"
 """Physical values of every parameter, in the units of the spec, by name; a result that has them;
 or the path of a weights file or of the folder of a run."""
 
-GIVEN = "the given mapping of weights"
-
 
 def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
     """The array of every parameter of a program, in float64 (rule R12).
@@ -50,8 +50,6 @@ def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
     errors, raised together as SpecError; TypeError for what is no weights at all.
     """
     if isinstance(weights, str | Path):
-        from msnn.model.weights_file import read_weights  # which checks by this module
-
         return read_weights(weights_path(weights), program)
     if not isinstance(weights, Mapping):
         found = weights.weights if isinstance(cast("object", weights), HasWeights) else None
@@ -65,44 +63,24 @@ def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
     return checked_weights(program, arrays, GIVEN)
 
 
+def known_weights(program: Program, weights: Weights | None) -> Mapping[str, FloatArray]:
+    """The weights that are given, by default the initial values.
+
+    Raises SpecError where the given ones do not fit, or initial ones are not known (R12).
+    """
+    if weights is not None:
+        return given_weights(program, weights)
+    unknown = [p for p in program.parameters if p.statistic is not None]
+    if unknown:
+        names = [parameter.name for parameter in unknown]
+        raise SpecError((errors.unknown_statistics(names, unknown[0].span),))
+    return initial_weights(program)
+
+
 def weights_path(given: str | Path) -> Path:
     """The weights file that a path means: itself, or that of the folder of a run."""
     path = Path(given)
     return path / WEIGHTS_FILE if path.is_dir() else path
-
-
-def checked_weights(
-    program: Program, arrays: Mapping[str, NDArray[Any]], origin: str
-) -> dict[str, FloatArray]:
-    """The arrays of all parameters; SpecError with all that is wrong. `origin` names them."""
-    faults: list[Diagnostic] = []
-    known = [parameter.name for parameter in program.parameters]
-    unknown = [name for name in arrays if name not in known]
-    if unknown:
-        faults.append(errors.unknown_weights(origin, unknown, known))
-    missing = [name for name in known if name not in arrays]
-    if missing:
-        faults.append(errors.missing_weights(origin, missing, given=origin == GIVEN))
-    found: dict[str, FloatArray] = {}
-    for parameter in program.parameters:
-        shape = tuple(axis.size for axis in parameter.axes)
-        name, array = parameter.name, arrays.get(parameter.name)
-        if array is None:
-            continue
-        if array.shape != shape:
-            faults.append(
-                errors.misshapen_weights(origin, name, array.shape, shape, parameter.span)
-            )
-        elif not np.issubdtype(array.dtype, np.floating):
-            faults.append(errors.weights_not_floating(origin, name, str(array.dtype)))
-        else:
-            found[name] = array.astype(np.float64)
-    wild = [name for name, array in found.items() if not np.all(np.isfinite(array))]
-    if wild:
-        faults.append(errors.weights_not_finite(origin, wild))
-    if faults:
-        raise SpecError(faults)
-    return found
 
 
 def _array(value: Value) -> NDArray[Any]:

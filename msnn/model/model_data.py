@@ -75,8 +75,8 @@ def measured(
 
 def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
     """The weights that are given, by default the initial values, as far as these are known."""
+    from msnn.model.given_weights import known_weights
     from msnn.model.trained_model import refuse_other_model
-    from msnn.model.weights_file import known_weights
 
     with sources_of(model):
         if isinstance(weights, str | Path):

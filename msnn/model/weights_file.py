@@ -12,9 +12,8 @@ from backends.files.atomic_write import write_bytes
 from backends.files.safetensors_bytes import safetensors_bytes
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.errors import training as errors
 from msnn.errors import weights as weight_errors
-from msnn.model.given_weights import Weights, checked_weights, given_weights
+from msnn.model.checked_weights import checked_weights
 from msnn.model.safetensors_file import arrays_in
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -27,20 +26,6 @@ def initial_weights(program: Program) -> dict[str, FloatArray]:
         )
         for parameter in program.parameters
     }
-
-
-def known_weights(program: Program, weights: Weights | None) -> Mapping[str, FloatArray]:
-    """The weights that are given, by default the initial values.
-
-    Raises SpecError where the given ones do not fit, or initial ones are not known (R12).
-    """
-    if weights is not None:
-        return given_weights(program, weights)
-    unknown = [p for p in program.parameters if p.statistic is not None]
-    if unknown:
-        names = [parameter.name for parameter in unknown]
-        raise SpecError((errors.unknown_statistics(names, unknown[0].span),))
-    return initial_weights(program)
 
 
 def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Program) -> Path:

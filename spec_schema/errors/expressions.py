@@ -25,12 +25,25 @@ def caret(span: Span) -> Diagnostic:
 def unbalanced_bracket(bracket: str, span: Span, closing: bool) -> Diagnostic:
     """E0322: a bracket without its partner."""
     said = "closes nothing" if closing else "is never closed"
-    return _error("E0322", f"`{bracket}` {said}", span, "no partner")
+    repair = (
+        "remove it, or open one before it" if closing else f"close it with `{_CLOSING[bracket]}`"
+    )
+    return _error("E0322", f"`{bracket}` {said}", span, "no partner", repair)
+
+
+_CLOSING = {"(": ")", "[": "]"}
 
 
 def malformed_expression(span: Span) -> Diagnostic:
     """E0323: a text that is not an expression, without a better explanation."""
     return _error("E0323", "this is not an expression", span, "cannot be read from here on")
+
+
+def assignment(span: Span) -> Diagnostic:
+    """E0354: `a = …`, as in a program."""
+    message = "an expression has a value and assigns none: it has no `=`"
+    repair = "write only what is right of `=`; the key is the name"
+    return _error("E0354", message, span, "an assignment", repair)
 
 
 def incomplete_expression(span: Span) -> Diagnostic:
@@ -151,9 +164,12 @@ def malformed_word(word: str, span: Span) -> Diagnostic:
     return _error("E0340", f"`{word}` is not a name", span, label)
 
 
-def several_values(span: Span) -> Diagnostic:
+def several_values(span: Span, number: str | None = None) -> Diagnostic:
     """E0341: `a, b` without brackets."""
-    return _error("E0341", "an expression has one value", span, "several", "a list needs [ ]")
+    repair = (
+        f"for a decimal point write `{number}`; a list needs [ ]" if number else "a list needs [ ]"
+    )
+    return _error("E0341", "an expression has one value", span, "several", repair)
 
 
 def malformed_window_length(method: str, span: Span) -> Diagnostic:

@@ -12,9 +12,10 @@ def unknown_name(
     span: Span,
     known: Iterable[str],
     wanted: str = "an input, parameter, layer or equation",
+    meant: str | None = None,
 ) -> Diagnostic:
-    """E0301: a name that nothing declares."""
-    meant = nearest(name, known)
+    """E0301: a name that nothing declares; `meant` is known better than by its letters."""
+    meant = meant or nearest(name, known)
     return Diagnostic(
         "E0301",
         "error",
@@ -86,15 +87,20 @@ def unknown_keyword(name: str, keyword: str, span: Span, known: Iterable[str]) -
     )
 
 
-def no_member(base: str, member: str, span: Span) -> Diagnostic:
-    """E0307: something after the dot that the thing before it does not have."""
+def no_member(base: str, member: str, span: Span, function: str | None = None) -> Diagnostic:
+    """E0307: something after the dot that the thing before it does not have.
+
+    `function` is one of the language that is meant: `np.tanh`.
+    """
+    windows = "the log of a signal or state is `.meas`, its windows are `.past(…)`, `.future(…)`"
+    repair = f"write `{function}(…)`: functions of the language stand without a prefix"
     return Diagnostic(
         "E0307",
         "error",
         f"`{base}` has no member `{member}`",
         span,
         "unknown member",
-        help="the log of a signal or state is `.meas`, its windows are `.past(…)`, `.future(…)`",
+        help=repair if function else windows,
     )
 
 

@@ -47,7 +47,7 @@ def missing_key(key: str, span: Span, owner: str) -> Diagnostic:
         f"{owner} needs the key `{key}`",
         span,
         f"`{key}` is missing here",
-        help=f"add `{key}:`",
+        help="add `msnn: 1`" if key == "msnn" else f"add `{key}:`",
     )
 
 
@@ -65,14 +65,19 @@ def wrong_kind(wanted: str, found: str, span: Span, repair: str | None = None) -
 
 def malformed_name(name: str, span: Span) -> Diagnostic:
     """E0205: a name that expressions could not use."""
-    repair = similar_name(name)
+    similar = similar_name(name)
+    repair = f"write for example `{similar}`" if similar else None
+    if name.isdecimal():
+        repair = (
+            "name a dimension of `dims:`, where its size stands; leave the key out for one number"
+        )
     return Diagnostic(
         "E0205",
         "error",
         f"`{name}` is not a name",
         span,
         "a name is made of letters (Latin or Greek), digits and `_`, and starts with a letter",
-        help=f"write for example `{repair}`" if repair else None,
+        help=repair,
     )
 
 
@@ -174,8 +179,9 @@ def malformed_length(text: str, span: Span) -> Diagnostic:
         "error",
         f"`{text}` is not a length of time",
         span,
-        "write an integer (samples) or a duration such as `50 ms`",
+        "not a length",
         notes=("the units of a duration are us, ms, s, min and h",),
+        help="write a number of samples such as `5`, or a duration such as `50 ms`",
     )
 
 

@@ -49,11 +49,12 @@ def twin_axes(
     )
 
 
-def wrong_axes(what: str, wanted: str, found: str, span: Span) -> Diagnostic:
+def wrong_axes(
+    what: str, wanted: str, found: str, span: Span, repair: str | None = None
+) -> Diagnostic:
     """E0402: a value with other axes than its place needs."""
-    return Diagnostic(
-        "E0402", "error", f"{what} must be {wanted}, not {found}", span, f"this is {found}"
-    )
+    message = f"{what} must be {wanted}, not {found}"
+    return Diagnostic("E0402", "error", message, span, f"this is {found}", help=repair)
 
 
 def window_needed(layer: str, span: Span) -> Diagnostic:

@@ -91,7 +91,7 @@ def connection_axes(
 def connection_unit(
     name: str, expected: str, found: str, span: Span, declaration: Span
 ) -> Diagnostic:
-    """W0737: an expression in another unit than the input; an error under `--strict-units`."""
+    """W0737: an expression in another unit than the input; refused under `--strict-units`."""
     return Diagnostic(
         "W0737",
         "warning",

@@ -46,7 +46,7 @@ def units_differ(
     bare: str | None,
     factor: float | None,
 ) -> Diagnostic:
-    """W0504: units that an operation cannot take together; an error under `--strict-units`."""
+    """W0504: units that an operation cannot take together; refused under `--strict-units`."""
     # `bare` is a bare number with the unit that it lacks, `factor` one unit found in the other
     repair = None
     if bare is not None:
@@ -62,6 +62,13 @@ def units_differ(
         secondary=secondary,
         help=repair,
     )
+
+
+def strict_units(count: int) -> Diagnostic:
+    """E0506: units that do not fit, which `--strict-units` refuses."""
+    warnings = "the warning" if count == 1 else f"the {count} warnings"
+    message = f"units do not fit, and --strict-units refuses {warnings} about it"
+    return Diagnostic("E0506", "error", message, None)
 
 
 def declared_unit_differs(name: str, found: str, declared: str, span: Span) -> Diagnostic:

@@ -43,6 +43,7 @@ def duplicate_key(key: str, span: Span, first: Span) -> Diagnostic:
         span,
         "again here",
         secondary=((first, "first here"),),
+        help="keep one of the two, or give one another name",
     )
 
 
@@ -106,6 +107,24 @@ def second_colon(span: Span) -> Diagnostic:
     return _error("E0116", message, span, "a second `:` in this line", "quote the value")
 
 
+def no_blank_after_colon(key: str, value: str, span: Span) -> Diagnostic:
+    """E0129: `c:{init: 1}`, which is one word to YAML."""
+    message = f"YAML reads `{key}:{value}` as one word: a colon ends a key only before a blank"
+    return _error("E0129", message, span, "no blank after it", f"write `{key}: {value}`")
+
+
+def decimal_comma(text: str, span: Span) -> Diagnostic:
+    """E0130: `2,5` for a number."""
+    message = f"`{text}` is two values: numbers have a decimal point"
+    return _error("E0130", message, span, "a comma", f"write `{text.replace(',', '.')}`")
+
+
+def odd_blank(code_point: int, span: Span) -> Diagnostic:
+    """E0131: a character that looks like a blank and is none, as pages of the web have them."""
+    message = f"the character U+{code_point:04X} looks like a blank and is none"
+    return _error("E0131", message, span, "here", "type an ordinary blank in its place")
+
+
 def comma_splits(text: str, span: Span) -> Diagnostic:
     """E0117: an unquoted call with several arguments within { } or [ ]."""
     message = "a comma ends an unquoted value within { } or [ ]"
@@ -129,16 +148,18 @@ def malformed_json(problem: str, span: Span) -> Diagnostic:
     return _error("E0120", f"not valid JSON: {problem}", span, "cannot be read from here on")
 
 
-def missing_colon(span: Span) -> Diagnostic:
+def missing_colon(text: str, span: Span) -> Diagnostic:
     """E0121: a line that should be a key and has no colon."""
-    return _error("E0121", "this line has no `:`", span, "neither a key nor part of a value")
+    label = "neither a key nor part of a value"
+    repair = f"for a key write `{text}:`" if text.isidentifier() else "a key ends with `:`"
+    return _error("E0121", "this line has no `:`", span, label, repair)
 
 
 def open_bracket(bracket: str, span: Span) -> Diagnostic:
     """E0122: a YAML list or mapping in brackets that goes wrong."""
     message = f"the `{bracket}` that starts here is not closed as it should be"
     return _error(
-        "E0122", message, span, "opened here", "check commas, colons and brackets after it"
+        "E0122", message, span, "opened here", "check commas, colons, quotes and brackets after it"
     )
 
 

@@ -68,6 +68,23 @@ LOSS_FUNCTIONS: dict[str, Signature] = {
 }
 """Functions that stand in the sum of a loss and nowhere else."""
 
+ELSEWHERE = {
+    "absolute": "abs",
+    "arccos": "acos",
+    "arcsin": "asin",
+    "arctan": "atan",
+    "arctan2": "atan2",
+    "fabs": "abs",
+    "if": "where",
+    "if_else": "where",
+    "ln": "log",
+    "maximum": "max",
+    "minimum": "min",
+    "power": "pow",
+    "sgn": "sign",
+}
+"""What other languages call builtins, and the name here."""
+
 STATE_FUNCTIONS = ("next", "flow")
 """What is asked of a state: its value after the step, its derivative."""
 

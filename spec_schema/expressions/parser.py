@@ -100,6 +100,15 @@ def _parse(
     return _Admission(scanned, places, findings).expression(tree, 0, condition)
 
 
+def _decimal(node: ast.Tuple) -> str | None:
+    """The number that `2,5` means where decimals have commas."""
+    match node.elts:
+        case [ast.Constant(value=int() as whole), ast.Constant(value=int() as decimals)]:
+            return f"{whole}.{decimals}"
+        case _:
+            return None
+
+
 class _Admission:
     """Turns Python's nodes into ours; what is not listed here is not in the language."""
 
@@ -147,7 +156,7 @@ class _Admission:
             case ast.List(elts=elements):
                 return ListLiteral(tuple(self.expression(e, depth) for e in elements), span)
             case ast.Tuple():
-                return self.refuse(errors.several_values(span), span)
+                return self.refuse(errors.several_values(span, _decimal(node)), span)
             case _:
                 return self.refuse(errors.foreign_construct(span), span)
 

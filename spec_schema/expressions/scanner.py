@@ -38,6 +38,13 @@ _REPAIRS = {
     "{": "use ( ) to group and [ ] for lists and windows",
     "}": "use ( ) to group and [ ] for lists and windows",
     ";": "one expression a key; list elements are separated by `,`",
+    "“": 'write a straight quote, `"`',
+    "”": 'write a straight quote, `"`',
+    "„": 'write a straight quote, `"`',
+    "‘": "write a straight quote, `'`",
+    "’": "write a straight quote, `'`",
+    "«": 'write a straight quote, `"`',
+    "»": 'write a straight quote, `"`',
     "²": "write `**2`",
     "³": "write `**3`",
     "√": "write `sqrt( )`",
@@ -122,6 +129,8 @@ class _Scanner:
                 self._report(errors.equality(text, self._span(start, end)))
             case "foreign":
                 self._report(errors.foreign_operator(text, self._span(start, end)))
+            case "operator" if text == "=" and not self.open:
+                self._report(errors.assignment(self._span(start, end)))
             case "open":
                 self._open(text, start)
             case "close":

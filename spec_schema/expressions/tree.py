@@ -55,7 +55,7 @@ class Duration:
     def seconds(self) -> float:
         """The length in seconds."""
         assert self.quantity.unit is not None
-        return self.quantity.value * self.quantity.unit.scale
+        return self.quantity.unit.in_si(self.quantity.value)
 
 
 Length: TypeAlias = Samples | Duration

@@ -88,9 +88,9 @@ def _read_sample_time(node: Node, findings: Findings) -> Quantity:
     unit = quantity.unit
     if unit is not None and 0 < quantity.value < math.inf:
         if unit.exponents == second.exponents:
-            return Quantity(unit.convert(quantity.value, second), second, found.span)
+            return Quantity(unit.in_si(quantity.value), second, found.span)
         if unit.exponents == hertz.exponents:
-            return Quantity(1 / unit.convert(quantity.value, hertz), second, found.span)
+            return Quantity(1 / unit.in_si(quantity.value), second, found.span)
     findings.report(errors.malformed_sample_time(found.text[:60], found.span))
     raise RefusedError
 

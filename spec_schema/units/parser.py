@@ -14,6 +14,7 @@ _TOKEN = re.compile(
     r"|(?P<operator>[*/·])|(?P<one>1)(?![0-9.]))"
 )
 # What people write, and what it is called here.
+_TWICE = re.compile(r"(.)\1")
 _SPELLINGS = {
     "°": "deg",
     "°C": "degC",
@@ -94,9 +95,22 @@ def _factor(symbol: str, start: int) -> Unit:
     unit = unit_symbol(symbol)
     if unit is not None:
         return unit
-    near = nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
-    repair = _SPELLINGS.get(symbol) or near
-    raise UnitError(f"unknown unit `{symbol}`", start, start + len(symbol), repair)
+    raise UnitError(f"unknown unit `{symbol}`", start, start + len(symbol), _meant(symbol))
+
+
+def _meant(symbol: str) -> str | None:
+    """The unit that a symbol most likely means: a word, other letters, a letter twice, a typo."""
+    known = _SPELLINGS.get(symbol) or _SPELLINGS.get(symbol.removesuffix("s"))
+    alike = [row for row in UNIT_ROWS if row.casefold() == symbol.casefold()]
+    single = _TWICE.sub(r"\1", symbol)
+    if known or len(alike) == 1:
+        return known or alike[0]
+    if single != symbol and unit_symbol(single) is not None:
+        return single
+    for end in range(1, len(symbol)):
+        if unit_symbol(symbol[:end]) and unit_symbol(symbol[end:]):
+            return f"{symbol[:end]}*{symbol[end:]}"
+    return nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
 
 
 def _exponent(power: re.Match[str], position: int) -> int:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from decimal import Decimal
 from fractions import Fraction
 from typing import TypeAlias
 
@@ -94,6 +95,13 @@ class Unit:
             and math.isclose(self.scale, other.scale, rel_tol=_SCALE_TOLERANCE)
             and math.isclose(self.offset, other.offset, rel_tol=_SCALE_TOLERANCE)
         )
+
+    def in_si(self, value: float) -> float:
+        """The number in SI units, rounded once: 10 us is 1e-05 s, which 10 · 1e-06 is not."""
+        # a scale such as 1e-6 is a decimal number that no float is: the product of the decimal
+        # texts is exact, and so is that of the rounded floats only for some
+        exact = Decimal(repr(value)) * Decimal(repr(self.scale))
+        return float(exact) + self.offset
 
     def convert(self, value: float, target: "Unit") -> float:
         """The number in `target` that means `value` in this unit; ValueError if not comparable."""

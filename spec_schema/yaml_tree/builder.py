@@ -19,6 +19,7 @@ MOST_VALUES = 50_000
 
 _TAB_OR_COMMENT = re.compile(r"\t|#[^\r\n]*")
 _COMMA = re.compile(r"\s*,")
+_INTEGER = re.compile(r"[+-]?\d+")
 _ANCHOR = re.compile(r"&\S*\s*")
 _STYLES: dict[str | None, Style] = {"'": "'", '"': '"', "|": "|", ">": ">"}
 
@@ -173,12 +174,22 @@ class TreeBuilder:
             return
         name = normalised(key.text)
         if frame.is_flow and self._is_lone(key, node):
-            self._findings.report(errors.key_without_value(name, key.span))
+            self._findings.report(self._lone(frame, key, name))
         elif name in frame.entries:
             self._findings.report(errors.duplicate_key(name, key.span, frame.keys[name]))
         else:
             frame.entries[name] = with_key(node, key.span)
             frame.keys[name] = key.span
+
+    def _lone(self, frame: _Open, key: Scalar, name: str) -> Diagnostic:
+        """The fault of a lone key: digits right after a number are its decimals."""
+        before = next(reversed(frame.entries.values()), None)
+        if isinstance(before, Scalar) and not before.quoted and key.text.isdecimal():
+            one, two = before.span, key.span
+            touches = (one.end_line, one.end_column + 1) == (two.line, two.column)
+            if touches and _INTEGER.fullmatch(before.text):
+                return errors.decimal_comma(f"{before.text},{key.text}", one.to(two))
+        return errors.key_without_value(name, key.span)
 
     def _is_lone(self, key: Scalar, node: Node) -> bool:
         """Whether `key` stands between commas without a colon."""

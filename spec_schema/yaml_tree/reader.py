@@ -10,7 +10,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.errors import yaml_text as errors
 from spec_schema.yaml_tree.builder import StoppedError, TreeBuilder
-from spec_schema.yaml_tree.faults import syntax_fault
+from spec_schema.yaml_tree.faults import odd_blanks, syntax_fault
 from spec_schema.yaml_tree.nodes import Node, Scalar
 
 LARGEST = 1_000_000
@@ -47,7 +47,7 @@ def _compose(source: SourceText, findings: Findings) -> Node | None:
         except yaml.YAMLError:
             pass
         else:
-            findings.report(*own.in_order)
+            findings.report(*odd_blanks(own.in_order, source))
             return root
     own = Findings()
     try:
@@ -55,7 +55,7 @@ def _compose(source: SourceText, findings: Findings) -> Node | None:
     except yaml.MarkedYAMLError as error:
         own.report(syntax_fault(error, source))
         root = None
-    findings.report(*own.in_order)
+    findings.report(*odd_blanks(own.in_order, source))
     return root
 
 

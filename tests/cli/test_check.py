@@ -102,14 +102,15 @@ def test_colour_is_asked_for_by_the_environment(
     assert ("\x1b[" in msnn("check", SPEC).err) is colored
 
 
-def test_strict_units_makes_warnings_errors(msnn: CommandLine, project: Path):
+def test_strict_units_refuses_what_else_is_a_warning(msnn: CommandLine, project: Path):
     change(project, "unit: N/m,", "unit: N,")
     gradual = msnn("check", SPEC)
     assert gradual.code == 0
     assert "warning[W05" in gradual.err
     strict = msnn("check", "--strict-units", SPEC)
     assert strict.code == 1
-    assert "error[W05" in strict.err
+    assert "warning[W05" in strict.err
+    assert "error[E0506]: units do not fit, and --strict-units refuses" in strict.err
 
 
 @pytest.mark.parametrize(

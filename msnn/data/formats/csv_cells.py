@@ -6,17 +6,20 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.csv_header import Header, content_lines, is_number, split_cells
+from msnn.data.formats.csv_header import Dialect, Header, content_lines, is_number, split_cells
 from msnn.data.formats.table import ColumnKey
 from msnn.errors import data_cells as cell_errors
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import UnitError
 
 CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
 """A constructor of `errors`: (file, row, column, text, more of the kind, place)."""
@@ -44,13 +47,15 @@ def checked_columns(
     ]
     line: _Line | None = None
     for line in _lines(path, header):
+        if line.row == 0 and line.has_units:
+            raise SpecError((line.units_fault(places),))
         if line.text.count('"') % 2:
             faults.add("quote", line.quote_fault)
         elif len(line.cells) != header.width:
             faults.add("ragged", line.ragged_fault)
         else:
             for column, index, may_miss in readers:
-                value, fault = _number(line.cells[index].strip(), header.dialect.decimal, may_miss)
+                value, fault = _number(line.cells[index].strip(), header.dialect, may_miss)
                 column.append(value)
                 if fault is not None:
                     faults.add((fault, index), line.cell_fault(fault, index))
@@ -68,13 +73,18 @@ def line_of_row(path: Path, header: Header, row: int) -> int:
     raise IndexError("the file has fewer rows")
 
 
-def _number(cell: str, decimal: str, may_miss: bool) -> tuple[float, CellFault | None]:
-    text = cell if decimal == "." else cell.replace(decimal, ".")
+@cache
+def _comma_fault(delimiter: str) -> CellFault:
+    return partial(cell_errors.decimal_comma, delimiter=delimiter)
+
+
+def _number(cell: str, dialect: Dialect, may_miss: bool) -> tuple[float, CellFault | None]:
+    text = cell if dialect.decimal == "." else cell.replace(dialect.decimal, ".")
     if not text or text.lower() in ("nan", "na", "null"):
         return math.nan, None if may_miss else cell_errors.missing_value
     if not is_number(text):
         comma = _DECIMAL_COMMA.fullmatch(text) is not None
-        return math.nan, cell_errors.decimal_comma if comma else cell_errors.not_a_number
+        return math.nan, _comma_fault(dialect.delimiter) if comma else cell_errors.not_a_number
     value = float(text)
     if math.isnan(value):  # "-nan", "+NaN"
         return value, None if may_miss else cell_errors.missing_value
@@ -101,6 +111,18 @@ class _Line:
     def _place(self, start: int, end: int) -> Span:
         return Span(self.header.file, self.number, start + 1, self.number, end + 1)
 
+    @property
+    def has_units(self) -> bool:
+        """Whether no cell is a number and every one is empty or a unit."""
+        cells = [cell.strip() for cell in self.cells]
+        return any(cells) and not any(map(is_number, cells)) and all(map(_is_unit, cells))
+
+    def units_fault(self, places: Mapping[ColumnKey, int]) -> Diagnostic:
+        units = {key: self.cells[index].strip() for key, index in places.items()}
+        name, unit = next(((k, u) for k, u in units.items() if u), ("NAME", "UNIT"))
+        columns = f"{{{name}: {{column: {name}, unit: {unit}}}}}"
+        return cell_errors.line_of_units(self.header.file, columns, self._place(0, len(self.text)))
+
     def quote_fault(self, more: int) -> Diagnostic:
         column = self.text.rindex('"')
         place = self._place(column, column + 1)
@@ -122,6 +144,15 @@ class _Line:
         label, text = self.header.label(index), self.cells[index].strip()[:_LONGEST_SHOWN]
         place = self._place(start, end)
         return lambda more: fault(self.header.file, self.row, label, text, more, place)
+
+
+def _is_unit(cell: str) -> bool:
+    """Whether a cell is empty or a unit, with or without brackets around it."""
+    try:
+        parse_unit(cell.strip("[]()") or "1")
+    except UnitError:
+        return cell == "-"
+    return True
 
 
 class _Faults:

@@ -25,6 +25,7 @@ def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
     An empty or NaN cell becomes NaN in optional columns and is an error in the others. `shown` is
     the file's name in messages. Raises SpecError with all faults of the file.
     """
+    _refuse_workbooks(path, shown)
     try:
         header = read_header(path, shown, dialect, wanted.users)
         places = header.places(wanted)
@@ -42,6 +43,20 @@ def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
         return Span(shown, line, 1, line, 1)
 
     return Table(dict(zip(places, columns, strict=True)), place=place)
+
+
+_WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+"""How files of .xlsx, .ods and of .xls begin."""
+
+
+def _refuse_workbooks(path: Path, shown: str) -> None:
+    try:
+        with path.open("rb") as file:
+            begins = file.read(4)
+    except OSError:
+        return  # what is wrong with it the reader says
+    if begins in _WORKBOOKS:
+        raise SpecError((errors.spreadsheet(shown),))
 
 
 def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatArray] | None:

@@ -13,6 +13,7 @@ from msnn.data.reading.splits import split_source
 from msnn.errors import data_files as errors
 from msnn.errors.workflow import unknown_set
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.suggest import nearest
 from spec_schema.editors.spec_data import entry_data
 from spec_schema.fields.located import Located
 from spec_schema.sections.data.data import Data, Source
@@ -58,7 +59,8 @@ def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
         for pattern in source.files:
             paths = matching(folder, pattern.value)
             if not paths:
-                findings.report(errors.no_file(pattern.value, str(folder), pattern.span))
+                meant = nearest_path(folder, pattern.value)
+                findings.report(errors.no_file(pattern.value, str(folder), pattern.span, meant))
             for path in paths:
                 if path not in seen:
                     seen.add(path)
@@ -114,6 +116,27 @@ def matching(folder: Path, pattern: str) -> list[Path]:
         return []
     base = Path(*plain.parts[:wild])
     return sorted(filter(_is_data, base.glob("/".join(plain.parts[wild:]))))
+
+
+def nearest_path(folder: Path, pattern: str) -> str | None:
+    """The pattern with its first part that is not there replaced by the most similar one that is.
+
+    None where nothing is similar, or where the rest then matches nothing either.
+    """
+    parts = Path(pattern).parts
+    for place, part in enumerate(parts):
+        here = folder.joinpath(*parts[:place])
+        if set(part) & set("*?[") and any(here.glob(part)):
+            return None
+        if (here / part).exists():
+            continue
+        try:
+            near = nearest(part, sorted(path.name for path in here.iterdir()))
+        except OSError:
+            return None
+        meant = Path(*parts[:place], near, *parts[place + 1 :]) if near else None
+        return str(meant) if meant is not None and matching(folder, str(meant)) else None
+    return None
 
 
 def _is_data(path: Path) -> bool:

@@ -170,7 +170,7 @@ def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: F
             continue
         low, high = signal.range
         excess = 0.0
-        worst, count = 0.0, 0
+        worst, count, file = 0.0, 0, ""
         for part in parts:
             values = part.series[signal.name]
             beyond = np.fmax(low - values, values - high)
@@ -179,9 +179,20 @@ def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: F
             if most > excess:
                 excess = most
                 worst = float(values.ravel()[np.nanargmax(beyond)])
+                file = part.file.shown
         if count:
             unit = f" {signal.unit.text}" if signal.unit else ""
-            findings.report(errors.outside_range(signal.name, count, worst, low, high, unit))
+            findings.report(
+                errors.outside_range(
+                    signal=signal.name,
+                    count=count,
+                    worst=worst,
+                    low=low,
+                    high=high,
+                    unit=unit,
+                    file=file,
+                )
+            )
 
 
 def _joined(
