@@ -50,7 +50,7 @@ def line_of_units(file: str, columns: str, place: Span) -> Diagnostic:
 def decimal_comma(
     file: str, row: int, column: str, text: str, more: int, place: Span, *, delimiter: str
 ) -> Diagnostic:
-    """E0808: a number with a comma where the point belongs; `delimiter` separates the cells."""
+    """E0808: a number with a comma where the point belongs."""
     own = "" if delimiter == "," else 'delimiter: ";", '
     return Diagnostic(
         "E0808",

@@ -277,7 +277,7 @@ def no_time_column(what: str, span: Span | None) -> Diagnostic:
 def outside_range(
     *, signal: str, count: int, worst: float, low: float, high: float, unit: str, file: str
 ) -> Diagnostic:
-    """W0801: data beyond the range that the spec declares; `file` has the farthest."""
+    """W0801: data beyond the range that the spec declares."""
     return Diagnostic(
         "W0801",
         "warning",

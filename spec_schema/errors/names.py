@@ -14,7 +14,7 @@ def unknown_name(
     wanted: str = "an input, parameter, layer or equation",
     meant: str | None = None,
 ) -> Diagnostic:
-    """E0301: a name that nothing declares; `meant` is known better than by its letters."""
+    """E0301: a name that nothing declares."""
     meant = meant or nearest(name, known)
     return Diagnostic(
         "E0301",
@@ -88,10 +88,8 @@ def unknown_keyword(name: str, keyword: str, span: Span, known: Iterable[str]) -
 
 
 def no_member(base: str, member: str, span: Span, function: str | None = None) -> Diagnostic:
-    """E0307: something after the dot that the thing before it does not have.
-
-    `function` is one of the language that is meant: `np.tanh`.
-    """
+    """E0307: something after the dot that the thing before it does not have."""
+    # `function` is one of the language, where it is meant: `np.tanh`
     windows = "the log of a signal or state is `.meas`, its windows are `.past(…)`, `.future(…)`"
     repair = f"write `{function}(…)`: functions of the language stand without a prefix"
     return Diagnostic(

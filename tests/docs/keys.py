@@ -107,6 +107,8 @@ def _said(annotation: Any) -> str:
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _said(args[0])
+    if origin is Located:
+        return _said(args[0])
     if origin is Literal:
         return " or ".join(f"`{value}`" for value in args)
     if origin in (Union, UnionType):
