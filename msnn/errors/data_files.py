@@ -13,7 +13,7 @@ _LISTED = 12
 def no_file(
     pattern: str, folder: str | None, span: Span | None, meant: str | None = None
 ) -> Diagnostic:
-    """E0801: a file name or pattern that nothing matches; `meant` is the nearest that is there."""
+    """E0801: a file name or pattern that nothing matches."""
     relative = "paths are relative to the spec file; `--data-root` moves them" if folder else None
     inside = f" in {folder}" if folder else ""
     return Diagnostic(
@@ -59,8 +59,7 @@ def missing_columns(
         message = f"{file} has no columns {_listed([f'`{name}`' for name in missing])}"
         label = "none of them here"
     nearby = {name: meant for name in missing if (meant := _meant(name, columns))}
-    joined = ", ".join(f"{name}: {_quoted(meant)}" for name, meant in nearby.items())
-    repair = f"say which column it is: `columns: {{{joined}}}` under `data:`" if nearby else None
+    repair = f"say which column it is: {_named(nearby, missing)} under `data:`" if nearby else None
     if numbers:
         label = "numbers, not names of columns"
         repair = "add a header, or write `csv: {header: false}` and name columns by index, from 0"
@@ -70,6 +69,19 @@ def missing_columns(
         repair += " under `data:`, or feed it by `connect:`"
     notes = (f"columns: {_listed(columns)}",)
     return Diagnostic("E0804", "error", message, place, label, notes=notes, help=repair)
+
+
+def _named(nearby: Mapping[str, str], wanted_by: Mapping[str, str]) -> str:
+    """The keys that name the columns of signals, and that of the time."""
+    signals = {wanted_by[name].strip("`"): meant for name, meant in nearby.items()}
+    time = [_quoted(signals.pop(name)) for name in list(signals) if name == _TIME]
+    joined = ", ".join(f"{name}: {_quoted(meant)}" for name, meant in signals.items())
+    keys = [f"`columns: {{{joined}}}`"] if joined else []
+    return " and ".join([*keys, *(f"`time: {column}`" for column in time)])
+
+
+_TIME = "time"
+"""What a column of time is wanted by."""
 
 
 def _meant(name: str, columns: Sequence[str]) -> str | None:
