@@ -20,6 +20,7 @@ from backends.c_lowering.options import COptions
 from backends.files.atomic_write import write_text
 from backends.files.c_compiler import CompilerMissingError
 from backends.fixed_point.file_texts import step_texts
+from compiler.fixed_point.constants import finite
 from compiler.fixed_point.deviation import HELD, OutputError, Spread, output_errors, reference
 from compiler.fixed_point.golden import drawn
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
@@ -79,7 +80,7 @@ class _Comparison:
             given = self._inputs(count, random, held=run % 2 == 1)
             found, _ = self.words.run(given, count)
             real = {name: _real(port, given[name]) for name, port in inputs.items()}
-            exact, _ = self.reals.run(real, count)
+            exact, _ = self.reals.run(self._with_needless(real, count), count)
             for name, spread in spreads.items():
                 spread.add(exact[name], _real(ports[name], found[name]))
         return tuple(spread.error(self.program) for spread in spreads.values())
@@ -89,13 +90,25 @@ class _Comparison:
         ports = {port.name: port for port in self.integers.windows}
         shapes = self.words.start_shapes
         self.words.reset({name: np.reshape(windows[name], shapes[name]) for name in ports})
-        shapes = self.reals.start_shapes
-        self.reals.reset(
-            {
-                name: _real(ports[name], np.array(windows[name])).reshape(shapes[name])
-                for name in shapes
-            }
-        )
+        found: dict[str, Array] = {}
+        for name, shape in self.reals.start_shapes.items():
+            port = ports.get(name)
+            low = self._low_end(name)
+            values = np.full(shape, low) if port is None else _real(port, np.array(windows[name]))
+            found[name] = values.reshape(shape)
+        self.reals.reset(found)
+
+    def _with_needless(self, given: dict[str, Array], count: int) -> dict[str, Array]:
+        """The inputs of the words, and what these do without as its factor is 0."""
+        return {
+            name: given[name] if name in given else np.full((count, *shape), self._low_end(name))
+            for name, shape in self.reals.input_shapes.items()
+        }
+
+    def _low_end(self, name: str) -> float:
+        """Some value in the range of a signal."""
+        signal = next(s for s in self.program.signals if s.name == name)
+        return (finite(signal.range) or (0.0, 0.0))[0]
 
     def _inputs(self, count: int, random: np.random.Generator, *, held: bool) -> dict[str, Array]:
         """The words of every step of a run."""

@@ -3,7 +3,7 @@
 `kernels.py rules`: rules of reverse and forward mode and of the table of derivatives, judged by
 the suite's comparison of graphs. `kernels.py emitter [MODEL…]`: the C that the emitter writes,
 judged by the check of fresh kernels. `kernels.py alarms [COUNT [FIRST]]`: kernels of random stages,
-1,000 by default, and of the gallery, none of which the check may refuse. Needs gcc.
+1,000 by default, none of which the check may refuse. Needs gcc.
 """
 
 from __future__ import annotations

@@ -89,7 +89,8 @@ def evaluator(
     args, shape = node.args, node.type.shape
     match node.op:
         case Constant(values):
-            constant = np.array(values, dtype).reshape((1, *shape))
+            with np.errstate(over="ignore"):  # beyond float32 a constant is infinite, as in C
+                constant = np.array(values, dtype).reshape((1, *shape))
             return lambda values, around: constant
         case ReadParameter(name):
             weight = np.asarray(weights[name], dtype).reshape((1, *shape))

@@ -31,7 +31,7 @@ from tests.training.cases import compiled, dataset, gain, gain_series
 from tests.training.test_interruption import Interrupting
 from tests.training.test_starts import NET, Heard, data, run
 
-SourceOf = Callable[[TrainingStep, Dtype], KernelSource]
+SourceOf = Callable[..., KernelSource]
 STAGES = "  - {{epochs: 4, batch: 16{more}}}\n"
 RIGHT, WRONG = "gradient[i] += slopes[i];", "gradient[i] += slopes[i] * (real)0.9;"
 
@@ -45,8 +45,8 @@ def spoiled(*precisions: str) -> SourceOf:
     """Sources of kernels whose gradient is a tenth too small in these precisions."""
     right = kernel_module.kernel_source
 
-    def source(step: TrainingStep, dtype: Dtype) -> KernelSource:
-        made = right(step, dtype)
+    def source(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
+        made = right(step, dtype, reproducible=reproducible)
         assert RIGHT in made.text
         text = made.text.replace(RIGHT, WRONG) if dtype in precisions else made.text
         return replace(made, text=text)
@@ -54,11 +54,11 @@ def spoiled(*precisions: str) -> SourceOf:
     return source
 
 
-def not_written(step: TrainingStep, dtype: Dtype) -> KernelSource:
+def not_written(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
     raise KeyError("w")
 
 
-def no_c(step: TrainingStep, dtype: Dtype) -> KernelSource:
+def no_c(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
     return KernelSource("this is no C", (), (), ())
 
 
@@ -127,9 +127,9 @@ def test_a_kernel_that_failed_is_not_tried_in_the_next_start(
     made: list[str] = []
     source = spoiled("float32")
 
-    def counted(step: TrainingStep, dtype: Dtype) -> KernelSource:
+    def counted(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
         made.append(dtype)
-        return source(step, dtype)
+        return source(step, dtype, reproducible=reproducible)
 
     monkeypatch.setattr(kernel_module, "kernel_source", counted)
     heard = Heard()
@@ -140,7 +140,7 @@ def test_a_kernel_that_failed_is_not_tried_in_the_next_start(
 
 def spoiled_sensitivities(found: Sensitivities) -> SensitivitySource:
     made = _SENSITIVITIES(found)
-    right, wrong = "row[i + a] * row[j + b]", "row[i + a] * row[j + b] * 1.01"
+    right, wrong = "fused(row[i + a], row[j + b],", "fused(row[i + a] * 1.01, row[j + b],"
     assert right in made.source.text
     return replace(made, source=replace(made.source, text=made.source.text.replace(right, wrong)))
 

@@ -146,8 +146,8 @@ def test_a_wrong_kernel_is_found(
 ) -> None:
     right = kernel_module.kernel_source
 
-    def wrong(step: TrainingStep, dtype: Dtype) -> KernelSource:
-        made = right(step, dtype)
+    def wrong(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
+        made = right(step, dtype, reproducible=reproducible)
         text = made.text.replace(*CHANGES[change])
         assert text != made.text
         return replace(made, text=text)
@@ -165,8 +165,8 @@ def test_a_wrong_kernel_of_sensitivities_is_found(monkeypatch: pytest.MonkeyPatc
     def wrong(found: Sensitivities) -> SensitivitySource:
         made = right(found)
         text = made.source.text.replace(
-            "found[a][b] += row[i + a] * row[j + b];",
-            "found[a][b] += row[i + a] * row[j + b] * 0.9999;",
+            "found[a][b] = fused(row[i + a], row[j + b], found[a][b]);",
+            "found[a][b] = fused(row[i + a] * 0.9999, row[j + b], found[a][b]);",
         )
         return replace(made, source=replace(made.source, text=text))
 

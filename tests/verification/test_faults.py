@@ -24,16 +24,16 @@ FAULTS = {
     ),
     "init forgets what hold falls back to": (
         "heater.c",
-        "s->wanted_held = 0.0f;\n    s->unset = 3U;",
-        "s->unset = 3U;",
+        "s->wanted_held = 0.0f;\n    s->ready = 7U;",
+        "s->ready = 7U;",
     ),
     "reset forgets what hold falls back to": (
         "heater.c",
-        "s->wanted_held = 0.0f;\n    s->unset = 0U;",
-        "s->unset = 0U;",
+        "s->wanted_held = 0.0f;\n    s->ready = 4U;",
+        "s->ready = 4U;",
     ),
     "set_state forgets a state": ("heater.c", "s->oven = v[HEATER_X_OVEN];", ""),
-    "set_state does not end the waiting": ("heater.c", "s->unset = 0U;", ""),
+    "set_state does not end the waiting": ("heater.c", "s->ready = 4U;", ""),
     "get_state copies another state": (
         "heater.c",
         "v[HEATER_X_OVEN] = s->oven;",
@@ -140,7 +140,7 @@ def _require(tool: Tool) -> None:
     ("old", "new", "said"),
     [
         ("s->wanted_held = wanted;", "s->wanted_held = u->wanted;", "depends on what an invalid"),
-        ("y->asked = ", "y->asked = (1.0f / s->unset) + ", "is not finite"),
+        ("y->asked = ", "y->asked = (1.0f / (float)(s->ready & 3U)) + ", "is not finite"),
     ],
 )
 def test_the_fuzzer_judges_policies(

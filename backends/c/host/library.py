@@ -41,6 +41,11 @@ class CStep:
         """What `reset` takes, by name."""
         return self._structs["init"].shapes
 
+    @property
+    def input_shapes(self) -> dict[str, tuple[int, ...]]:
+        """What `step` takes, by name."""
+        return self._structs["in"].shapes
+
     def init(self) -> None:
         """Sets the states that need no data."""
         self._function("init")(*self._instance())

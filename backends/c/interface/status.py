@@ -16,7 +16,7 @@ class Status(IntFlag):
     UNINITIALISED = 32
     EQUATION_OUT_OF_RANGE = 64
     STATE_NOT_FINITE = 128
-    SLOPE_NOT_FINITE = 256
+    SLOPE_NOT_FINITE = 8192  # beyond those of the self-test
 
 
 class SelfTest(IntFlag):

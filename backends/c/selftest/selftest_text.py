@@ -43,7 +43,8 @@ _RUNS: tuple[tuple[Place | Outside | None, int], ...] = (
 """Where the golden runs of the test program begin, and after how many invalid samples the first
 valid one comes. Those without a past stand last."""
 
-_FROM_INIT = sum(start is None for start, _ in _RUNS)
+FROM_INIT = sum(start is None for start, _ in _RUNS)
+"""Golden runs that begin without a past."""
 _SELFTEST_OPENING = 2
 """Invalid samples with which the self-test begins, where the policy replaces them."""
 
@@ -89,7 +90,7 @@ def selftest_text(
         jacobian=jacobian is not None,
         letters=letters,
         sample_time=None if sample_time is None else real_literal(sample_time, dtype),
-        resumed=resumed_step(interface, golden) if "x" in letters else None,
+        resumed=resumed_step(interface, golden) if _moves_all(interface) else None,
         lag=_LAG,
         steps=SELFTEST_STEPS,
         factor=hex_literal(1.0 + small, dtype),
@@ -123,7 +124,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         guard=f"{prefix.upper()}_VECTORS_H",
         functions=_golden(interface, runs),
         runs=len(_RUNS),
-        from_init=_FROM_INIT,
+        from_init=FROM_INIT,
     )
     main = render(
         "main.c.j2",
@@ -132,7 +133,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         jacobian=interface.jacobian is not None,
         letters=_letters(interface),
         runs=len(_RUNS),
-        from_init=_FROM_INIT,
+        from_init=FROM_INIT,
         steps=_TEST_STEPS,
         lag=_LAG,
     )
@@ -148,6 +149,14 @@ def _letters(interface: Interface) -> list[str]:
     if interface.jacobian is None:
         return []
     return [vector.letter for vector in interface.jacobian.vectors]
+
+
+def _moves_all(interface: Interface) -> bool:
+    """Whether the state vector has all that is remembered, buffers too."""
+    if "x" not in _letters(interface) or interface.jacobian is None:
+        return False
+    moved = {member.name for member in interface.jacobian.jacobian.states.members}
+    return all(memory.state.name in moved for memory in interface.states)
 
 
 def _compares(interface: Interface) -> bool:

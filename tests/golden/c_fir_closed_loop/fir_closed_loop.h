@@ -41,6 +41,8 @@ typedef uint32_t fir_closed_loop_status_t;
 #define FIR_CLOSED_LOOP_SELFTEST_CONTRACTED 1024U
 /* the processor flushes subnormal numbers to zero */
 #define FIR_CLOSED_LOOP_SELFTEST_NO_SUBNORMALS 2048U
+/* a vector held other numbers than its struct, or the sample time is another */
+#define FIR_CLOSED_LOOP_SELFTEST_HELPER_DIFFERS 4096U
 
 /* Inputs of a step. */
 typedef struct {

@@ -43,6 +43,8 @@ typedef uint32_t joint_arm_status_t;
 #define JOINT_ARM_SELFTEST_CONTRACTED 1024U
 /* the processor flushes subnormal numbers to zero */
 #define JOINT_ARM_SELFTEST_NO_SUBNORMALS 2048U
+/* a vector held other numbers than its struct, or the sample time is another */
+#define JOINT_ARM_SELFTEST_HELPER_DIFFERS 4096U
 
 /* Inputs of a step. */
 typedef struct {

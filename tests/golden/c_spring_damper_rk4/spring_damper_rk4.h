@@ -41,6 +41,8 @@ typedef uint32_t spring_damper_rk4_status_t;
 #define SPRING_DAMPER_RK4_SELFTEST_CONTRACTED 1024U
 /* the processor flushes subnormal numbers to zero */
 #define SPRING_DAMPER_RK4_SELFTEST_NO_SUBNORMALS 2048U
+/* a vector held other numbers than its struct, or the sample time is another */
+#define SPRING_DAMPER_RK4_SELFTEST_HELPER_DIFFERS 4096U
 
 /* Inputs of a step. */
 typedef struct {
