@@ -50,48 +50,52 @@ UNREACHED = {
         "atan serves atan2 alone, which gives it no negative number"
     ),
 }
-UNREACHED |= dict.fromkeys(
-    (
+UNREACHED.update(
+    dict.fromkeys(
         (
-            "arm_friction.c: 1 branch not reached: "
-            "if (!(fabsf(s->rate_tape[(i * 5U) + j]) <= 3.4028235e+38f)) {"
+            (
+                "arm_friction.c: 1 branch not reached: "
+                "if (!(fabsf(s->rate_tape[(i * 5U) + j]) <= 3.4028235e+38f)) {"
+            ),
+            "arm_friction.c: line not reached: status |= ARM_FRICTION_STATUS_STATE_NOT_FINITE;",
+            (
+                "battery.c: 1 branch not reached: "
+                "if (!(fabsf(s->polarisation_state[0U]) <= 3.4028235e+38f)) {"
+            ),
+            (
+                "battery.c: 1 branch not reached: "
+                "if (!(fabsf(s->polarisation_state[1U]) <= 3.4028235e+38f)) {"
+            ),
+            "battery.c: line not reached: status |= BATTERY_STATUS_STATE_NOT_FINITE;",
+            "heater.c: 1 branch not reached: if (!(fabsf(s->element_state[0U]) <= 3.4028235e+38f)) {",
+            "heater.c: 1 branch not reached: if (!(fabsf(s->element_state[1U]) <= 3.4028235e+38f)) {",
+            "heater.c: 1 branch not reached: if (!(fabsf(s->element_state[2U]) <= 3.4028235e+38f)) {",
+            "heater.c: line not reached: status |= HEATER_STATUS_STATE_NOT_FINITE;",
+            (
+                "lane_keeper.c: 1 branch not reached: "
+                "if (!(fabsf(s->steering_tape[i]) <= 3.4028235e+38f)) {"
+            ),
+            "lane_keeper.c: line not reached: status |= LANE_KEEPER_STATUS_STATE_NOT_FINITE;",
         ),
-        "arm_friction.c: line not reached: status |= ARM_FRICTION_STATUS_STATE_NOT_FINITE;",
-        (
-            "battery.c: 1 branch not reached: "
-            "if (!(fabsf(s->polarisation_state[0U]) <= 3.4028235e+38f)) {"
-        ),
-        (
-            "battery.c: 1 branch not reached: "
-            "if (!(fabsf(s->polarisation_state[1U]) <= 3.4028235e+38f)) {"
-        ),
-        "battery.c: line not reached: status |= BATTERY_STATUS_STATE_NOT_FINITE;",
-        "heater.c: 1 branch not reached: if (!(fabsf(s->element_state[0U]) <= 3.4028235e+38f)) {",
-        "heater.c: 1 branch not reached: if (!(fabsf(s->element_state[1U]) <= 3.4028235e+38f)) {",
-        "heater.c: 1 branch not reached: if (!(fabsf(s->element_state[2U]) <= 3.4028235e+38f)) {",
-        "heater.c: line not reached: status |= HEATER_STATUS_STATE_NOT_FINITE;",
-        (
-            "lane_keeper.c: 1 branch not reached: "
-            "if (!(fabsf(s->steering_tape[i]) <= 3.4028235e+38f)) {"
-        ),
-        "lane_keeper.c: line not reached: status |= LANE_KEEPER_STATUS_STATE_NOT_FINITE;",
-    ),
-    FINITE,
+        FINITE,
+    )
 )
-UNREACHED |= dict.fromkeys(
-    (
-        "arm_friction.c: 1 branch not reached: if (x > high) {",
-        "arm_friction.c: line not reached: result = high;",
-        "cart_pole.c: 1 branch not reached: if (!(fabsf(s->speed) <= 10.0f)) {",
-        "cart_pole.c: 1 branch not reached: if (!(fabsf(s->x) <= 5.0f)) {",
-        "cart_pole.c: line not reached: status |= CART_POLE_STATUS_STATE_OUT_OF_RANGE;",
-        "heater.c: 1 branch not reached: if (!((x0->duty >= 0.0f) && (x0->duty <= 1.0f))) {",
-        "heater.c: 1 branch not reached: if (!(fabsf(s->error_sum) <= 500.0f)) {",
-        "heater.c: line not reached: status |= HEATER_STATUS_STATE_OUT_OF_RANGE;",
-        "lane_keeper.c: 1 branch not reached: if (x > high) {",
-        "lane_keeper.c: line not reached: result = high;",
-    ),
-    SUPPLIED,
+UNREACHED.update(
+    dict.fromkeys(
+        (
+            "arm_friction.c: 1 branch not reached: if (x > high) {",
+            "arm_friction.c: line not reached: result = high;",
+            "cart_pole.c: 1 branch not reached: if (!(fabsf(s->speed) <= 10.0f)) {",
+            "cart_pole.c: 1 branch not reached: if (!(fabsf(s->x) <= 5.0f)) {",
+            "cart_pole.c: line not reached: status |= CART_POLE_STATUS_STATE_OUT_OF_RANGE;",
+            "heater.c: 1 branch not reached: if (!((x0->duty >= 0.0f) && (x0->duty <= 1.0f))) {",
+            "heater.c: 1 branch not reached: if (!(fabsf(s->error_sum) <= 500.0f)) {",
+            "heater.c: line not reached: status |= HEATER_STATUS_STATE_OUT_OF_RANGE;",
+            "lane_keeper.c: 1 branch not reached: if (x > high) {",
+            "lane_keeper.c: line not reached: result = high;",
+        ),
+        SUPPLIED,
+    )
 )
 
 

@@ -8,7 +8,6 @@ from benchmarks.mutation.run import export_with_drawn_weights, mutation_score
 from msnn.verification.tools import GCC
 from tests.conditions import miss
 
-
 STATUS_OF_RESET = ["< -> >=", "50.0f -> 50.501f"]
 """Changes of the checks in `reset` that are known to be missed: golden vectors judge the states
 that it sets and not yet the status that it returns."""
