@@ -67,9 +67,18 @@ UNREACHED.update(
                 "if (!(fabsf(s->polarisation_state[1U]) <= 3.4028235e+38f)) {"
             ),
             "battery.c: line not reached: status |= BATTERY_STATUS_STATE_NOT_FINITE;",
-            "heater.c: 1 branch not reached: if (!(fabsf(s->element_state[0U]) <= 3.4028235e+38f)) {",
-            "heater.c: 1 branch not reached: if (!(fabsf(s->element_state[1U]) <= 3.4028235e+38f)) {",
-            "heater.c: 1 branch not reached: if (!(fabsf(s->element_state[2U]) <= 3.4028235e+38f)) {",
+            (
+                "heater.c: 1 branch not reached: "
+                "if (!(fabsf(s->element_state[0U]) <= 3.4028235e+38f)) {"
+            ),
+            (
+                "heater.c: 1 branch not reached: "
+                "if (!(fabsf(s->element_state[1U]) <= 3.4028235e+38f)) {"
+            ),
+            (
+                "heater.c: 1 branch not reached: "
+                "if (!(fabsf(s->element_state[2U]) <= 3.4028235e+38f)) {"
+            ),
             "heater.c: line not reached: status |= HEATER_STATUS_STATE_NOT_FINITE;",
             (
                 "lane_keeper.c: 1 branch not reached: "
