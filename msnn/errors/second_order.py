@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 _SHOWN = 6
@@ -14,27 +14,19 @@ def no_sum_of_squares(
 ) -> Diagnostic:
     """E0930: a loss that is no sum of squares, in a stage of levenberg_marquardt."""
     what = "a negative share" if weight < 0 else "an expression" if measure == "mean" else measure
-    return Diagnostic(
-        "E0930",
-        "error",
-        f"stage `{stage}` cannot minimise the loss `{loss}`: {what} is no sum of squares",
-        span,
-        "levenberg_marquardt takes mse, l2 and huber",
-        help=f"write it with mse, l2 or huber, give the stage `losses: {{{loss}: 0}}`, or take "
-        "another optimizer",
+    message = f"stage `{stage}` cannot minimise the loss `{loss}`: {what} is no sum of squares"
+    repair = (
+        f"write it with mse, l2 or huber, give the stage `losses: {{{loss}: 0}}`, or take "
+        "another optimizer"
     )
+    return error("E0930", span, message, "levenberg_marquardt takes mse, l2 and huber", help=repair)
 
 
 def not_of_second_order(key: str, reason: str, span: Span) -> Diagnostic:
     """E0931: a key of a stage that levenberg_marquardt has no use for."""
-    return Diagnostic(
-        "E0931",
-        "error",
-        f"levenberg_marquardt takes no `{key}:`: {reason}",
-        span,
-        f"with `{key}:` in the same stage",
-        help=f"leave `{key}:` out",
-    )
+    message = f"levenberg_marquardt takes no `{key}:`: {reason}"
+    repair = f"leave `{key}:` out"
+    return error("E0931", span, message, f"with `{key}:` in the same stage", help=repair)
 
 
 def no_finite_slope(
@@ -42,16 +34,13 @@ def no_finite_slope(
 ) -> Diagnostic:
     """E0985: a loss that is finite where its slope is infinite or NaN."""
     where = f" in {' and '.join(f'`{name}`' for name in parameters)}" if parameters else ""
-    return Diagnostic(
-        "E0985",
-        "error",
-        f"stage `{stage}` ends in epoch {epoch}: the loss is finite, its slope{where} is not",
-        span,
-        "no finite slope here",
-        notes=("the best weights so far are kept",),
-        help="roots, logarithms and powers are infinitely steep at 0: keep their arguments away "
-        "from it (`sqrt(x + 1e-6)`), or begin elsewhere",
+    message = f"stage `{stage}` ends in epoch {epoch}: the loss is finite, its slope{where} is not"
+    notes = ("the best weights so far are kept",)
+    repair = (
+        "roots, logarithms and powers are infinitely steep at 0: keep their arguments away "
+        "from it (`sqrt(x + 1e-6)`), or begin elsewhere"
     )
+    return error("E0985", span, message, "no finite slope here", notes=notes, help=repair)
 
 
 def not_identifiable(
@@ -77,13 +66,9 @@ def not_identifiable(
         if len(changes) == 1
         else f"{len(changes)} changes leave every residual as it is, one of them: {moves}"
     )
-    return Diagnostic(
-        "W0930",
-        "warning",
-        f"{named} {verb} in the training data",
-        span,
-        "not identifiable",
-        notes=(said,),
-        help="hold some at known values with `learn: false`, shorten windows, or record data that "
-        "excite them",
+    message = f"{named} {verb} in the training data"
+    repair = (
+        "hold some at known values with `learn: false`, shorten windows, or record data that "
+        "excite them"
     )
+    return warning("W0930", span, message, "not identifiable", notes=(said,), help=repair)
