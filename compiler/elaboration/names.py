@@ -30,7 +30,7 @@ from spec_schema.errors import names, submodels
 from spec_schema.expressions.language import ELSEWHERE, LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
 from spec_schema.expressions.tree import Call, LanguageName, Member, Name
 from spec_schema.sections.dimensions import Dimension
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.signals import Equation, Output, Signal, State
 from spec_schema.sections.submodels import Use
 from spec_schema.sections.values import Constant, Function, Parameter

@@ -14,7 +14,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Name, Number
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 
 _STEP = Environment(Part.STEP)
 _EXPECTED_IN_USE = frozenset(

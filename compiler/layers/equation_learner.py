@@ -15,7 +15,7 @@ from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from spec_schema.errors import names, shapes
 from spec_schema.fields.located import Located
-from spec_schema.sections.layers import EquationLearner
+from spec_schema.sections.layers.networks import EquationLearner
 from spec_schema.sections.values import Function
 
 

@@ -14,7 +14,7 @@ from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.lowering.constants import evaluate
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Expression
-from spec_schema.sections.layers import Interpolation
+from spec_schema.sections.layers.tables import Interpolation
 from spec_schema.units.unit import ONE, Unit
 
 

@@ -9,7 +9,7 @@ from typing import Any, cast
 from spec_schema.expressions.tree import Member, Name
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.located import Located
-from spec_schema.sections.layers import CustomMembership
+from spec_schema.sections.layers.fuzzy_sets import CustomMembership
 from spec_schema.sections.spec import Spec
 
 # What encloses the label of each kind.

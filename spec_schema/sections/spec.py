@@ -12,7 +12,7 @@ from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension, DimensionField
 from spec_schema.sections.exports import Export
 from spec_schema.sections.integrators import Integrator
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.signals import Equation, Loss, Output, Signal, State
 from spec_schema.sections.submodels import Connection, Connections, Use
 from spec_schema.sections.training.training import Stage

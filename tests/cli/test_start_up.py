@@ -140,6 +140,7 @@ _MAY_BE_WHOLE = {
     "spec_schema.reading",
     "spec_schema.sections",
     "spec_schema.sections.data",
+    "spec_schema.sections.layers",
     "spec_schema.sections.training",
     "spec_schema.units",
     "spec_schema.yaml_tree",

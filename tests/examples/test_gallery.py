@@ -13,7 +13,7 @@ from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
 from msnn.cli.application import run
 from msnn.model.load import load_model
 from spec_schema.sections.integrators import Integrator
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 from tests.conditions import require_tool
 from tests.examples.gallery import GALLERY, NAMES, gallery_copy, spec_of
 
