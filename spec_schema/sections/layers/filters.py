@@ -35,9 +35,13 @@ class Iir(Entry):
     noun: ClassVar[str] = "an iir layer"
 
     num: Annotated[int, order(0)]
+    """Order of the numerator."""
     den: Annotated[int, order(1)]
+    """Order of the denominator."""
     init: ExpressionField | None = None
+    """Value of the filter before the first sample."""
     fit: PredictionField | None = None
+    """Logged signal, `y[t+k]`, whose training rows it is fitted to before the first stage."""
 
 
 class StateSpace(Entry):
@@ -46,11 +50,16 @@ class StateSpace(Entry):
     noun: ClassVar[str] = "a state_space layer"
 
     order: Annotated[int, order(1)]
+    """Elements of its state vector."""
     out: Reference | None = None
     feedthrough: Switch = False
+    """Whether the argument reaches the result in the same step."""
     radius: Annotated[float, number(above=0.0, most=1.0)] = 0.999
+    """Largest magnitude of its poles."""
     init: ExpressionField | None = None
+    """Its state before the first sample."""
     fit: PredictionField | None = None
+    """Logged signal, `y[t+k]`, whose training rows it is fitted to before the first stage."""
 
 
 Degree: TypeAlias = Annotated[int, order(0)]
@@ -62,6 +71,10 @@ class SavitzkyGolay(Entry):
     noun: ClassVar[str] = "a savitzky_golay layer"
 
     window: PositiveLength | None = None
+    """How far into the past it reaches, in samples or as a duration."""
     order: Degree = 2
+    """Degree of the fitted polynomial."""
     derivative: Degree = 0
+    """Which derivative with respect to time; 0 smooths."""
     lag: LengthField | None = None
+    """How long before t the polynomial is evaluated."""

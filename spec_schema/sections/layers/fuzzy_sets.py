@@ -60,13 +60,19 @@ class Fuzzify(Entry):
     noun: ClassVar[str] = "a fuzzify layer"
 
     centers: ArrayField | None = None
+    """Centres of the fuzzy sets, ascending."""
     membership: Annotated[Membership | CustomMembership, reads(_read_membership, _MEMBERSHIP)] = (
         "triangular"
     )
+    """Shape of the sets, or `{function: NAME}`."""
     dim: Reference | None = None
+    """Dimension that numbers the sets."""
     learn: Switch = False
+    """Whether training moves the centres."""
     over: References = ()
+    """Other fuzzify layers, of which this one is the grid."""
     combine: Annotated[Literal["product"], choice("product")] = "product"
+    """How the degrees of a grid are combined."""
 
     @model_validator(mode="after")
     def _has_sets(self, info: ValidationInfo) -> "Fuzzify":

@@ -31,7 +31,9 @@ class LocalModel(Entry):
     noun: ClassVar[str] = "a local_model layer"
 
     by: ManyOf[ExpressionField]
+    """Degrees of membership that weigh the cells."""
     cell: Cell
+    """The layer of each cell."""
 
 
 class Layer(Variant):

@@ -26,11 +26,16 @@ class Fir(Entry):
     noun: ClassVar[str] = "a fir layer"
 
     window: PositiveLength | None = None
+    """How far into the past it reaches, in samples or as a duration."""
     out: Reference | None = None
     bias: SwitchOrReference = False
+    """Whether a learned constant is added, or the parameter that it is."""
     weight: Reference | None = None
+    """Parameter that the weights are; by default they are the layer's own."""
     init: Initializer | None = None
+    """Initial weights; small random numbers by default."""
     dropout: Share = 0.0
+    """Share of the elements that training leaves out at random."""
 
     @model_validator(mode="after")
     def _has_one_start(self, info: ValidationInfo) -> "Fir":
@@ -45,9 +50,13 @@ class Linear(Entry):
 
     out: Reference | None = None
     bias: SwitchOrReference = True
+    """Whether a learned constant is added, or the parameter that it is."""
     weight: Reference | None = None
+    """Parameter that the weights are; by default they are the layer's own."""
     init: Initializer | None = None
+    """Initial weights; small random numbers by default."""
     dropout: Share = 0.0
+    """Share of the elements that training leaves out at random."""
 
     @model_validator(mode="after")
     def _has_one_start(self, info: ValidationInfo) -> "Linear":
@@ -68,11 +77,15 @@ class Mlp(Entry):
     noun: ClassVar[str] = "an mlp layer"
 
     hidden: ManyOf[PositiveCount]
+    """Sizes of the hidden layers."""
     activation: Reference | None = None
+    """Function between the layers."""
     out: Reference | None = None
     bias: Switch = True
     init: Initializer | None = None
+    """Initial weights; small random numbers by default."""
     dropout: Share = 0.0
+    """Share of the elements that training leaves out at random."""
 
 
 EQUATION_TERMS = ("identity", "neg", "square", "add", "sub", "mul")
@@ -85,7 +98,10 @@ class EquationLearner(Entry):
     noun: ClassVar[str] = "an equation_learner layer"
 
     functions: ManyOf[Reference]
+    """Functions of which a weighted sum is learned."""
     mix: Switch = True
+    """Whether each function gets a learned combination of the elements."""
     out: Reference | None = None
     bias: Switch = True
     init: Initializer | None = None
+    """Initial weights; small random numbers by default."""

@@ -17,11 +17,16 @@ class Interpolation(Entry):
     noun: ClassVar[str] = "an interpolation layer"
 
     x: ArrayField
+    """Knots, ascending."""
     x2: ArrayField | None = None
+    """Knots of the second axis of a grid."""
     y: ArrayField
+    """Values on the knots."""
     unit: UnitField | None = None
     learn: Switch = False
+    """Whether training changes the values."""
     outside: Annotated[Literal["clamp", "extrapolate"], choice("clamp", "extrapolate")] = "clamp"
+    """What it does beyond the knots."""
 
 
 FromData: TypeAlias = Literal["data"]
@@ -39,6 +44,9 @@ class Normalize(Entry):
     noun: ClassVar[str] = "a normalize layer"
 
     mean: Annotated[Expression | FromData, reads(_read_statistic, ARRAY)]
+    """What is subtracted, or `data`."""
     std: Annotated[Expression | FromData, reads(_read_statistic, ARRAY)]
+    """What it is divided by, or `data`."""
     of: Reference | None = None
+    """Signal whose training rows `data` means; by default the argument."""
     unit: UnitField | None = None
