@@ -47,7 +47,7 @@ from compiler.ir.ops import (
     Window,
 )
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import WINDOW, Axis, Type
 
 

@@ -39,7 +39,7 @@ from compiler.ir.ops import (
     Window,
 )
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis, Type
 
 _RELATIONS = {

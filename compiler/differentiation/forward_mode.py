@@ -47,8 +47,8 @@ from compiler.ir.ops import (
     Window,
 )
 from compiler.ir.program import NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
-from compiler.ir.slope_products import slope_product, slope_quotient
+from compiler.ir.scalars.slope_products import slope_product, slope_quotient
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis, Type, in_order
 
 

@@ -48,7 +48,7 @@ from compiler.ir.ops import (
     Window,
 )
 from compiler.ir.program import Node
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Type
 
 Array = NDArray[Any]

@@ -54,7 +54,7 @@ from compiler.ir.ops import (
     Window,
 )
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 FUNCTION_ERROR = {"float32": 4e-6, "float64": 1e-14}
 """Relative error of a scalar function in any backend: what tests/native/test_lane_kernels holds the

@@ -45,7 +45,7 @@ from compiler.ir.rules.unit_rules import (
     quotient_unit,
     sum_unit,
 )
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS, Array
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS, Array
 from compiler.ir.types import WINDOW, Axis, Type, in_order
 from spec_schema.units.unit import ONE as ONE
 from spec_schema.units.unit import Unit

@@ -122,7 +122,7 @@ class Select:
 
 @dataclass(frozen=True, slots=True)
 class Apply:
-    """A scalar function of the table in `scalar_functions.py`, on every element."""
+    """A scalar function of the table in `scalars/table.py`, on every element."""
 
     function: str
 

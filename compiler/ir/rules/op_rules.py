@@ -34,7 +34,7 @@ from compiler.ir.ops import (
     Window,
 )
 from compiler.ir.program import Node
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import WINDOW, Axis, Type, describe_axes
 
 LARGEST_SIZE = 1 << 24
