@@ -29,10 +29,15 @@ LOWERINGS = {
 
 
 def lowered_by(path: str) -> set[str]:
-    """Names of the operations that the patterns of a file's `match` statements have."""
+    """Names of the operations that the patterns of a file's `match` statements have.
+
+    A pattern may have a base class, which stands for all operations of that group.
+    """
     tree = ast.parse((_ROOT / path).read_text(encoding="utf-8"))
     patterns = (node.cls for node in ast.walk(tree) if isinstance(node, ast.MatchClass))
-    return {p.attr if isinstance(p, ast.Attribute) else getattr(p, "id", "") for p in patterns}
+    names = {p.attr if isinstance(p, ast.Attribute) else getattr(p, "id", "") for p in patterns}
+    bases = {op.__name__: {base.__name__ for base in op.__mro__} for op in get_args(Op)}
+    return {op for op, known in bases.items() if known & names}
 
 
 def core_operations() -> str:
