@@ -17,7 +17,7 @@ from backends.native.lanes.lane_kernels import lane_kernels
 from backends.native.lanes.lane_memory import Memory, size_of
 from backends.native.lanes.lane_printer import LanePrinter
 from compiler.differentiation.training_step import TrainingStep
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.kernels.c_sources import c_definitions
 from compiler.kernels.tables.formats import DOUBLE, FLOAT
 

@@ -13,8 +13,8 @@ from compiler.builtins.reductions import lower_mean, lower_sum
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
 from compiler.ir.program import NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
-from compiler.ir.signatures import SIGNATURES
+from compiler.ir.scalars.signatures import SIGNATURES
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
 from compiler.lowering.constants import number, whole_number
 from compiler.lowering.context import Context

@@ -12,7 +12,7 @@ from compiler.elaboration.histories import Histories, Known
 from compiler.elaboration.layer_calls import lower_layer
 from compiler.elaboration.states import States
 from compiler.ir.program import NodeId
-from compiler.ir.signatures import SIGNATURES
+from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.layers.rules.layer_context import LayerStores
 from compiler.linking.connected import Connected

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.signatures import SIGNATURES
+from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.types import UNNAMED, Axis, describe_axes
 from compiler.layers.affine import Affine
 from compiler.layers.rules.arguments import read_elements

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compiler.ir.program import NodeId
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.layers.rules.arguments import read_scalars
 from compiler.layers.rules.centers import ascending
 from compiler.layers.rules.fuzzy_sets import FuzzySets, beyond, triangular

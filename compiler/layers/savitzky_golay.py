@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from compiler.ir.program import NodeId
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.ir.types import WINDOW, Axis
 from compiler.layers.rules.arguments import read_window
 from compiler.layers.rules.layer_context import LayerContext

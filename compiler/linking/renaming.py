@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar, cast
 
-from compiler.ir.signatures import OF_THE_LANGUAGE
+from compiler.ir.scalars.signatures import OF_THE_LANGUAGE
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.language import INDICES, LENGTH
 from spec_schema.expressions.tree import Call, Expression, Keyword, LanguageName, Member, Name

@@ -120,6 +120,7 @@ _MAY_BE_WHOLE = {
     "compiler.elaboration.submodels",
     "compiler.ir",
     "compiler.ir.rules",
+    "compiler.ir.scalars",
     "compiler.layers",
     "compiler.layers.rules",
     "compiler.linking",

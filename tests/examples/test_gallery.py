@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from compiler.ir.ops import Apply
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from msnn.cli.application import run
 from msnn.model.load import load_model
 from spec_schema.sections.integrators import Integrator

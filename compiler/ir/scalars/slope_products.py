@@ -5,7 +5,7 @@ See decisions/0184.
 
 from __future__ import annotations
 
-from compiler.ir.arithmetic import Arithmetic, V
+from compiler.ir.scalars.arithmetic import Arithmetic, V
 
 
 def slope_product(b: Arithmetic[V], first: V, second: V) -> V:
