@@ -13,6 +13,7 @@ from msnn.model.model import Model
 from msnn.model.spec_hash import Part
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
+from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.one_file import ReadResult, read_one_spec
 from spec_schema.reading.settings import WORKFLOW, model_settings
 
@@ -75,6 +76,7 @@ def _trained(folder: Path) -> ReadResult | None:
 
 def _read(file: Path, settings: Sequence[str]) -> ReadResult | None:
     try:
+        refuse_endless(file)
         text = file.read_text(encoding="utf-8")
         return read_one_spec(file, text, model_settings(settings))
     except (OSError, ValueError, SpecError):
