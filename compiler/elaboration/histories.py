@@ -94,10 +94,11 @@ class Histories:
             there = _START.shifted(environment.shift)
             if window is not None:
                 node = window_of(self._context, entry.history, there, *window)
+                there = there.over(*window)
             else:
                 node = lower(self._context, entry.history, there)
             what = f"`history` of `{name}`"
-            return fitted(self._context, what, node, Type(wanted), entry.history, builder)
+            return fitted(self._context, what, node, Type(wanted), entry.history, there)
         if not self._is_measured(name, entry):
             self._context.findings.report(errors.history_needed(name, span))
             raise LoweringFailed
@@ -191,12 +192,12 @@ class Histories:
     def _start(self, name: str, entry: State | Equation | Output, remembered: Remembered) -> NodeId:
         """Samples before t0, from the first that exists: `history:`, the log, inputs alone (R5)."""
         context, length = self._context, remembered.length
-        builder = context.builder(_START)
+        builder, before = context.builder(_START), _START.over(-length, -1)
         wanted = (*remembered.axes, Axis(WINDOW, length))
         if entry.history is not None:
             node = window_of(context, entry.history, _START, -length, -1)
             what = f"`history` of `{name}`"
-            return fitted(context, what, node, Type(wanted), entry.history, builder)
+            return fitted(context, what, node, Type(wanted), entry.history, before)
         if isinstance(entry, State):
             if not self._is_measured(name, entry):
                 return self._missing(name)
@@ -209,7 +210,7 @@ class Histories:
         node = context.names.tried(lambda: window_of(context, entry.expr, _START, -length, -1))
         if node is None:
             return self._missing(name)
-        return fitted(context, f"the past of `{name}`", node, Type(wanted), entry.expr, builder)
+        return fitted(context, f"the past of `{name}`", node, Type(wanted), entry.expr, before)
 
     def _missing(self, name: str) -> NodeId:
         self._context.findings.report(errors.history_needed(name, self._places[name]))

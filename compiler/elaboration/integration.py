@@ -181,8 +181,7 @@ class _Steps:
         law = self.vector_field[name]
         node = lower(self.context, law.expression, stage)
         type = law.type.with_unit(None)
-        builder = self.context.builder(stage)
-        return fitted(self.context, f"`der` of `{name}`", node, type, law.expression, builder)
+        return fitted(self.context, f"`der` of `{name}`", node, type, law.expression, stage)
 
     def _moved(self, values: Values, slopes: Values, length: float) -> Values:
         """values + length · slopes."""

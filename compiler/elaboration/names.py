@@ -44,6 +44,7 @@ class Elaboration:
     """The meaning of every name of one spec (`Names`), and all that lowering it leaves."""
 
     def __init__(self, linked: Linked, findings: Findings, known: Known, draw: int = 0) -> None:
+        self._linked, self._draw = linked, draw
         spec = linked.spec
         seconds = spec.sample_time.value if spec.sample_time else None
         self.context = Context(
@@ -61,6 +62,10 @@ class Elaboration:
         self.histories = Histories(self.context, known)
         self.states = States(self.context, self.histories, linked.integrators)
         self.entries = Entries(self.context, self.histories, known.variables)
+
+    def afresh(self, known: Known) -> Elaboration:
+        """Another one of the same spec, with graphs of its own: for what may fail half-way."""
+        return Elaboration(self._linked, Findings(), known, self._draw)
 
     # ---- names
 

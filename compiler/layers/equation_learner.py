@@ -99,4 +99,4 @@ def _read(context: LayerContext, settings: EquationLearner) -> Arguments:
     return arguments
 
 
-EQUATION_LEARNER = LayerRule(EquationLearner, _read, equation_learner)
+EQUATION_LEARNER = LayerRule(EquationLearner, _read, equation_learner, is_black_box=True)

@@ -39,4 +39,4 @@ def mlp(context: LayerContext, settings: Mlp, arguments: Arguments) -> NodeId:
     return value
 
 
-MLP = LayerRule(Mlp, read_elements, mlp)
+MLP = LayerRule(Mlp, read_elements, mlp, is_black_box=True)

@@ -80,4 +80,4 @@ def _orders(context: LayerContext, settings: StateSpace) -> Orders:
     return Orders("state_space", order, order, settings.feedthrough, settings.radius)
 
 
-STATE_SPACE = LayerRule(StateSpace, read_vector, state_space)
+STATE_SPACE = LayerRule(StateSpace, read_vector, state_space, is_black_box=True)

@@ -215,12 +215,12 @@ def no_time_column(what: str, span: Span | None) -> Diagnostic:
 
 
 def outside_range(
-    *, signal: str, count: int, worst: float, low: float, high: float, unit: str, file: str
+    *, signal: str, count: int, worst: float, low: float, high: float, unit: str, place: str
 ) -> Diagnostic:
     """W0801: data beyond the range that the spec declares."""
     message = (
         f"{count} samples of `{signal}` are outside its range {low:g} … {high:g}{unit}, "
-        f"the farthest is {worst:.6g} in {file}"
+        f"the farthest is {worst:.6g} in {place}"
     )
     return warning("W0801", None, message)
 

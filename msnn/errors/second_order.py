@@ -46,6 +46,7 @@ def no_finite_slope(
 def not_identifiable(
     changes: Sequence[Mapping[str, float]],
     concerned: Mapping[str, tuple[int, int]],
+    black_boxes: Sequence[str],
     span: Span | None,
 ) -> Diagnostic:
     """W0930: learned numbers that can change together without a change of any residual."""
@@ -54,19 +55,23 @@ def not_identifiable(
         f"`{name}`" if size == 1 else f"{count} of the {size} numbers of `{name}`"
         for name, (count, size) in concerned.items()
     )
-    alone = all(len(change) == 1 for change in changes)
+    others = f" with {' and '.join(f'`{name}`' for name in black_boxes)}" if black_boxes else ""
+    alone = not others and all(len(change) == 1 for change in changes)
     many = sum(count for count, _ in concerned.values()) > 1
     verb = ("do not show" if many else "does not show") if alone else "show only in combination"
+    if not alone and not many:
+        verb = "shows only in combination"
     first = sorted(changes[0].items(), key=lambda item: -abs(item[1]))
     moves = ", ".join(f"{name} {factor:+.3g}" for name, factor in first[:_SHOWN])
     if len(first) > _SHOWN:
         moves += f" and {len(first) - _SHOWN} smaller ones"
+    moves += others and f"{others} in its place"
     said = (
         f"this change leaves every residual as it is: {moves}"
         if len(changes) == 1
         else f"{len(changes)} changes leave every residual as it is, one of them: {moves}"
     )
-    message = f"{named} {verb} in the training data"
+    message = f"{named} {verb}{others} in the training data"
     repair = (
         "hold some at known values with `learn: false`, shorten windows, or record data that "
         "excite them"

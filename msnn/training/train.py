@@ -133,7 +133,8 @@ class _Run:
         self._finish(now)
         spread = standard_errors(self.stages[-1][0], self.data, now.begin)
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
-        self.progress.run_ended("finished", parameter_warnings(self.program, now.begin, spread))
+        said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
+        self.progress.run_ended("finished", said)
         if self.options.fold is None:
             self.folder.checkpoint.unlink(missing_ok=True)
         return replace(self._result(now.begin, now), standard_errors=spread)

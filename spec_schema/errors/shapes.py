@@ -48,11 +48,16 @@ def twin_axes(
 
 
 def wrong_axes(
-    what: str, wanted: str, found: str, span: Span, repair: str | None = None
+    what: str,
+    wanted: str,
+    found: str,
+    span: Span,
+    repair: str | None = None,
+    operand: str | None = None,
 ) -> Diagnostic:
-    """E0402: a value with other axes than its place needs."""
+    """E0402: a value with other axes than its place needs; `operand` are those of what is shown."""
     message = f"{what} must be {wanted}, not {found}"
-    return error("E0402", span, message, f"this is {found}", help=repair)
+    return error("E0402", span, message, f"this is {operand or found}", help=repair)
 
 
 def window_needed(layer: str, span: Span) -> Diagnostic:

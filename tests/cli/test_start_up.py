@@ -105,6 +105,7 @@ _NOT_WHOLE = {
     "msnn.training": set(),
     "msnn.training.plans": {
         "curriculum",
+        "fixed_starts",
         "learning_rate",
         "stage_plan",
         "torch_optimizer_options",
