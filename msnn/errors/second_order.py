@@ -1,4 +1,4 @@
-"""E0930-E0939, E0985: second-order training, slopes, what they say of learned parameters."""
+"""W0744, E0930-E0939, E0985: second-order training, slopes, what they say of learned parameters."""
 
 from collections.abc import Mapping, Sequence
 
@@ -41,6 +41,23 @@ def no_finite_slope(
         "from it (`sqrt(x + 1e-6)`), or begin elsewhere"
     )
     return error("E0985", span, message, "no finite slope here", notes=notes, help=repair)
+
+
+def left_out(stage: str, span: Span | None) -> Diagnostic:
+    """W0744: infinite slopes in training, which have no share in its steps."""
+    return Diagnostic(
+        "W0744",
+        "warning",
+        f"in stage `{stage}` a scored value has an infinite slope in a learned number",
+        span,
+        "no step is made of it",
+        notes=(
+            "levenberg_marquardt leaves out such values, other optimizers the batches with them",
+            "the losses count them all the same",
+        ),
+        help="roots, logarithms and powers are infinitely steep at 0: keep their arguments away "
+        "from it (`sqrt(x + 1e-6)`)",
+    )
 
 
 def not_identifiable(

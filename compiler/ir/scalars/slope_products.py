@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from compiler.ir.scalars.arithmetic import Arithmetic, V
 
+LARGEST_SLOPE = 1e20
+"""Training takes what is larger, or NaN, for infinite where a slope can be so. It lies below what
+stands for an infinite slope in libraries that differentiate by themselves."""
+
 
 def slope_product(b: Arithmetic[V], first: V, second: V) -> V:
     """The product of two factors of a derivative: 0 where a factor is 0, whatever the other is.
