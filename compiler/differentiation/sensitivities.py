@@ -19,7 +19,7 @@ from compiler.differentiation.training_step import LossTerm, loss_terms, trainin
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadParameter, ReadState, Relation, Window
 from compiler.ir.program import Declared, Graph, Loss, Measure, NodeId, Program, State
-from compiler.ir.slope_products import LARGEST_SLOPE
+from compiler.ir.scalars.slope_products import LARGEST_SLOPE
 from compiler.ir.types import WINDOW, Axis, Type
 
 LEARNED = "learned number"

@@ -45,19 +45,16 @@ def no_finite_slope(
 
 def left_out(stage: str, span: Span | None) -> Diagnostic:
     """W0744: infinite slopes in training, which have no share in its steps."""
-    return Diagnostic(
-        "W0744",
-        "warning",
-        f"in stage `{stage}` a scored value has an infinite slope in a learned number",
-        span,
-        "no step is made of it",
-        notes=(
-            "levenberg_marquardt leaves out such values, other optimizers the batches with them",
-            "the losses count them all the same",
-        ),
-        help="roots, logarithms and powers are infinitely steep at 0: keep their arguments away "
-        "from it (`sqrt(x + 1e-6)`)",
+    message = f"in stage `{stage}` a scored value has an infinite slope in a learned number"
+    notes = (
+        "levenberg_marquardt leaves out such values, other optimizers the batches with them",
+        "the losses count them all the same",
     )
+    repair = (
+        "roots, logarithms and powers are infinitely steep at 0: keep their arguments away "
+        "from it (`sqrt(x + 1e-6)`)"
+    )
+    return warning("W0744", span, message, "no step is made of it", notes=notes, help=repair)
 
 
 def not_identifiable(

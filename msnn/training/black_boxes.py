@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from compiler.elaboration.layer_calls import rule_of
-from spec_schema.sections.layers import Layer, LocalModel
+from spec_schema.sections.layers.layer import Layer, LocalModel
 from spec_schema.sections.spec import Spec
 
 

@@ -172,6 +172,8 @@ class Counting:
     """An engine that counts what it is given."""
 
     batches_a_call = 2
+    left_out = 0
+    has_left_out = False
     finished: str | None = None
 
     def __init__(self) -> None:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from backends.torch_module.module import build_module
-from compiler.ir.slope_products import LARGEST_SLOPE
+from compiler.ir.scalars.slope_products import LARGEST_SLOPE
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.dropout_masks import factors_of
