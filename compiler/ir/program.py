@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Literal
 
 from compiler.ir.fit import Fit
-from compiler.ir.ops import Op, ReadLog, ReadParameter, ReadSignal
+from compiler.ir.ops import Op
 from compiler.ir.types import Axis, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
@@ -279,34 +279,6 @@ class Program:
     def expected_range(self, name: str) -> tuple[float, float] | None:
         """The range of an equation, which may be an output; None without one."""
         return next((entry.range for entry in self.expected if entry.name == name), None)
-
-
-@dataclass(frozen=True, slots=True)
-class Extent:
-    """The samples t+first … t+last of a signal that something reads."""
-
-    first: int
-    last: int
-
-    def union(self, other: Extent) -> Extent:
-        return Extent(min(self.first, other.first), max(self.last, other.last))
-
-
-def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
-    """The samples that the graph reads of each signal, from the log or as the step sees them."""
-    wanted = ReadLog if log else ReadSignal
-    found: dict[str, Extent] = {}
-    for _, node in graph:
-        if isinstance(node.op, wanted):
-            extent = Extent(node.op.first, node.op.last)
-            previous = found.get(node.op.signal)
-            found[node.op.signal] = previous.union(extent) if previous else extent
-    return found
-
-
-def parameters_read(graph: Graph) -> frozenset[str]:
-    """Names of the parameters that the graph uses."""
-    return frozenset(n.op.name for _, n in graph if isinstance(n.op, ReadParameter))
 
 
 def learned_numbers(program: Program) -> int:

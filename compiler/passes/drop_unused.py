@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from compiler.ir.fit import Fit
-from compiler.ir.liveness import needed, needed_over_time
+from compiler.ir.liveness import needed, needed_over_time, parameters_read
 from compiler.ir.ops import ReadSamples
-from compiler.ir.program import Graph, Node, NodeId, Output, Program, Role, parameters_read
+from compiler.ir.program import Graph, Node, NodeId, Output, Program, Role
 
 
 def drop_unused(program: Program) -> Program:

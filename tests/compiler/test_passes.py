@@ -10,8 +10,9 @@ import pytest
 
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
+from compiler.ir.liveness import extents
 from compiler.ir.ops import Constant, ReadSignal
-from compiler.ir.program import Graph, Output, Program, Role, Signal, extents
+from compiler.ir.program import Graph, Output, Program, Role, Signal
 from compiler.ir.rules.verifier import verify
 from compiler.ir.text import program_text
 from compiler.ir.types import Axis, Type
