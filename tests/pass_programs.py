@@ -73,6 +73,19 @@ def twins() -> Program:
     return Program("twins", None, signals, (), (), Graph(nodes), Graph(), outputs)
 
 
+def named() -> Program:
+    """The same product as a variable of a gradient, which gives it its unit, and as no variable."""
+    b = GraphBuilder()
+    x = b.signal("x", 0, 0, Type())
+    product = b.multiply(b.constant(2.0), x)
+    variable = b.named(product, "e")
+    b.set_unit(variable, METRE)
+    b.name(variable, "e")
+    outputs = (Output("e", variable), Output("sum", b.add(variable, product)))
+    signals = (Signal("x", Role.INPUT),)
+    return Program("named", None, signals, (), (), b.graph(), Graph(), outputs)
+
+
 def branches() -> Program:
     """A root and a quotient that only one branch takes, and a root that another output needs."""
     b = GraphBuilder()
@@ -223,6 +236,7 @@ PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "branches": branches,
     "steep": steep,
     "twins": twins,
+    "named": named,
     "leftovers": leftovers,
     "functions": functions,
     "mapped_windows": mapped_windows,

@@ -61,7 +61,7 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
     ],
     "settle_zeros": [("local_models", PASS_PROGRAMS["local_models"], settle_zeros)],
     "fold_constants": [("numbers", PASS_PROGRAMS["numbers"], fold_constants)],
-    "share_common": [("twins", PASS_PROGRAMS["twins"], share_common)],
+    "share_common": [(name, PASS_PROGRAMS[name], share_common) for name in ("twins", "named")],
     "drop_unused": [("leftovers", PASS_PROGRAMS["leftovers"], drop_unused)],
     "prune_outputs": [
         ("leftovers", PASS_PROGRAMS["leftovers"], lambda p: prune_outputs(p, ["kept"])),

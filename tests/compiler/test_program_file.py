@@ -136,7 +136,7 @@ BAD: dict[str, tuple[str, str]] = {
         E1050
         + "the file.step[0]: '__import__' is none of Constant, ReadParameter, ReadSignal, ReadLog,"
         " ReadState, Add, Subtract, Multiply, Divide, Negate, Minimum, Maximum, Clamp, Compare,"
-        " Select, Apply, Dropout, Broadcast, Reshape, Slice, Concat, Sum, Contract, Window",
+        " Select, Apply, Dropout, Named, Broadcast, Reshape, Slice, Concat, Sum, Contract, Window",
     ),
     "text for a number": (
         _changed(lambda d: d["parameters"][0].update(initial=["1"])),

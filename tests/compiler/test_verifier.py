@@ -112,6 +112,8 @@ BROKEN: dict[str, Program] = {
     "Compare: a comparison is a bool": _with(ops.Compare(ops.Relation.LESS), (0, 1), K),
     "Select: the condition is not a bool": _with(ops.Select(), (0, 1, 2), K),
     "Select: a bool where a number belongs": _with(ops.Select(), (3, 3, 2), K),
+    "a value is named by no proper name": _with(ops.Named("a\nb"), (0,), K),
+    "Named: a name changes no kind": _with(ops.Named("e"), (3,), K),
     "there is no function `gamma`": _with(ops.Apply("gamma"), (0,), K),
     "Apply: 1 operands, not 2": _with(ops.Apply("atan2"), (0,), K),
     "Broadcast: [k=3] does not fit in the result": _with(ops.Broadcast(), (0,), T),
