@@ -178,6 +178,13 @@ class Dropout(Identity):
     """The layer that it belongs to, empty for the builtin."""
 
 
+@dataclass(frozen=True, slots=True)
+class Named(Identity):
+    """The operand under the name of an equation or output: a value of its own for gradients."""
+
+    name: str
+
+
 # ---- structure
 
 
@@ -287,6 +294,7 @@ Op = (
     | AnyRead
     | Computed
     | Dropout
+    | Named
     | Broadcast
     | Reshape
     | Slice

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compiler.ir.program import Extent, Program, Role
+from compiler.ir.liveness import Extent
+from compiler.ir.program import Program, Role
 from compiler.passes.close_loop import LoopError, close_loop
 from msnn.data.dataset import Dataset, IntArray
 from msnn.data.reads import reads

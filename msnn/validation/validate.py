@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Extent, Program, learned_numbers
+from compiler.ir.liveness import Extent
+from compiler.ir.program import Program, learned_numbers
 from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.data.scored import rows_in_set, scored_rows
 from msnn.data.starts import Runs

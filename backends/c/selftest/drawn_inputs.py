@@ -11,8 +11,9 @@ from numpy.typing import DTypeLike, NDArray
 
 from backends.c.interface.interface import InputField
 from backends.c_language.literals import Dtype
+from compiler.ir.liveness import extents
 from compiler.ir.ops import Constant
-from compiler.ir.program import Program, Signal, extents
+from compiler.ir.program import Program, Signal
 
 Array = NDArray[Any]
 
