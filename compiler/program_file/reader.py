@@ -245,7 +245,14 @@ class _Reader:
         numbers = record.items("at", as_integer)
         if len(numbers) != 5 or not 0 <= numbers[0] < len(self._files):
             raise Malformed(f"{record.place}.at is no place in a file")
-        return Span(self._files[numbers[0]], *numbers[1:])
+        file, line, column, end_line, end_column = numbers
+        return Span(
+            file=self._files[file],
+            line=line,
+            column=column,
+            end_line=end_line,
+            end_column=end_column,
+        )
 
 
 def _axis(data: Any, place: str) -> Axis:

@@ -33,7 +33,7 @@ TOTAL = "total"
 """What a monitor is called that watches the weighted total."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StagePlan:
     """One stage of training (rule R12: keys are not inherited from the stage before)."""
 
