@@ -57,7 +57,7 @@ def twins() -> Program:
     square = Type((), METRE * METRE)
 
     def at(line: int) -> Span:
-        return Span("twins.msnn.yaml", line, 1, line, 8)
+        return Span(file="twins.msnn.yaml", line=line, column=1, end_line=line, end_column=8)
 
     nodes = (
         read.node(x),

@@ -186,7 +186,10 @@ def _read_span(record: Record, key: str, shared: Shared) -> Span:
     numbers = record.items(key, as_integer)
     if len(numbers) != 5 or not 0 <= numbers[0] < len(shared.files):
         raise Malformed(f"{record.place}.{key} is no place in a file")
-    return Span(shared.files[numbers[0]], *numbers[1:])
+    file, line, column, end_line, end_column = numbers
+    return Span(
+        file=shared.files[file], line=line, column=column, end_line=end_line, end_column=end_column
+    )
 
 
 def _span_to_data(span: Span, shared: Shared) -> list[int]:

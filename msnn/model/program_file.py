@@ -79,14 +79,14 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
     return Model(
-        program,
-        spec,
-        embedded.path,
-        text,
-        sources,
-        read.warnings,
-        read,
-        parts,
+        program=program,
+        spec=spec,
+        path=embedded.path,
+        text=text,
+        sources=sources,
+        warnings=read.warnings,
+        read=read,
+        parts=parts,
         settings=settings,
     )
 
@@ -95,7 +95,7 @@ def _seen_from(folder: Path, path: str | Path) -> str:
     return Path(os.path.relpath(path, folder)).as_posix()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _EmbeddedSpec:
     """The spec in a program file, the texts of sub-models by path, digests of their weights.
 
@@ -122,7 +122,7 @@ def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
     listed = found.get("settings")
     given = cast("list[Any]", listed) if isinstance(listed, list) else []
     settings = tuple(one for one in given if isinstance(one, str))
-    return _EmbeddedSpec(spec, text, texts, weights, settings)
+    return _EmbeddedSpec(path=spec, text=text, texts=texts, weights=weights, settings=settings)
 
 
 def _texts(data: Any) -> dict[str, str]:

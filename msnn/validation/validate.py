@@ -27,7 +27,7 @@ _SIDE_BY_SIDE = 4096
 """Rollouts that run at once; bounds the memory."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MetricRow:
     """One metric: what was measured on which rows, the value, and whether it keeps its limits."""
 

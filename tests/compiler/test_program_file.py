@@ -174,13 +174,17 @@ def test_infinite_bounds_and_roots_of_units_come_back() -> None:
 
 def test_places_name_the_file_without_its_folder() -> None:
     b = GraphBuilder()
-    with b.at(Span("/home/someone/secret/a.msnn.yaml", 3, 1, 3, 9)):
+    with b.at(
+        Span(file="/home/someone/secret/a.msnn.yaml", line=3, column=1, end_line=3, end_column=9)
+    ):
         x = b.signal("x", 0, 0, Type())
     signals = (Signal("x", Role.INPUT),)
     program = Program("places", None, signals, (), (), b.graph(), Graph(), (Output("y", x),))
     text = program_to_json(program)
     assert "secret" not in text
-    assert program_from_json(text, "x").step[x].span == Span("a.msnn.yaml", 3, 1, 3, 9)
+    assert program_from_json(text, "x").step[x].span == Span(
+        file="a.msnn.yaml", line=3, column=1, end_line=3, end_column=9
+    )
 
 
 def _failure(text: str) -> str:

@@ -256,4 +256,4 @@ def _text(source: SourceText, span: Span) -> str:
 
 
 def _anywhere() -> Span:
-    return Span("", 1, 1, 1, 1)
+    return Span(file="", line=1, column=1, end_line=1, end_column=1)
