@@ -104,6 +104,7 @@ _NOT_WHOLE = {
     "msnn.simulation": {"durations", "rollout_plan"},
     "msnn.training": set(),
     "msnn.training.plans": {
+        "concerned_losses",
         "curriculum",
         "fixed_starts",
         "learning_rate",

@@ -13,6 +13,7 @@ from compiler.passes.draw_dropout import Mask, draw_dropout
 from msnn.errors import runs, second_order
 from msnn.errors import training as errors
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
+from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.curriculum import Phase, plan_curriculum
 from msnn.training.plans.learning_rate import Rule
 from msnn.training.plans.torch_optimizer_options import check_torch_optimizer
@@ -161,6 +162,8 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         _check_losses(name, rollout.program, weights, findings)
     if not any(weights.values()):
         findings.report(errors.no_objective(name, span))
+    elif rollout is not None and trained and not concerns(rollout.program, weights, trained):
+        findings.report(errors.losses_of_others(name, trained, span))
     monitor, patience = TOTAL, None
     if stage.early_stop is not None:
         patience = stage.early_stop.patience
