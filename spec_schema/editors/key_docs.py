@@ -241,11 +241,11 @@ _DOCS: Mapping[str, Mapping[str, str]] = {
         "max": "Limit that the metric must not exceed.",
         "min": "Limit that the metric must reach.",
     },
-    "Target": {
+    "TargetEntry": {
         "outputs": "Outputs that are kept, or equations; by default all outputs.",
         "close": "Inputs that are fed back inside; none by default.",
     },
-    "FloatTarget": {"dtype": "Type of the numbers."},
+    "FloatTargetEntry": {"dtype": "Type of the numbers."},
     "CasadiExport": {"prefix": _PREFIX},
     "CExport": {
         "prefix": _PREFIX,
