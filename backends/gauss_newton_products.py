@@ -24,6 +24,8 @@ class Products:
     """Σ of the loss over its elements."""
     count: int
     """Elements that are scored."""
+    left_out: int = 0
+    """Of these the ones without a share in the products, as their slopes are infinite."""
 
     def __add__(self, other: Products) -> Products:
         return Products(
@@ -32,4 +34,5 @@ class Products:
             self.squares + other.squares,
             self.cost + other.cost,
             self.count + other.count,
+            self.left_out + other.left_out,
         )

@@ -279,6 +279,7 @@ def _options(
     model: Model, runs: str | Path | None, tensorboard: bool, device: str
 ) -> TrainingOptions:
     from msnn.model.model_weights import redrawn_weights
+    from msnn.training.black_boxes import black_boxes
     from msnn.training.engines.devices import find_device
     from msnn.training.records.training_options import TrainingOptions
 
@@ -290,5 +291,6 @@ def _options(
         spec_file=str(model.path),
         settings=model.settings,
         parts=model.parts,
+        black_boxes=black_boxes(model.spec),
         redrawn=lambda draw: redrawn_weights(model, draw),
     )

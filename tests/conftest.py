@@ -1,8 +1,16 @@
 """The option `--accept`, and what every test runs under."""
 
+import signal
+
 import pytest
 
 from msnn.training.engines.native.kernel_or_not import NO_FALLBACK
+
+
+def pytest_configure() -> None:
+    """What a shell starts behind a `&` ignores Ctrl-C, and so would all that tests start."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

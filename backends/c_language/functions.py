@@ -8,7 +8,7 @@ from typing import Literal
 from backends.c_language.helper_functions import HELPERS
 from backends.c_language.literals import Dtype, suffix
 from backends.c_language.tree import Call, Conditional, Expression, Function
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Kind
 
 MathLibrary = Literal["own", "libm"]

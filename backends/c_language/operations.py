@@ -20,65 +20,39 @@ from backends.c_language.tree import (
     Unary,
     Unsigned,
 )
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Clamp,
-    Compare,
-    Divide,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    Select,
-    Subtract,
-)
+from compiler.ir import ops
 from compiler.ir.types import Kind
-
-Elementwise = (
-    Add
-    | Subtract
-    | Multiply
-    | Divide
-    | Negate
-    | Minimum
-    | Maximum
-    | Clamp
-    | Compare
-    | Select
-    | Apply
-)
 
 
 def scalar_operation(
-    op: Elementwise,
+    op: ops.Computed,
     operands: tuple[Expression, ...],
     functions: FunctionTable,
     kind: Kind = "real",
 ) -> Expression:
     """One element of the operation's value, which is of that kind."""
     match op:
-        case Add():
+        case ops.Add():
             return Binary("+", *operands)
-        case Subtract():
+        case ops.Subtract():
             return Binary("-", *operands)
-        case Multiply():
+        case ops.Multiply():
             return Binary("*", *operands)
-        case Divide():
+        case ops.Divide():
             return Binary("/", *operands)
-        case Negate():
+        case ops.Negate():
             return Unary("-", *operands)
-        case Minimum():
+        case ops.Minimum():
             return functions.helper("minimum", operands)
-        case Maximum():
+        case ops.Maximum():
             return functions.helper("maximum", operands)
-        case Clamp():
+        case ops.Clamp():
             return functions.helper("clamp", operands)
-        case Compare(relation):
+        case ops.Compare(relation):
             return functions.truth(Binary(relation.value, *operands))
-        case Select():
+        case ops.Select():
             return functions.select(kind, *operands)
-        case Apply(function):
+        case ops.Apply(function):
             return functions.apply(function, operands)
         case _:
             assert_never(op)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Protocol, assert_never
 
-from backends.c_language.operations import Elementwise, scalar_operation
+from backends.c_language.operations import scalar_operation
 from backends.c_language.places import Index, Place
 from backends.c_language.scope import Scope
 from backends.c_language.tree import Binary, Expression
@@ -35,32 +35,7 @@ from backends.c_lowering.values import (
     sliced,
     with_units_moved,
 )
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW, Axis, Type
 
@@ -77,11 +52,11 @@ _DEEPEST = 40
 class Surroundings(Protocol):
     """Where a graph finds what is not computed in it."""
 
-    def read(self, op: ReadParameter | ReadSignal | ReadLog | ReadState, type: Type) -> Place:
+    def read(self, op: ops.AnyRead, type: Type) -> Place:
         """Where the samples, the parameter or the state stand."""
         ...
 
-    def push(self, op: Window, newest: Place, scope: Scope) -> Place | None:
+    def push(self, op: ops.Window, newest: Place, scope: Scope) -> Place | None:
         """Adds the newest sample behind a buffer: where its window stands; None if it cannot."""
         ...
 
@@ -142,24 +117,24 @@ class GraphLowering:
             return self._active_degrees(index, node)
         args = [self._values[arg] for arg in node.args]
         match node.op:
-            case Constant(values):
+            case ops.Constant(values):
                 name = node.label or "constants"
                 return self._locals.known(values, node.type, name, self._scope)
-            case ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+            case ops.Read():
                 return self._surroundings.read(node.op, node.type)
-            case Broadcast():
+            case ops.Broadcast():
                 return repeated(args[0], self._operand(node), node.type)
-            case Reshape():
+            case ops.Reshape():
                 return self._reshaped(node, args[0])
-            case Dropout():
+            case ops.Identity():
                 return args[0]
-            case Slice(axis, start, stop):
+            case ops.Slice(axis, start, stop):
                 return sliced(args[0], self._operand(node).position(axis), start, stop)
-            case Concat(axis):
+            case ops.Concat(axis):
                 return self._joined(node, args, self._operand(node).position(axis))
-            case Window():
+            case ops.Window():
                 return self._window(node, node.op, args[0])
-            case Sum(axis) | Contract(axis):
+            case ops.Sum(axis) | ops.Contract(axis):
                 types = [self._graph[arg].type for arg in node.args]
                 factors = list(zip(args, types, strict=True))
                 if index in self._moving:
@@ -167,19 +142,7 @@ class GraphLowering:
                 sets = self._active.sums.get(index)
                 active = () if sets is None else self._degrees[sets].positions
                 return sum_along(node, axis, factors, self._locals, active)
-            case (
-                Add()
-                | Subtract()
-                | Multiply()
-                | Divide()
-                | Negate()
-                | Minimum()
-                | Maximum()
-                | Clamp()
-                | Compare()
-                | Select()
-                | Apply()
-            ):
+            case ops.Elementwise():
                 return self._elementwise(node, node.op, args)
             case _:
                 assert_never(node.op)
@@ -190,7 +153,7 @@ class GraphLowering:
         value = element_of(self._values[sets.value], (), self._scope)
         points, known = self._values[sets.points], self._graph[sets.points]
         assert isinstance(points, Place)
-        numbers = known.op.values if isinstance(known.op, Constant) else None
+        numbers = known.op.values if isinstance(known.op, ops.Constant) else None
         found = active_degrees(node, sets.shape, value, points, numbers, self._locals, self._scope)
         self._degrees[index] = found
 
@@ -210,7 +173,7 @@ class GraphLowering:
             for value, type in weights:
                 indices = [along if axis.name == WINDOW else Index() for axis in type.axes]
                 weight = element_of(value, indices, scope)
-                sample = scalar_operation(Multiply(), (weight, sample), locals.functions)
+                sample = scalar_operation(ops.Multiply(), (weight, sample), locals.functions)
             return sample
 
         (newest,) = (
@@ -227,10 +190,10 @@ class GraphLowering:
     def _operand(self, node: Node) -> Type:
         return self._graph[node.args[0]].type
 
-    def _elementwise(self, node: Node, op: Elementwise, args: Sequence[Value]) -> Computed:
+    def _elementwise(self, node: Node, op: ops.Computed, args: Sequence[Value]) -> Computed:
         def make(indices: Indices, scope: Scope) -> Expression:
             operands = tuple(element_of(arg, indices, scope) for arg in args)
-            if isinstance(op, Select) and isinstance(operands[1], Binary):
+            if isinstance(op, ops.Select) and isinstance(operands[1], Binary):
                 # between `?` and `:` checkers of MISRA's precedence rule want no operation
                 then = scope.constant(self._locals.name(node), operands[1])
                 operands = (operands[0], then, operands[2])
@@ -263,7 +226,7 @@ class GraphLowering:
             begin = end
         return whole
 
-    def _window(self, node: Node, op: Window, newest: Value) -> Place:
+    def _window(self, node: Node, op: ops.Window, newest: Value) -> Place:
         assert isinstance(newest, Place)
         place = self._surroundings.push(op, newest, self._scope)
         if place is not None:
@@ -272,5 +235,5 @@ class GraphLowering:
         past = node.type.with_axes((*axes, Axis(WINDOW, window.size - 1)))
         last = newest.reshaped((*newest.shape, 1))
         assert last is not None  # an axis of length 1 can always be added
-        parts = [self._surroundings.read(ReadState(op.state), past), last]
+        parts = [self._surroundings.read(ops.ReadState(op.state), past), last]
         return self._joined(node, parts, len(axes))

@@ -10,7 +10,7 @@ from backends.c_language.tree import Binary, Expression, Real
 from backends.c_lowering.state_memory import ShiftBuffer, StateMemory
 from backends.c_lowering.sums import in_blocks
 from compiler.ir.liveness import needed
-from compiler.ir.ops import Contract, ReadState, Sum, Window
+from compiler.ir.ops import ReadState, Reduction, Window
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW
 
@@ -58,7 +58,7 @@ def moving_sums(
 
 
 def _sums_window(node: Node) -> bool:
-    along = isinstance(node.op, Sum | Contract) and node.op.axis == WINDOW
+    along = isinstance(node.op, Reduction) and node.op.axis == WINDOW
     return along and node.type.size == 1
 
 

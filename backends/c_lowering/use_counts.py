@@ -5,32 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import assert_never
 
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import Type
 from compiler.passes.analyses.compact_sets import CompactSets
@@ -73,33 +48,19 @@ def only_units_moved(old: Type, new: Type) -> bool:
 def _uses(node: Node, operand: Type, demand: int) -> int:
     """How often the node uses an element of the operand when its own are used `demand` times."""
     match node.op:
-        case Broadcast():
+        case ops.Broadcast():
             return demand * (node.type.size // operand.size)
-        case Slice() | Dropout():
+        case ops.Slice() | ops.Identity():
             return demand
-        case Reshape():
+        case ops.Reshape():
             return demand if only_units_moved(operand, node.type) else MANY
-        case Contract(axis):
+        case ops.Contract(axis):
             return node.type.size * operand.axes[operand.position(axis)].size // operand.size
-        case Window():
+        case ops.Window():
             return MANY  # written to the buffer, and often to two places of it
-        case (
-            Add()
-            | Subtract()
-            | Multiply()
-            | Divide()
-            | Negate()
-            | Minimum()
-            | Maximum()
-            | Clamp()
-            | Compare()
-            | Select()
-            | Apply()
-            | Concat()
-            | Sum()
-        ):
+        case ops.Elementwise() | ops.Concat() | ops.Sum():
             return 1
-        case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+        case ops.Leaf():
             return 0
         case _:
             assert_never(node.op)

@@ -10,7 +10,7 @@ from backends.casadi_function.columns import Expression
 from backends.casadi_function.lowering import Symbols, exact_arithmetic, lower_nodes
 from backends.ports.step_interface import Port, PortNames, port_names, step_interface
 from compiler.ir.program import Parameter, Program
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis
 from compiler.passes.expand_functions import expand_functions
 from compiler.passes.guard_infinite_slopes import guard_infinite_slopes

@@ -19,35 +19,9 @@ from backends.casadi_function.columns import (
     total,
 )
 from backends.ports.step_interface import Port
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Relation,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import WINDOW, Axis, Type
 
 
@@ -86,54 +60,54 @@ def lower_nodes(
 
 def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Symbols) -> Expression:
     match node.op:
-        case Constant(numbers):
+        case ops.Constant(numbers):
             return casadi.MX(casadi.DM(list(numbers)))
-        case ReadParameter(name):
+        case ops.ReadParameter(name):
             return symbols.parameters[name]
-        case ReadSignal(name, first, last) | ReadLog(name, first, last):
+        case ops.ReadSignal(name, first, last) | ops.ReadLog(name, first, last):
             return _read(*symbols.ports[name], first, last)
-        case ReadState(name):
+        case ops.ReadState(name):
             return symbols.states[name]
-        case Add():
+        case ops.Add():
             return values[0] + values[1]
-        case Subtract():
+        case ops.Subtract():
             return values[0] - values[1]
-        case Multiply():
+        case ops.Multiply():
             return values[0] * values[1]
-        case Divide():
+        case ops.Divide():
             return values[0] / values[1]
-        case Negate():
+        case ops.Negate():
             return -values[0]
-        case Dropout():
+        case ops.Identity():
             return values[0]
-        case Minimum():
+        case ops.Minimum():
             return _nearer(values[0] <= values[1], values[0] > values[1], values)
-        case Maximum():
+        case ops.Maximum():
             return _nearer(values[0] >= values[1], values[0] < values[1], values)
-        case Clamp():
+        case ops.Clamp():
             value, low, high = values
             above = _nearer(value >= low, value < low, [value, low])
             return _nearer(above <= high, above > high, [above, high])
-        case Compare(relation):
+        case ops.Compare(relation):
             return _compare(relation, values[0], values[1])
-        case Select():
+        case ops.Select():
             return casadi.if_else(values[0], values[1], values[2])
-        case Apply(function):
+        case ops.Apply(function):
             return getattr(casadi, SCALAR_FUNCTIONS[function].casadi)(*values)
-        case Broadcast():
+        case ops.Broadcast():
             return broadcast(values[0], types[0], node.type)
-        case Reshape():
+        case ops.Reshape():
             return values[0]
-        case Slice(axis, start, stop):
+        case ops.Slice(axis, start, stop):
             kept = (*(slice(None),) * types[0].position(axis), slice(start, stop))
             return gather(values[0], positions(types[0])[kept])
-        case Concat(axis):
+        case ops.Concat(axis):
             return concat(values, types, axis)
-        case Sum(axis):
+        case ops.Sum(axis):
             return total(values[0], types[0], axis)
-        case Contract(axis):
+        case ops.Contract(axis):
             return contract(values[0], values[1], (types[0], types[1]), node.type, axis)
-        case Window(state):
+        case ops.Window(state):
             return _window(symbols.states[state], values[0], node.type)
         case _ as never:
             assert_never(never)
@@ -158,15 +132,15 @@ def _nearer(first: Expression, second: Expression, values: list[Expression]) -> 
     return casadi.if_else(first, left, casadi.if_else(second, right, left + right))
 
 
-def _compare(relation: Relation, left: Expression, right: Expression) -> Expression:
+def _compare(relation: ops.Relation, left: Expression, right: Expression) -> Expression:
     match relation:
-        case Relation.LESS:
+        case ops.Relation.LESS:
             return left < right
-        case Relation.LESS_EQUAL:
+        case ops.Relation.LESS_EQUAL:
             return left <= right
-        case Relation.GREATER:
+        case ops.Relation.GREATER:
             return left > right
-        case Relation.GREATER_EQUAL:
+        case ops.Relation.GREATER_EQUAL:
             return left >= right
         case _ as never:
             assert_never(never)

@@ -20,13 +20,13 @@ from backends.fixed_point.golden_text import expected_text, golden_functions
 from backends.fixed_point.names import FixedNames, fixed_names
 from backends.fixed_point.structs import port_comment, structs
 from compiler.fixed_point.deviation import OutputError
-from compiler.fixed_point.golden import GoldenRun, golden_run
+from compiler.fixed_point.golden import GoldenRun, GoldenStart, golden_run, golden_starts
 from compiler.fixed_point.integers.interpret import FixedStatus
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 from spec_schema.version import __version__
 
 SELFTEST_STEPS = 16
-_RUNS, _STEPS, _SEED, _LAG = 10, 25, 2, 3
+_RUNS, _STEPS, _SEED, _STARTS_SEED, _LAG = 10, 25, 2, 0, 3
 _MEANING = {
     FixedStatus.OUT_OF_RANGE: "an input was outside its range",
     FixedStatus.CLAMPED: "an input was moved to the nearest limit",
@@ -152,14 +152,16 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
     runs = [
         golden_run(program, _STEPS, _SEED + run, from_init=run == _RUNS - 1) for run in range(_RUNS)
     ]
+    starts = golden_starts(program, _STARTS_SEED)
     vectors = render(
         "vectors.h.j2",
         names,
         "Golden vectors",
         guard=f"{names.macro}_VECTORS_H",
-        functions=_golden(program, names, runs),
+        functions=_golden(program, names, runs, starts),
         runs=_RUNS,
         from_init=1,
+        starts=_RUNS + len(starts),
     )
     return {
         f"test/{prefix}_vectors.h": vectors,
@@ -170,8 +172,13 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
     }
 
 
-def _golden(program: IntegerProgram, names: FixedNames, runs: Sequence[GoldenRun]) -> list[str]:
-    return _printed(_printer(program, names), golden_functions(program, names, runs))
+def _golden(
+    program: IntegerProgram,
+    names: FixedNames,
+    runs: Sequence[GoldenRun],
+    starts: Sequence[GoldenStart] = (),
+) -> list[str]:
+    return _printed(_printer(program, names), golden_functions(program, names, runs, starts))
 
 
 def _printer(program: IntegerProgram, names: FixedNames) -> Printer:

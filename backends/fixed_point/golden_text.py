@@ -10,7 +10,7 @@ from backends.c.interface.interface import Field
 from backends.c.selftest.golden_tables import Array, Column, GoldenTables
 from backends.c_language.tree import Binary, CType, Expression, Function
 from backends.fixed_point.names import FixedNames
-from compiler.fixed_point.golden import GoldenRun
+from compiler.fixed_point.golden import GoldenRun, GoldenStart
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 
 _UNROLL = 4
@@ -18,33 +18,40 @@ _UNROLL = 4
 
 
 def golden_functions(
-    program: IntegerProgram, names: FixedNames, runs: Sequence[GoldenRun]
+    program: IntegerProgram,
+    names: FixedNames,
+    runs: Sequence[GoldenRun],
+    starts: Sequence[GoldenStart] = (),
 ) -> tuple[Function, ...]:
-    """What `GoldenTables` makes; words are equal or they are not."""
+    """What `GoldenTables` makes; words are equal or they are not.
+
+    Behind the starts of the runs stand those that are judged by the status of `reset` alone.
+    """
 
     def differs(given: Expression, expected: Expression, values: Array) -> Expression:
         return Binary("!=", given, expected)
 
     steps = [step for run in runs for step in run.inputs]
     answers = [step for run in runs for step in run.outputs]
+    every = [*(run.start for run in runs), *starts]
     tables = GoldenTables(
         names.prefix,
         CType.WORD,
         _UNROLL,
-        len(runs),
-        [
-            _column(port, names.windows[port.name], (run.windows[port.name] for run in runs))
+        starts=[
+            _column(port, names.windows[port.name], (start.windows[port.name] for start in every))
             for port in program.windows
         ],
-        [
+        start_status=[start.status for start in every],
+        inputs=[
             _column(e.port, names.inputs[e.port.name], (step[e.port.name] for step in steps))
             for e in program.inputs
         ],
-        [
+        outputs=[
             _column(port, names.outputs[port.name], (answer[port.name] for answer in answers))
             for port, _ in program.outputs
         ],
-        [int(bits) for run in runs for bits in run.status],
+        status=[int(bits) for run in runs for bits in run.status],
     )
     return tables.functions(differs)
 

@@ -268,7 +268,7 @@ class Variables:
         self.arrays = arrays
         self.addresses = VariablesStruct(*(array.ctypes.data for array in arrays.values()))
         constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
-        self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0, 1.0, 1.0)
+        self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0, 1.0, 1.0, 0)
         kernel.fill_in_physical(self)
 
     def scale_rates(self, factor: float) -> None:

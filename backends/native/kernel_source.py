@@ -18,7 +18,8 @@ from backends.native.lanes.lane_kernels import lane_kernels
 from backends.native.lanes.lane_memory import Memory, size_of
 from backends.native.lanes.lane_printer import LanePrinter
 from compiler.differentiation.training_step import TrainingStep
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.slope_products import LARGEST_SLOPE
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.kernels.tables.formats import DOUBLE, FLOAT
 
 _TEMPLATES = Path(__file__).resolve().parents[2] / "templates" / "native"
@@ -34,6 +35,8 @@ class KernelSource:
     """Names of the logs that the kernel gathers from, in the order of `series`."""
     parameters: tuple[str, ...]
     losses: tuple[str, ...]
+    has_infinite_slopes: bool = False
+    """Whether a gradient can be infinite where the losses are finite."""
 
 
 class LaneFunctions(FunctionTable):
@@ -67,6 +70,8 @@ def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = Fals
     numbers = ", ".join(str(term.elements) for term in losses) or "0"
     roots = ", ".join(str(int(term.is_root)) for term in losses) or "0"
     tables = [
+        f"#define INFINITE_SLOPES {int(step.has_infinite_slopes)}",
+        f"#define LARGEST_SLOPE {LARGEST_SLOPE:g}",
         f"#define HAS_ROOT {int(any(term.is_root for term in losses))}",
         f"static const double ELEMENTS[] = {{{numbers}}};",
         f"static const int IS_ROOT[] = {{{roots}}};",
@@ -107,6 +112,7 @@ def whole_source(
         tuple(memory.signals),
         tuple(memory.parameters),
         tuple(term.loss.name for term in losses),
+        memory.step.has_infinite_slopes,
     )
 
 

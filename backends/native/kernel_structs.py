@@ -47,6 +47,7 @@ class OptimizerStruct(ctypes.Structure):
         ("steps", ctypes.c_int64),
         ("first_decay", ctypes.c_double),
         ("second_decay", ctypes.c_double),
+        ("left_out", ctypes.c_int64),
     )
 
 

@@ -12,24 +12,7 @@ from dataclasses import dataclass
 
 from backends.c_lowering.use_counts import demands, only_units_moved
 from compiler.differentiation.training_step import ADJOINT, SCALE, TrainingStep
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Multiply,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Slice,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
 
 ROW = "row "
@@ -105,7 +88,7 @@ def read_from_rows(graph: Graph, nodes: Iterable[NodeId]) -> Graph:
     found = list(graph.nodes)
     for index in nodes:
         node = found[index]
-        found[index] = Node(ReadState(f"{ROW}{index}"), (), node.type, node.span)
+        found[index] = Node(ops.ReadState(f"{ROW}{index}"), (), node.type, node.span)
     return Graph(tuple(found))
 
 
@@ -122,7 +105,7 @@ class Addends:
         waiting = [node]
         while waiting:
             term = waiting.pop()
-            if isinstance(self._graph[term].op, Add) and self._demands[term] == 1:
+            if isinstance(self._graph[term].op, ops.Add) and self._demands[term] == 1:
                 waiting += reversed(self._graph[term].args)
             else:
                 found.append(term)
@@ -132,9 +115,9 @@ class Addends:
 def is_zero(graph: Graph, node: NodeId) -> bool:
     """Whether a node is 0 everywhere, as its structure shows."""
     match graph[node].op:
-        case Constant(values):
+        case ops.Constant(values):
             return not any(values)
-        case Broadcast() | Reshape() | Slice():
+        case ops.Broadcast() | ops.Reshape() | ops.Slice():
             return is_zero(graph, graph[node].args[0])
         case _:
             return False
@@ -167,13 +150,13 @@ def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
     found: list[NodeId] = []
     for index, demand in enumerate(demands(graph, wanted)):
         node = graph[index]
-        if demand and isinstance(node.op, Contract):
+        if demand and isinstance(node.op, ops.Contract):
             leaves = [view_leaf(graph, arg) for arg in node.args]
-            ops = [graph[leaf].op for leaf in leaves if leaf is not None]
+            sources = [graph[leaf].op for leaf in leaves if leaf is not None]
             if (
-                len(ops) == 2
-                and not any(isinstance(op, ReadState | Window) for op in ops)
-                and any(isinstance(op, ReadSignal | ReadLog) for op in ops)
+                len(sources) == 2
+                and not any(isinstance(op, ops.ReadState | ops.Window) for op in sources)
+                and any(isinstance(op, ops.ReadSamples) for op in sources)
                 and room.take(graph, [index])
             ):
                 found.append(index)
@@ -184,14 +167,14 @@ def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
     """What a node shows under other indices, if that is a parameter, samples or a state."""
     op = graph[node].op
     match op:
-        case ReadParameter(name) | ReadState(name):
+        case ops.ReadParameter(name) | ops.ReadState(name):
             # what the reverse step alone is given is no view of rows
             return None if name.startswith((SCALE, ADJOINT)) else node
-        case ReadSignal() | ReadLog() | Window() | Constant():
+        case ops.ReadSamples() | ops.Window() | ops.Constant():
             return node
-        case Broadcast() | Slice():
+        case ops.Broadcast() | ops.Slice():
             return view_leaf(graph, graph[node].args[0])
-        case Reshape():
+        case ops.Reshape():
             source = graph[node].args[0]
             moved = only_units_moved(graph[source].type, graph[node].type)
             return view_leaf(graph, source) if moved else None
@@ -201,14 +184,14 @@ def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
 
 def shown(graph: Graph, node: NodeId) -> NodeId:
     """The node behind broadcasts: what must be known of it at each time."""
-    while isinstance(graph[node].op, Broadcast):
+    while isinstance(graph[node].op, ops.Broadcast):
         node = graph[node].args[0]
     return node
 
 
 def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
     """What must stand in rows to sum a product later; None if that does not pay."""
-    if not isinstance(graph[node].op, Multiply | Contract):
+    if not isinstance(graph[node].op, ops.Multiply | ops.Contract):
         return None
     needed = {shown(graph, arg) for arg in graph[node].args if view_leaf(graph, arg) is None}
     size = sum(graph[factor].type.size for factor in needed)
@@ -245,25 +228,24 @@ def _kept(
 def _computed(graph: Graph, node: NodeId) -> list[NodeId]:
     """The real values behind structure and truth values."""
     op = graph[node].op
-    if isinstance(op, Broadcast | Slice | Reshape | Concat) or graph[node].type.kind == "bool":
+    if isinstance(op, ops.Structure) or graph[node].type.kind == "bool":
         return [leaf for arg in graph[node].args for leaf in _computed(graph, arg)]
-    leaf = isinstance(op, Constant | ReadParameter | ReadSignal | ReadLog | ReadState | Window)
-    return [] if leaf else [node]
+    return [] if isinstance(op, ops.Leaf | ops.Window) else [node]
 
 
 def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
     """About how many operations a node takes with all that only it needs."""
     node = graph[index]
     match node.op:
-        case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState() | Window():
+        case ops.Leaf() | ops.Window():
             return 0.0
-        case Broadcast() | Slice() | Reshape() | Concat():
+        case ops.Structure():
             own = 0.0
-        case Apply():
+        case ops.Apply():
             own = 20.0 * node.type.size
-        case Divide():
+        case ops.Divide():
             own = 4.0 * node.type.size
-        case Contract() | Sum():
+        case ops.Reduction():
             own = float(max(graph[arg].type.size for arg in node.args))
         case _:
             own = float(node.type.size)

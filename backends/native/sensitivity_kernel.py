@@ -26,7 +26,7 @@ class SensitivityKernel:
 
     def __init__(self, found: Sensitivities) -> None:
         made = sensitivity_source(found)
-        self.source, self._width = made.source, made.width
+        self.source, self._width, self._marked = made.source, made.width, made.marked
         self.numbers = found.numbers
         self.dtype, self.lanes = _DTYPE, LANES["float64"]
         self._groups = group_type(LANES["float64"], _DTYPE)
@@ -66,6 +66,8 @@ class SensitivityKernel:
             pointer(counts),
             pointer(found),
         )
+        # a mark is 0 or 1, so that the sum of its squares counts
+        marks = found[:, numbers + 1, numbers + 1] if self._marked else np.zeros(losses)
         lower = np.tril(found[:, : numbers + 1, : numbers + 1])
         whole = lower + np.tril(lower, -1).transpose(0, 2, 1)
         return {
@@ -75,6 +77,7 @@ class SensitivityKernel:
                 float(whole[i, numbers, numbers]),
                 float(sums[i]),
                 int(counts[i]),
+                int(marks[i]),
             )
             for i, name in enumerate(self.source.losses)
         }

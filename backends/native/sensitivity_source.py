@@ -30,17 +30,22 @@ ROWS = "rows"
 
 @dataclass(frozen=True, slots=True)
 class SensitivitySource:
-    """The kernel's text, and how long a row of slopes and residual is in its products."""
+    """The kernel's text, and how long a row of slopes, residual and mark is in its products.
+
+    The mark is 1 where a residual is left out, and missing where none can be.
+    """
 
     source: KernelSource
     width: int
+    marked: bool
 
 
 def sensitivity_source(found: Sensitivities) -> SensitivitySource:
     """The kernel of one program whose loops are closed, in float64."""
     memory = Memory(_forward_only(found))
     functions = LaneFunctions(FunctionNames(PREFIX, "float64", "own"))
-    width = -(-(found.numbers + 1) // _BLOCK) * _BLOCK
+    marked = any(one.left_out is not None for one in found.residuals)
+    width = -(-(found.numbers + 1 + marked) // _BLOCK) * _BLOCK
     firsts, places = _rows(found, width)
     writer = ModelFunctions(memory, functions, Stored(ROWS, places))
     made = {"start": writer.start(), "ahead": writer.ahead(), "step": writer.step()}
@@ -53,7 +58,8 @@ def sensitivity_source(found: Sensitivities) -> SensitivitySource:
         residuals=firsts[-1],
         first_rows=firsts,
     )
-    return SensitivitySource(whole_source(memory, "float64", functions, made, (), (loops,)), width)
+    source = whole_source(memory, "float64", functions, made, (), (loops,))
+    return SensitivitySource(source, width, marked)
 
 
 def _forward_only(found: Sensitivities) -> TrainingStep:
@@ -61,16 +67,17 @@ def _forward_only(found: Sensitivities) -> TrainingStep:
     program = found.program
     nothing = StepGradients({}, {}, {})
     return TrainingStep(
-        program,
-        found.losses,
-        newest_samples(program),
-        Reverse(program.step, nothing),
-        Reverse(program.start, nothing),
+        program=program,
+        losses=found.losses,
+        newest=newest_samples(program),
+        reverse_step=Reverse(program.step, nothing),
+        reverse_start=Reverse(program.start, nothing),
+        has_infinite_slopes=False,
     )
 
 
 def _rows(found: Sensitivities, width: int) -> tuple[list[int], tuple[tuple[NodeId, Place], ...]]:
-    """The first row of every loss and the last one's end, and where residuals and slopes go."""
+    """The first row of every loss and the last one's end, and where residuals, slopes, marks go."""
     firsts = [0]
     places: list[tuple[NodeId, Place]] = []
     residuals = {residual.loss.name: residual for residual in found.residuals}
@@ -86,5 +93,8 @@ def _rows(found: Sensitivities, width: int) -> tuple[list[int], tuple[tuple[Node
         values = Place(each.storage, type.shape, strides, Index(first + found.numbers))
         slopes = Place(each.storage, (found.numbers, *type.shape), (1, *strides), Index(first))
         places += [(residual.values, values), (residual.slopes, slopes)]
+        if residual.left_out is not None:
+            mark = Place(each.storage, type.shape, strides, Index(first + found.numbers + 1))
+            places.append((residual.left_out, mark))
         firsts.append(firsts[-1] + type.size)
     return firsts, tuple(places)

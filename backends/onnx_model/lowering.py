@@ -11,42 +11,16 @@ import numpy as np
 
 from backends.onnx_model.nodes import OnnxNodes
 from backends.ports.step_interface import Port
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Relation,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis, Type
 
 _RELATIONS = {
-    Relation.LESS: "Less",
-    Relation.LESS_EQUAL: "LessOrEqual",
-    Relation.GREATER: "Greater",
-    Relation.GREATER_EQUAL: "GreaterOrEqual",
+    ops.Relation.LESS: "Less",
+    ops.Relation.LESS_EQUAL: "LessOrEqual",
+    ops.Relation.GREATER: "Greater",
+    ops.Relation.GREATER_EQUAL: "GreaterOrEqual",
 }
 
 
@@ -79,55 +53,55 @@ def _lower(
 ) -> str:
     shape = node.type.shape
     match node.op:
-        case Constant(numbers):
+        case ops.Constant(numbers):
             return onnx.constant(np.array(numbers).reshape(shape))
-        case ReadParameter(name):
+        case ops.ReadParameter(name):
             return sources.parameters[name]
-        case ReadSignal(name, first, last) | ReadLog(name, first, last):
+        case ops.ReadSignal(name, first, last) | ops.ReadLog(name, first, last):
             port, value = sources.ports[name]
             return _read(port, value, (first, last), node.type, onnx)
-        case ReadState(name):
+        case ops.ReadState(name):
             return sources.states[name]
-        case Add():
+        case ops.Add():
             return onnx.add("Add", values)
-        case Subtract():
+        case ops.Subtract():
             return onnx.add("Sub", values)
-        case Multiply():
+        case ops.Multiply():
             return onnx.add("Mul", values)
-        case Divide():
+        case ops.Divide():
             return onnx.add("Div", values)
-        case Negate():
+        case ops.Negate():
             return onnx.add("Neg", values)
-        case Dropout():
+        case ops.Identity():
             return values[0]
-        case Minimum():
+        case ops.Minimum():
             return onnx.add("Min", values)
-        case Maximum():
+        case ops.Maximum():
             return onnx.add("Max", values)
-        case Clamp():
+        case ops.Clamp():
             return onnx.add("Min", [onnx.add("Max", values[:2]), values[2]])
-        case Compare(relation):
+        case ops.Compare(relation):
             return onnx.add(_RELATIONS[relation], values)
-        case Select():
+        case ops.Select():
             return onnx.add("Where", values)
-        case Apply(function):
+        case ops.Apply(function):
             operator = SCALAR_FUNCTIONS[function].onnx
             assert operator is not None, f"`{function}` was to be expanded"
             return onnx.add(operator, values)
-        case Broadcast():
+        case ops.Broadcast():
             return onnx.broadcast(values[0], types[0], node.type)
-        case Reshape():
+        case ops.Reshape():
             return onnx.reshaped(values[0], types[0].shape, shape)
-        case Slice(axis, start, stop):
+        case ops.Slice(axis, start, stop):
             return onnx.sliced(values[0], types[0].position(axis), start, stop)
-        case Concat(axis):
+        case ops.Concat(axis):
             return onnx.add("Concat", values, axis=types[0].position(axis))
-        case Sum(axis):
+        case ops.Sum(axis):
             along = onnx.integers([types[0].position(axis)])
             return onnx.add("ReduceSum", [values[0], along], keepdims=0)
-        case Contract(axis):
+        case ops.Contract(axis):
             return _contract(values, types, node.type, axis, onnx)
-        case Window(state):
+        case ops.Window(state):
             last = len(shape) - 1
             newest = onnx.add("Unsqueeze", [values[0], onnx.integers([last])])
             return onnx.add("Concat", [sources.states[state], newest], axis=last)

@@ -34,7 +34,7 @@ class Given:
 class Leaf:
     """One argument of a lowered graph: where it comes from, and whether it has a window axis."""
 
-    source: ops.ReadParameter | ops.ReadSignal | ops.ReadLog | ops.ReadState | Given
+    source: ops.AnyRead | Given
     windowed: bool
 
 
@@ -58,7 +58,7 @@ def static_nodes(graph: Graph) -> list[bool]:
         match node.op:
             case ops.Constant() | ops.ReadParameter():
                 static.append(True)
-            case ops.ReadSignal() | ops.ReadLog() | ops.ReadState() | ops.Window():
+            case ops.ReadSamples() | ops.ReadState() | ops.Window():
                 static.append(False)
             case _:
                 static.append(all(static[arg] for arg in node.args))
@@ -141,7 +141,7 @@ class _Lowering:
         match node.op:
             case ops.ReadParameter() | ops.ReadState():
                 return Leaf(node.op, False)
-            case ops.ReadSignal() | ops.ReadLog():
+            case ops.ReadSamples():
                 return Leaf(node.op, node.type.window is not None)
             case ops.Window(state):
                 self._argument(Leaf(ops.ReadState(state), False))
@@ -171,7 +171,7 @@ class _Lowering:
         types = [self._graph[arg].type for arg in node.args]
         static = [self._static[arg] for arg in node.args]
         match node.op:
-            case ops.ReadParameter() | ops.ReadSignal() | ops.ReadLog() | ops.ReadState():
+            case ops.Read():
                 raise AssertionError("leaves became arguments before")
             case ops.Constant(values):
                 return self._constant(values, node.type.shape)
@@ -185,7 +185,7 @@ class _Lowering:
                 return self._call(torch.div, *args)
             case ops.Negate():
                 return self._call(torch.neg, *args)
-            case ops.Dropout():
+            case ops.Identity():
                 return args[0]
             case ops.Minimum():
                 return self._extremum(torch.lt, args[0], node.args[1])

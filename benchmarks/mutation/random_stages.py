@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -122,22 +123,20 @@ def _spec(random: np.random.Generator, measure: str) -> str:
     ]
     state = drawn("u - k2 * s + 0.1 * tanh(x)") if random.random() < 0.5 else None
     parameters = ", ".join(f"k{i}: {random.normal():.3f}" for i in (1, 2))
-    states = (
-        f's: {{der: "{state}", init: 0.1}}'
-        if state and random.random() < 0.5
-        else 's: {next: "0.8 * s + k1 * u", init: 0.1}'
-    )
+    changed = f'der: "{state}"' if state and random.random() < 0.5 else 'next: "0.8 * s + k1 * u"'
     whole = " + ".join(
         ["0.9 * x", *terms] + ([f"0.1 * {drawn(call)}"] if random.random() < 0.6 else [])
     )
     # a state that begins anew with each rollout leaves residuals of its own
     whole += " + 0.01 * s" if random.random() < 0.4 or " s" in whole or "(s" in whole else ""
+    # a fir that reads s needs its past
+    past = ", history: 0.1" if "fir" in layer and re.search(r"h\((s|sin\(s\))", whole) else ""
     return "\n".join(
         [
             "inputs: {x: {}, u: {}}",
             f"parameters: {{{parameters}}}",
             f"layers: {{h: {{{layer}}}}}" if "h(" in whole else "",
-            f"states: {{{states}}}" if "0.01 * s" in whole else "",
+            f"states: {{s: {{{changed}, init: 0.1{past}}}}}" if "0.01 * s" in whole else "",
             f'outputs: {{x_next: {{expr: "{whole}", predicts: "x[t+1]"}}}}',
             f'losses: {{fit: "{measure}(x_next, x[t+1])"}}',
             "",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from compiler.builtins.call_options import resolved
 from compiler.differentiation.gradient_nodes import gradient_nodes
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import ReadLog, ReadSignal
+from compiler.ir.ops import ReadLog, ReadSamples, ReadSignal
 from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import quotient_unit
 from compiler.ir.types import WINDOW, Axis
@@ -108,11 +108,11 @@ def _of_signal(
     node = lower(context, expression, environment)
     builder = context.builder(environment)
     op = builder.node(node).op
-    assert isinstance(op, ReadSignal | ReadLog)
+    assert isinstance(op, ReadSamples)
     whole = _Read(node, op.first, op.last)
     reads: list[_Read] = []
     for index, other in builder.graph():
-        if isinstance(other.op, ReadSignal | ReadLog) and other.op.signal == op.signal:
+        if isinstance(other.op, ReadSamples) and other.op.signal == op.signal:
             read = _Read(index, other.op.first, other.op.last)
             if environment.window is None or other.op in _alike(op):
                 reads.append(read)

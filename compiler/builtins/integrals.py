@@ -64,4 +64,4 @@ def _start(context: Context, call: Call, type: Type | None) -> NodeId:
     node = lower(context, init, _START)
     if type is None:
         return node
-    return fitted(context, "`init` of `integral`", node, type, init, builder)
+    return fitted(context, "`init` of `integral`", node, type, init, _START)

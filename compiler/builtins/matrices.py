@@ -11,6 +11,7 @@ from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Call, Expression, Name
 
@@ -50,6 +51,8 @@ def lower_smooth_sign(context: Context, call: Call, environment: Environment) ->
     """tanh(x / width); without a width that of x itself."""
     builder = context.builder(environment)
     nodes = lower_all(context, call.arguments, environment)
+    operands = zip(call.arguments, nodes, strict=True)
+    warn_of_twin_axes(context, builder, "smooth_sign", call, operands)
     with aligning(context, "smooth_sign", call, call.arguments[0], call.arguments[-1]):
         return builder.apply("tanh", builder.divide(*nodes) if len(nodes) == 2 else nodes[0])
 

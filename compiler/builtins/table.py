@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from compiler.builtins.derivatives import lower_derivative
 from compiler.builtins.gradients import lower_gradient
@@ -13,14 +13,15 @@ from compiler.builtins.reductions import lower_mean, lower_sum
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
 from compiler.ir.program import NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
-from compiler.ir.signatures import SIGNATURES
+from compiler.ir.scalars.signatures import SIGNATURES
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
 from compiler.lowering.constants import number, whole_number
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Call, Expression, Name
 
@@ -53,6 +54,7 @@ def _scalar(name: str) -> Lower:
     def lower_scalar(context: Context, call: Call, environment: Environment) -> NodeId:
         builder = context.builder(environment)
         nodes = lower_all(context, call.arguments, environment)
+        _warn_of_twin_axes(context, name, call, nodes, environment)
         with aligning(context, name, call, call.arguments[0], call.arguments[-1]):
             return builder.apply(name, *nodes)
 
@@ -64,6 +66,13 @@ def _unary(make: Callable[[GraphBuilder, NodeId], NodeId]) -> Callable[..., Node
         return make(context.builder(environment), lower(context, call.arguments[0], environment))
 
     return lower_unary
+
+
+def _warn_of_twin_axes(
+    context: Context, name: str, call: Call, nodes: Sequence[NodeId], environment: Environment
+) -> None:
+    operands = zip(call.arguments, nodes, strict=True)
+    warn_of_twin_axes(context, context.builder(environment), name, call, operands)
 
 
 def _relu(builder: GraphBuilder, x: NodeId) -> NodeId:
@@ -87,6 +96,7 @@ def _extreme(name: str) -> Lower:
     def lower_extreme(context: Context, call: Call, environment: Environment) -> NodeId:
         builder = context.builder(environment)
         nodes = lower_all(context, call.arguments, environment)
+        _warn_of_twin_axes(context, name, call, nodes, environment)
         result = nodes[0]
         for argument, node in zip(call.arguments[1:], nodes[1:], strict=True):
             with aligning(context, name, call, call.arguments[0], argument):
@@ -99,6 +109,7 @@ def _extreme(name: str) -> Lower:
 
 def _clip(context: Context, call: Call, environment: Environment) -> NodeId:
     nodes = lower_all(context, call.arguments, environment)
+    _warn_of_twin_axes(context, "clip", call, nodes, environment)
     with aligning(context, "clip", call, call.arguments[0], call.arguments[1]):
         return context.builder(environment).clamp(*nodes)
 
@@ -113,6 +124,8 @@ def _where(context: Context, call: Call, environment: Environment) -> NodeId:
             )
         )
         raise LoweringFailed
+    operands = (condition, then, otherwise)
+    _warn_of_twin_axes(context, "where", call, operands, environment)
     with aligning(context, "where", call, call.arguments[1], call.arguments[2]):
         return builder.select(condition, then, otherwise)
 
@@ -158,15 +171,15 @@ def _stack(context: Context, call: Call, environment: Environment) -> NodeId:
             raise LoweringFailed
     axes: tuple[Axis, ...] = ()
     for argument, node in zip(call.arguments, nodes, strict=True):
+        if any(axis.name == name for axis in builder.type(node).axes):
+            new = f"without the new axis `{name}`" if name != UNNAMED else "without an unnamed axis"
+            found, place = describe_axes(builder.type(node).axes), argument.span
+            context.findings.report(shapes.wrong_axes("what `stack` is given", new, found, place))
+            raise LoweringFailed
         with aligning(context, "stack", call, call.arguments[0], argument):
             _, _, axes = builder.aligned(
                 builder.broadcast(nodes[0], axes or builder.type(nodes[0]).axes), node
             )
-    if any(axis.name == name for axis in axes):
-        new = f"without the new axis `{name}`" if name != UNNAMED else "without an unnamed axis"
-        found, place = describe_axes(axes), call.arguments[0].span
-        context.findings.report(shapes.wrong_axes("what `stack` is given", new, found, place))
-        raise LoweringFailed
     parts = [
         builder.reshape(builder.broadcast(node, axes), (Axis(name, 1), *axes)) for node in nodes
     ]

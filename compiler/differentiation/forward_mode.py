@@ -17,38 +17,11 @@ from typing import assert_never
 
 import numpy as np
 
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    Op,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Relation,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
 from compiler.ir.program import NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
-from compiler.ir.slope_products import slope_product, slope_quotient
+from compiler.ir.scalars.slope_products import slope_product, slope_quotient
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis, Type, in_order
 
 
@@ -98,7 +71,7 @@ class _Rule:
         made = b.node(self.node)
         args, op = made.args, made.op
         moving = [self.known.get(arg) for arg in args]
-        if isinstance(op, Window) and op.state in self.buffers:
+        if isinstance(op, ops.Window) and op.state in self.buffers:
             length = made.type.shape[-1] - 1
             samples = b.window(self.buffers[op.state], self._or_zero(args[0]), length)
             if op.state in self.infinite:
@@ -108,17 +81,17 @@ class _Rule:
             return None
         axes = (self.directions, *made.type.axes)
         match op:
-            case Add():
+            case ops.Add():
                 return self._sum(*moving)
-            case Subtract():
+            case ops.Subtract():
                 return self._sum(moving[0], self._negative(moving[1]))
-            case Negate():
+            case ops.Negate():
                 return self._negative(moving[0])
-            case Dropout():
+            case ops.Identity():
                 return moving[0]
-            case Multiply():
+            case ops.Multiply():
                 return self._sum(self._times(0, args[1]), self._times(1, args[0]))
-            case Divide():
+            case ops.Divide():
                 rest = self._negative(self._times(1, self.node))
                 total = self._sum(moving[0], rest)
                 if total is None:
@@ -127,15 +100,15 @@ class _Rule:
                 if not b.infinite_values.divides(args[1]):
                     b.infinite_values.expect(quotient)
                 return quotient
-            case Minimum():
-                return self._chosen(b.compare(Relation.LESS_EQUAL, *args), *args)
-            case Maximum():
-                return self._chosen(b.compare(Relation.GREATER_EQUAL, *args), *args)
-            case Clamp():
+            case ops.Minimum():
+                return self._chosen(b.compare(ops.Relation.LESS_EQUAL, *args), *args)
+            case ops.Maximum():
+                return self._chosen(b.compare(ops.Relation.GREATER_EQUAL, *args), *args)
+            case ops.Clamp():
                 return self._clamped()
-            case Select():
+            case ops.Select():
                 return self._chosen(*args)
-            case Apply(function=function):
+            case ops.Apply(function=function):
                 slopes = SCALAR_FUNCTIONS[function].derivatives
                 return self._sum(
                     *(
@@ -143,25 +116,25 @@ class _Rule:
                         for i, tangent in enumerate(moving)
                     )
                 )
-            case Broadcast():
+            case ops.Broadcast():
                 return b.broadcast(self._or_zero(args[0]), axes)
-            case Reshape():
+            case ops.Reshape():
                 return b.reshape(self._or_zero(args[0]), axes)
-            case Slice(axis=axis, start=start, stop=stop):
+            case ops.Slice(axis=axis, start=start, stop=stop):
                 return b.slice(self._or_zero(args[0]), axis, start, stop)
-            case Concat(axis=axis):
+            case ops.Concat(axis=axis):
                 return b.concat([self._or_zero(arg) for arg in args], axis)
-            case Sum(axis=axis):
+            case ops.Sum(axis=axis):
                 return b.sum(self._or_zero(args[0]), axis)
-            case Contract(axis=axis):
+            case ops.Contract(axis=axis):
                 return self._sum(
                     self._contracted(args[0], args[1], axis),
                     self._contracted(args[1], args[0], axis),
                 )
-            case Window():
+            case ops.Window():
                 message = "the past of a buffer depends on what its newest sample depends on"
                 raise AssertionError(message)
-            case Compare() | Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+            case ops.Leaf() | ops.Compare():
                 raise AssertionError("an operation without real operands has no rule")
             case _:
                 assert_never(op)
@@ -204,8 +177,8 @@ class _Rule:
         """The tangent of the bound that is taken, else that of the value."""
         b = self.builder
         value, low, high = b.node(self.node).args
-        below = self._repeated(b.compare(Relation.LESS, value, low))
-        above = b.compare(Relation.GREATER, value, high)
+        below = self._repeated(b.compare(ops.Relation.LESS, value, low))
+        above = b.compare(ops.Relation.GREATER, value, high)
         return b.select(below, self._or_zero(low), self._chosen(above, high, value))
 
     def _contracted(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
@@ -256,9 +229,9 @@ class _Rule:
         return b.concat(present, self.directions.name) if len(present) > 1 else present[0]
 
 
-def _first_direction(seed: Op, type: Type, count: int) -> int | None:
+def _first_direction(seed: ops.Op, type: Type, count: int) -> int | None:
     """Where the unit directions of a leaf's elements begin; None for any other seed."""
-    if not isinstance(seed, Constant):
+    if not isinstance(seed, ops.Constant):
         return None
     values = np.reshape(seed.values, (type.shape[0], count))
     rows = np.flatnonzero(values.any(axis=1))

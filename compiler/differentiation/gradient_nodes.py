@@ -12,7 +12,7 @@ from compiler.ir.graph_copy import copy_node
 from compiler.ir.ops import Reshape
 from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import quotient_unit
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.passes.guard_untaken import guarded
 
 

@@ -27,6 +27,8 @@ class InterpretedProducts:
 
     products: Total
     cost: Total
+    left_out: Total
+    """How many of its elements have no share in the products."""
 
 
 def interpreted_products(
@@ -34,10 +36,12 @@ def interpreted_products(
 ) -> dict[str, InterpretedProducts]:
     """The products of every loss that is a sum of squares, over these rollouts, in float64."""
     totals = {term.loss.name: term.total for term in found.losses}
-    wanted = [node for one in found.residuals for node in (one.values, one.slopes)]
-    forward = Forward(found.program, [*totals.values(), *wanted], weights, _DTYPE)
+    wanted = [node for one in found.residuals for node in (one.values, one.slopes, one.left_out)]
+    asked = [node for node in (*totals.values(), *wanted) if node is not None]
+    forward = Forward(found.program, asked, weights, _DTYPE)
     sums = {
-        one.loss.name: InterpretedProducts(Total(_DTYPE), Total(_DTYPE)) for one in found.residuals
+        one.loss.name: InterpretedProducts(Total(_DTYPE), Total(_DTYPE), Total(_DTYPE))
+        for one in found.residuals
     }
     members = len(runs.t0)
     for moment in forward.moments(runs)[runs.skip :]:
@@ -45,6 +49,8 @@ def interpreted_products(
             total = sums[one.loss.name]
             total.cost.add(moment.values[totals[one.loss.name]].repeated(members))
             total.products.add(_products(_rows(one, moment, found.numbers, members)))
+            if one.left_out is not None:
+                total.left_out.add(_over_elements(moment.values[one.left_out].repeated(members)))
     return sums
 
 
@@ -61,6 +67,12 @@ def _rows(one: Residuals, moment: Moment, numbers: int, members: int) -> tuple[A
         joined(slopes.value, values.value),
         joined(slopes.spread(unit), values.spread(unit)),
     )
+
+
+def _over_elements(one: Bounded) -> Bounded:
+    """The sum over the elements of each member."""
+    value, error, terms = (part.reshape(len(part), -1) for part in one.parts)
+    return Bounded(value.sum(1), error.sum(1), terms.sum(1), one.count * value.shape[1])
 
 
 def _products(rows: tuple[Array, Array]) -> Bounded:

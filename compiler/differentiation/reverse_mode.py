@@ -18,37 +18,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import assert_never
 
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Relation,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
 from compiler.ir.program import NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
-from compiler.ir.slope_products import divisor_slope, slope_product, slope_quotient
+from compiler.ir.scalars.slope_products import divisor_slope, slope_product, slope_quotient
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import WINDOW, Axis, in_order
 
 
@@ -96,11 +70,11 @@ def step_gradients(
     signal is read over several windows.
     """
     last = max(adjoints, default=-1)
-    kinds = ReadState | Window | ReadParameter
+    kinds = ops.ReadState | ops.Window | ops.ReadParameter
     readers = [
         node
         for node in range(last + 1)
-        if isinstance(builder.node(node).op, kinds | ReadSignal if signals else kinds)
+        if isinstance(builder.node(node).op, kinds | ops.ReadSignal if signals else kinds)
     ]
     states: dict[str, NodeId] = {}
     parameters: dict[str, NodeId] = {}
@@ -109,14 +83,14 @@ def step_gradients(
         if gradient is None:
             continue
         match builder.node(node).op:
-            case ReadState(name=name):
+            case ops.ReadState(name=name):
                 _accumulate(builder, states, name, gradient)
-            case Window(state=name):
+            case ops.Window(state=name):
                 past = builder.type(gradient).axes[-1].size - 1
                 _accumulate(builder, states, name, builder.slice(gradient, WINDOW, 0, past))
-            case ReadParameter(name=name):
+            case ops.ReadParameter(name=name):
                 _accumulate(builder, parameters, name, gradient)
-            case ReadSignal(signal=name):
+            case ops.ReadSignal(signal=name):
                 _accumulate(builder, inputs, name, gradient)
             case _:
                 raise AssertionError("the readers are filtered above")
@@ -160,50 +134,50 @@ class _Rule:
         node = b.node(self.node)
         args = node.args
         match node.op:
-            case Add():
+            case ops.Add():
                 return g
-            case Subtract():
+            case ops.Subtract():
                 return g if position == 0 else b.negate(g)
-            case Negate():
+            case ops.Negate():
                 return b.negate(g)
-            case Dropout():
+            case ops.Identity():
                 return g
-            case Multiply():
+            case ops.Multiply():
                 return self._times(args[1 - position])
-            case Divide():
+            case ops.Divide():
                 if position == 0:
                     return slope_quotient(b, g, args[1])
                 return divisor_slope(b, g, args[1], self.node)
-            case Minimum():
-                first = b.compare(Relation.LESS_EQUAL, args[0], args[1])
+            case ops.Minimum():
+                first = b.compare(ops.Relation.LESS_EQUAL, args[0], args[1])
                 return self._chosen(first, position == 0)
-            case Maximum():
-                first = b.compare(Relation.GREATER_EQUAL, args[0], args[1])
+            case ops.Maximum():
+                first = b.compare(ops.Relation.GREATER_EQUAL, args[0], args[1])
                 return self._chosen(first, position == 0)
-            case Clamp():
+            case ops.Clamp():
                 return self._clamp_share(position)
-            case Select():
+            case ops.Select():
                 return self._chosen(args[0], position == 1)
-            case Apply(function=function):
+            case ops.Apply(function=function):
                 derivative = SCALAR_FUNCTIONS[function].derivatives[position]
                 return self._times(derivative(b, args, self.node))
-            case Broadcast():
+            case ops.Broadcast():
                 return self._summed_to(b.type(args[0]).axes, g)
-            case Reshape():
+            case ops.Reshape():
                 return b.reshape(g, b.type(args[0]).axes)
-            case Slice(axis=axis, start=start, stop=stop):
+            case ops.Slice(axis=axis, start=start, stop=stop):
                 return self._padded(axis, start, stop)
-            case Concat(axis=axis):
+            case ops.Concat(axis=axis):
                 start = sum(self._length(argument, axis) for argument in args[:position])
                 return b.slice(g, axis, start, start + self._length(args[position], axis))
-            case Sum():
+            case ops.Sum():
                 return b.broadcast(g, b.type(args[0]).axes)
-            case Contract():
+            case ops.Contract():
                 return self._contracted(position)
-            case Window():
+            case ops.Window():
                 length = self._length(self.node, WINDOW)
                 return b.element(g, WINDOW, length - 1)
-            case Compare() | Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+            case ops.Leaf() | ops.Compare():
                 raise AssertionError("an operation without real operands has no shares")
             case _:
                 assert_never(node.op)
@@ -212,9 +186,9 @@ class _Rule:
         """adjoint · slope, without the product where the adjoint is the 1 of a plain gradient."""
         b = self.builder
         seed = b.node(self.adjoint)
-        if isinstance(seed.op, Broadcast):
+        if isinstance(seed.op, ops.Broadcast):
             seed = b.node(seed.args[0])
-        if seed.op == Constant((1.0,)) and b.type(slope).axes == b.type(self.adjoint).axes:
+        if seed.op == ops.Constant((1.0,)) and b.type(slope).axes == b.type(self.adjoint).axes:
             return slope
         return slope_product(b, self.adjoint, slope)
 
@@ -233,12 +207,12 @@ class _Rule:
         x, low, high = b.node(self.node).args
         match position:
             case 0:
-                above = self._chosen(b.compare(Relation.LESS_EQUAL, low, x), when=True)
-                return b.select(b.compare(Relation.LESS_EQUAL, x, high), above, self._zero())
+                above = self._chosen(b.compare(ops.Relation.LESS_EQUAL, low, x), when=True)
+                return b.select(b.compare(ops.Relation.LESS_EQUAL, x, high), above, self._zero())
             case 1:
-                return self._chosen(b.compare(Relation.LESS, x, low), when=True)
+                return self._chosen(b.compare(ops.Relation.LESS, x, low), when=True)
             case _:
-                return self._chosen(b.compare(Relation.GREATER, x, high), when=True)
+                return self._chosen(b.compare(ops.Relation.GREATER, x, high), when=True)
 
     def _length(self, node: NodeId, axis: str) -> int:
         found = self.builder.type(node).axis(axis)

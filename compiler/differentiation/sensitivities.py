@@ -7,17 +7,19 @@ without going back in time. Memory does not grow with the horizon.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from compiler.differentiation.forward_mode import tangents, zero_tangent
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
-from compiler.differentiation.training_step import LossTerm, loss_terms
+from compiler.differentiation.training_step import LossTerm, loss_terms, training_step
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadParameter, ReadState, Relation, Window
 from compiler.ir.program import Declared, Graph, Loss, Measure, NodeId, Program, State
+from compiler.ir.scalars.slope_products import LARGEST_SLOPE
 from compiler.ir.types import WINDOW, Axis, Type
 
 LEARNED = "learned number"
@@ -31,6 +33,7 @@ SLOPE = "slope of "
 class Residuals:
     """A loss as Σ r² over its elements: r with its slopes ∂r/∂θ, both 0 where nothing is scored.
 
+    Both are 0, too, where a slope is infinite: no step can be made of it (decision 0184).
     The slopes of the sum are exact, 2 Σ r ∂r/∂θ; for huber r has the weight of its element.
     """
 
@@ -39,6 +42,8 @@ class Residuals:
     """Axes (…)."""
     slopes: NodeId
     """Axes (LEARNED, …)."""
+    left_out: NodeId | None
+    """1 where a slope is infinite, axes (…); None where none can be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,41 +71,32 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
     """
     directions = Axis(LEARNED, sum(_size(program, name) for name in learned))
     moving = _moving_states(program, frozenset(learned))
-    buffers = {state.name: f"{SLOPE}{state.name}" for state in moving if _is_buffer(state)}
-
     start = GraphBuilder(program.start)
     found = tangents(start, directions, _seeds(start, program, learned, directions), {})
     starts = {state.name: _or_zero(start, directions, state.start, found) for state in moving}
-
-    step = GraphBuilder(program.step)
-    losses = loss_terms(step, program)
-    unsquared = {
-        loss: _residual(step, loss)
-        for loss in program.losses
-        if loss.target is not None and is_sum_of_squares(program.step, loss)
-    }
-    seeds = _seeds(step, program, learned, directions)
-    for node, (name, type) in _reads_of(step.graph(), {state.name for state in moving}).items():
-        axes = (directions, *type.axes)
-        seeds[node] = step.state(f"{SLOPE}{name}", Type(axes))
-    found = tangents(step, directions, seeds, buffers)
-    residuals = tuple(
-        Residuals(
-            loss,
-            _weighted(step, residual.factor, residual.error),
-            _weighted(
-                step, residual.factor, _or_zero(step, directions, residual.error, found), directions
-            ),
-        )
-        for loss, residual in unsquared.items()
+    begun = frozenset(
+        name for name, node in starts.items() if start.infinite_values.can_be_infinite(node)
     )
+    infinite: frozenset[str] = frozenset()
+
+    @cache
+    def leaves_out() -> bool:
+        """Whether slopes can be infinite where the losses are finite: reverse mode knows."""
+        return training_step(program).has_infinite_slopes
+
+    while True:
+        step = _Step(program, learned, directions, moving, infinite, leaves_out)
+        reached = begun | step.infinite
+        if reached <= infinite or not leaves_out():
+            break
+        infinite |= reached
     slopes = tuple(
         State(
             f"{SLOPE}{state.name}",
             (directions, *state.axes),
             None,
             Declared(),
-            _or_zero(step, directions, state.next, found),
+            step.slopes[state.name],
             starts[state.name],
         )
         for state in moving
@@ -108,10 +104,49 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
     whole = replace(
         program,
         states=(*program.states, *slopes),
-        step=step.graph(),
+        step=step.graph,
         start=start.graph(),
     )
-    return Sensitivities(whole, tuple(learned), losses, residuals)
+    return Sensitivities(whole, tuple(learned), step.losses, step.residuals)
+
+
+class _Step:
+    """The step with its tangents, the slopes of the states named `infinite` being so perhaps."""
+
+    def __init__(
+        self,
+        program: Program,
+        learned: Sequence[str],
+        directions: Axis,
+        moving: Sequence[State],
+        infinite: Collection[str],
+        leaves_out: Callable[[], bool],
+    ) -> None:
+        buffers = {state.name: f"{SLOPE}{state.name}" for state in moving if _is_buffer(state)}
+        step = GraphBuilder(program.step)
+        self.losses = loss_terms(step, program)
+        unsquared = {
+            loss: _residual(step, loss)
+            for loss in program.losses
+            if loss.target is not None and is_sum_of_squares(program.step, loss)
+        }
+        seeds = _seeds(step, program, learned, directions)
+        for node, (name, type) in _reads_of(step.graph(), {s.name for s in moving}).items():
+            seeds[node] = step.state(f"{SLOPE}{name}", Type((directions, *type.axes)))
+            if name in infinite:
+                step.infinite_values.expect(seeds[node])
+        found = tangents(step, directions, seeds, buffers, infinite)
+
+        def row(loss: Loss, residual: _Unsquared) -> Residuals:
+            tangent = _or_zero(step, directions, residual.error, found)
+            return _row(step, loss, residual, tangent, leaves_out)
+
+        self.residuals = tuple(row(*each) for each in unsquared.items())
+        self.slopes = {s.name: _or_zero(step, directions, s.next, found) for s in moving}
+        """Of the next value of each moving state."""
+        can_be = step.infinite_values.can_be_infinite
+        self.infinite = frozenset(name for name, node in self.slopes.items() if can_be(node))
+        self.graph = step.graph()
 
 
 def _size(program: Program, parameter: str) -> int:
@@ -211,6 +246,35 @@ def _residual(builder: GraphBuilder, loss: Loss) -> _Unsquared:
     size = builder.maximum(builder.apply("abs", error), one)
     half = builder.broadcast(builder.constant(0.5), axes)
     return _Unsquared(error, builder.apply("sqrt", builder.divide(half, size)))
+
+
+def _row(
+    builder: GraphBuilder,
+    loss: Loss,
+    residual: _Unsquared,
+    slopes: NodeId,
+    leaves_out: Callable[[], bool],
+) -> Residuals:
+    """A residual with its slopes, without those that are infinite."""
+    directions = builder.type(slopes).axes[0]
+    values = _weighted(builder, residual.factor, residual.error)
+    slopes = _weighted(builder, residual.factor, slopes, directions)
+    if not builder.infinite_values.can_be_infinite(slopes) or not leaves_out():
+        return Residuals(loss, values, slopes, None)
+    size = builder.sum(builder.apply("abs", slopes), directions.name)
+    axes = builder.type(size).axes
+    # no relation holds for NaN
+    largest = builder.broadcast(builder.constant(LARGEST_SLOPE), axes)
+    finite = builder.compare(Relation.LESS_EQUAL, size, largest)
+    zero, one = (builder.broadcast(builder.constant(value), axes) for value in (0.0, 1.0))
+    everywhere = (directions, *axes)
+    nothing = builder.broadcast(builder.constant(0.0), everywhere)
+    return Residuals(
+        loss,
+        builder.select(finite, values, zero),
+        builder.select(builder.broadcast(finite, everywhere), slopes, nothing),
+        builder.select(finite, zero, one),
+    )
 
 
 def _weighted(

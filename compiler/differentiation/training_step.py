@@ -61,6 +61,8 @@ class TrainingStep:
     """The newest sample of each buffer, a node of the step; the other states have `next`."""
     reverse_step: Reverse
     reverse_start: Reverse
+    has_infinite_slopes: bool
+    """Whether a gradient can be infinite where the losses are finite."""
 
 
 def training_step(program: Program) -> TrainingStep:
@@ -70,8 +72,16 @@ def training_step(program: Program) -> TrainingStep:
     losses = loss_terms(builder, program)
     newest = newest_samples(program)
     forward = replace(program, step=builder.graph())
-    reverse_step, infinite = _reverse_step(forward, losses, newest)
-    return TrainingStep(forward, losses, newest, reverse_step, _reverse_start(forward, infinite))
+    reverse_step, infinite, in_step = _reverse_step(forward, losses, newest)
+    reverse_start, at_start = _reverse_start(forward, infinite)
+    return TrainingStep(
+        program=forward,
+        losses=losses,
+        newest=newest,
+        reverse_step=reverse_step,
+        reverse_start=reverse_start,
+        has_infinite_slopes=in_step or at_start,
+    )
 
 
 def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
@@ -138,8 +148,8 @@ def _sum_of_all(builder: GraphBuilder, value: NodeId) -> NodeId:
 
 def _reverse_step(
     program: Program, losses: tuple[LossTerm, ...], newest: dict[str, NodeId]
-) -> tuple[Reverse, frozenset[str]]:
-    """The reverse of the step, and the states whose adjoints can be infinite.
+) -> tuple[Reverse, frozenset[str], bool]:
+    """The reverse of the step, the states whose adjoints can be infinite, whether gradients can be.
 
     An adjoint is carried from step to step: what one makes infinite the next one must expect.
     """
@@ -161,7 +171,8 @@ def _reverse_step(
         )
         if found == infinite:
             names = {node: name for name, node in newest.items()}
-            return _read_back(builder.graph(), gradients, names), infinite
+            made = _read_back(builder.graph(), gradients, names)
+            return made, infinite, _any_infinite(builder, gradients)
         infinite = found
 
 
@@ -184,13 +195,17 @@ def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]
     return Reverse(Graph(tuple(nodes)), gradients)
 
 
-def _reverse_start(program: Program, infinite: Collection[str]) -> Reverse:
+def _any_infinite(builder: GraphBuilder, gradients: StepGradients) -> bool:
+    return any(map(builder.infinite_values.can_be_infinite, gradients.parameters.values()))
+
+
+def _reverse_start(program: Program, infinite: Collection[str]) -> tuple[Reverse, bool]:
     builder = GraphBuilder(program.start)
     adjoints: dict[NodeId, NodeId] = {}
     for state in program.states:
         _add(builder, adjoints, state.start, _seed(builder, state, state.start, infinite))
     gradients = step_gradients(builder, adjoints, signals=False)
-    return Reverse(builder.graph(), gradients)
+    return Reverse(builder.graph(), gradients), _any_infinite(builder, gradients)
 
 
 def _add(

@@ -154,7 +154,11 @@ _MOST_LOWERINGS = 100
 
 
 def _lowered(linked: Linked, draw: int) -> _Lowered:
-    """The spec lowered until the buffers that it needs are those that it has."""
+    """The spec lowered until the buffers that it needs are those that it has.
+
+    How far back something is read, and which axes an equation that reads its own past has, is known
+    only of lowered expressions: a function, a layer or a sub-model may delay its argument.
+    """
     known = Known()
     for _ in range(_MOST_LOWERINGS):
         lowered = _lowered_once(linked, known, draw)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from compiler.ir.program import History, NodeId
 from compiler.ir.program import State as ProgramState
@@ -15,7 +16,9 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import time as errors
-from spec_schema.expressions.tree import Name
+from spec_schema.expressions.tree import Member, Name
+from spec_schema.fields.formulas import Prediction
+from spec_schema.sections.references import references
 from spec_schema.sections.signals import Equation, Output, State
 
 _STEP = Environment(Part.STEP)
@@ -35,8 +38,6 @@ class Known:
     """What a lowering found out that the next one begins with."""
 
     buffers: Mapping[str, Remembered] = field(default_factory=dict[str, Remembered])
-    measured: frozenset[str] = frozenset()
-    """States that are logged, where it matters."""
     variables: frozenset[str] = frozenset()
     """Equations and outputs that gradients are taken with respect to."""
 
@@ -52,8 +53,6 @@ class Histories:
     def __init__(self, context: Context, known: Known) -> None:
         self._context = context
         self._known = known.buffers
-        self._known_measured = known.measured
-        self._asked_measured = False
         self._lengths: dict[str, int] = {}
         self._places: dict[str, Span] = {}
         self._refused: set[str] = set()
@@ -95,11 +94,12 @@ class Histories:
             there = _START.shifted(environment.shift)
             if window is not None:
                 node = window_of(self._context, entry.history, there, *window)
+                there = there.over(*window)
             else:
                 node = lower(self._context, entry.history, there)
             what = f"`history` of `{name}`"
-            return fitted(self._context, what, node, Type(wanted), entry.history, builder)
-        if not self._is_measured(name):
+            return fitted(self._context, what, node, Type(wanted), entry.history, there)
+        if not self._is_measured(name, entry):
             self._context.findings.report(errors.history_needed(name, span))
             raise LoweringFailed
         first, last = window or (0, 0)
@@ -108,9 +108,7 @@ class Histories:
 
     def found(self) -> Known:
         """What this lowering found out that the next one must begin with."""
-        context = self._context
-        measured = frozenset(context.measured) if self._asked_measured else frozenset[str]()
-        return Known(self._buffers(), measured, frozenset(context.gradients.variables))
+        return Known(self._buffers(), frozenset(self._context.gradients.variables))
 
     def states(self) -> list[ProgramState]:
         """A buffer state for everything whose past is read."""
@@ -151,10 +149,27 @@ class Histories:
             found[name] = Remembered(length, axes)
         return found
 
-    def _is_measured(self, name: str) -> bool:
-        """Whether a state is known to be logged; where it matters, the next lowering knows it."""
-        self._asked_measured = True
-        return name in self._context.measured or name in self._known_measured
+    def _is_measured(self, name: str, entry: State) -> bool:
+        """Whether the spec reads the log of a state anywhere (R6); then its data must have it."""
+        if name not in self._context.measured and name in self._named_logs:
+            self._context.measured[name] = entry
+        return name in self._context.measured
+
+    @cached_property
+    def _named_logs(self) -> frozenset[str]:
+        """Whatever the model or its losses name as `name.meas` or predict, lowered yet or not."""
+        spec = self._context.spec
+        model = (spec.states, spec.equations, spec.outputs, spec.functions, spec.layers)
+        found = set[str]()
+        for reference in references((*model, spec.losses)):
+            match reference:
+                case Member(base=base, name="meas"):
+                    found.add(base)
+                case Prediction(signal=signal):
+                    found.add(signal.value)
+                case _:
+                    pass
+        return frozenset(found)
 
     def _newest(self, name: str, span: Span) -> NodeId:
         """The window of one sample: it holds what is there now, and nothing is remembered."""
@@ -177,14 +192,14 @@ class Histories:
     def _start(self, name: str, entry: State | Equation | Output, remembered: Remembered) -> NodeId:
         """Samples before t0, from the first that exists: `history:`, the log, inputs alone (R5)."""
         context, length = self._context, remembered.length
-        builder = context.builder(_START)
+        builder, before = context.builder(_START), _START.over(-length, -1)
         wanted = (*remembered.axes, Axis(WINDOW, length))
         if entry.history is not None:
             node = window_of(context, entry.history, _START, -length, -1)
             what = f"`history` of `{name}`"
-            return fitted(context, what, node, Type(wanted), entry.history, builder)
+            return fitted(context, what, node, Type(wanted), entry.history, before)
         if isinstance(entry, State):
-            if name not in context.measured:
+            if not self._is_measured(name, entry):
                 return self._missing(name)
             unit = entry.unit.value if entry.unit else None
             return builder.log(name, -length, -1, Type(wanted, unit))
@@ -195,7 +210,7 @@ class Histories:
         node = context.names.tried(lambda: window_of(context, entry.expr, _START, -length, -1))
         if node is None:
             return self._missing(name)
-        return fitted(context, f"the past of `{name}`", node, Type(wanted), entry.expr, builder)
+        return fitted(context, f"the past of `{name}`", node, Type(wanted), entry.expr, before)
 
     def _missing(self, name: str) -> NodeId:
         self._context.findings.report(errors.history_needed(name, self._places[name]))

@@ -71,8 +71,10 @@ def integrated(context: Context, owner: str, integrator: Integrator | None) -> M
         _check_size(context, vector_field, integrator.place.key)
     substeps = method.substeps if method else 1
     steps = _Steps(context, owner, vector_field, dt / substeps)
-    for _ in range(substeps):
+    for number in range(1, substeps + 1):
         values = steps.step(method, values)
+        if number < substeps:
+            steps.name(values, str(number))
     return values
 
 
@@ -101,12 +103,18 @@ class _Steps:
             case LinearImplicit():
                 return self._linear_implicit(values)
             case Midpoint():
-                half = self._moved(values, self._slopes(values), self.step_length / 2)
+                half = self._point("k2", values, self._slopes(values), self.step_length / 2)
                 return self._moved(values, self._slopes(half), self.step_length)
             case RungeKutta4() | None:  # the default without `integrator:`
                 return self._runge_kutta(values)
             case _:
                 assert_never(method)
+
+    def name(self, values: Values, suffix: str) -> None:
+        """Names values inside the step, as generated code shall call them: `x_1`, `x_for_k2`."""
+        builder = self.context.builder(_STEP)
+        for name, node in values.items():
+            builder.name(node, f"{name}_{suffix}")
 
     def _semi_implicit(self, values: Values) -> Values:
         """xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ … xₙ), in the order of `states:`; order 1.
@@ -139,15 +147,21 @@ class _Steps:
         builder = self.context.builder(_STEP)
         h = self.step_length
         k1 = self._slopes(values)
-        k2 = self._slopes(self._moved(values, k1, h / 2))
-        k3 = self._slopes(self._moved(values, k2, h / 2))
-        k4 = self._slopes(self._moved(values, k3, h))
+        k2 = self._slopes(self._point("k2", values, k1, h / 2))
+        k3 = self._slopes(self._point("k3", values, k2, h / 2))
+        k4 = self._slopes(self._point("k4", values, k3, h))
         two = builder.constant(2.0)
         total: Values = {}
         for name in values:
             middle = builder.multiply(two, builder.add(k2[name], k3[name]))
             total[name] = builder.add(builder.add(k1[name], middle), k4[name])
         return self._moved(values, total, h / 6)
+
+    def _point(self, slope: str, values: Values, slopes: Values, length: float) -> Values:
+        """values + length · slopes: where the next slope is evaluated."""
+        moved = self._moved(values, slopes, length)
+        self.name(moved, f"for_{slope}")
+        return moved
 
     def _slopes(self, values: Values) -> Values:
         """f(x), every memoryless equation between states and `der` evaluated anew."""
@@ -167,8 +181,7 @@ class _Steps:
         law = self.vector_field[name]
         node = lower(self.context, law.expression, stage)
         type = law.type.with_unit(None)
-        builder = self.context.builder(stage)
-        return fitted(self.context, f"`der` of `{name}`", node, type, law.expression, builder)
+        return fitted(self.context, f"`der` of `{name}`", node, type, law.expression, stage)
 
     def _moved(self, values: Values, slopes: Values, length: float) -> Values:
         """values + length · slopes."""

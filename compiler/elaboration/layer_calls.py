@@ -12,7 +12,7 @@ from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Member
 from spec_schema.fields.entry import Entry
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 
 _RULES = {rule.settings: rule for rule in LAYERS}
 

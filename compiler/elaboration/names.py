@@ -12,7 +12,7 @@ from compiler.elaboration.histories import Histories, Known
 from compiler.elaboration.layer_calls import lower_layer
 from compiler.elaboration.states import States
 from compiler.ir.program import NodeId
-from compiler.ir.signatures import SIGNATURES
+from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.layers.rules.layer_context import LayerStores
 from compiler.linking.connected import Connected
@@ -30,7 +30,7 @@ from spec_schema.errors import names, submodels
 from spec_schema.expressions.language import ELSEWHERE, LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
 from spec_schema.expressions.tree import Call, LanguageName, Member, Name
 from spec_schema.sections.dimensions import Dimension
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.signals import Equation, Output, Signal, State
 from spec_schema.sections.submodels import Use
 from spec_schema.sections.values import Constant, Function, Parameter
@@ -44,6 +44,7 @@ class Elaboration:
     """The meaning of every name of one spec (`Names`), and all that lowering it leaves."""
 
     def __init__(self, linked: Linked, findings: Findings, known: Known, draw: int = 0) -> None:
+        self._linked, self._draw = linked, draw
         spec = linked.spec
         seconds = spec.sample_time.value if spec.sample_time else None
         self.context = Context(
@@ -61,6 +62,10 @@ class Elaboration:
         self.histories = Histories(self.context, known)
         self.states = States(self.context, self.histories, linked.integrators)
         self.entries = Entries(self.context, self.histories, known.variables)
+
+    def afresh(self, known: Known) -> Elaboration:
+        """Another one of the same spec, with graphs of its own: for what may fail half-way."""
+        return Elaboration(self._linked, Findings(), known, self._draw)
 
     # ---- names
 

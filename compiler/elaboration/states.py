@@ -122,8 +122,9 @@ class States:
         type = self._context.type_of(entry)
         if entry.init is None:
             return builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
-        node = lower(self._context, entry.init, Environment(Part.START))
-        return fitted(self._context, f"`init` of `{name}`", node, type, entry.init, builder)
+        at_start = Environment(Part.START)
+        node = lower(self._context, entry.init, at_start)
+        return fitted(self._context, f"`init` of `{name}`", node, type, entry.init, at_start)
 
     def flow(self, owner: str) -> Mapping[str, NodeId]:
         """The integrator's result of every continuous state of one spec, all together (R6)."""
@@ -146,7 +147,6 @@ class States:
     def _lower_law(self, name: str, entry: State) -> NodeId:
         if entry.next is None:
             return self.flow(owner_of(name))[name]
-        builder = self._context.builder(_STEP)
         node = lower(self._context, entry.next, _STEP)
         what = f"`next` of `{name}`"
-        return fitted(self._context, what, node, self._context.type_of(entry), entry.next, builder)
+        return fitted(self._context, what, node, self._context.type_of(entry), entry.next, _STEP)

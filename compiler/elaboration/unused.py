@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
+from compiler.elaboration.histories import Known
 from compiler.elaboration.names import Elaboration
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
@@ -14,7 +15,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Name, Number
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 
 _STEP = Environment(Part.STEP)
 _EXPECTED_IN_USE = frozenset(
@@ -33,10 +34,10 @@ def lower_unused(elaborated: Elaboration) -> None:
             elaborated.entries.value(name, entry, _STEP, entry.place.key)
     for name, layer in context.spec.layers.items():
         if name not in context.used and not owner_of(name):
-            _report_layer(context, name, layer)
+            _report_layer(elaborated, name, layer)
     for name, function in context.spec.functions.items():
         if name not in context.used and not owner_of(name):
-            found = _found_by_calling(context, name, len(function.args))
+            found = _found_by_calling(elaborated, name, len(function.args))
             # what shapes and units its arguments have is not known
             context.findings.report(*(d for d in found if d.code in _OF_NAMES))
 
@@ -46,12 +47,14 @@ _OF_NAMES = frozenset({"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0
 _UNKNOWN_DIM = "E0405"
 
 
-def _report_layer(context: Context, name: str, entry: Layer) -> None:
+def _report_layer(elaborated: Elaboration, name: str, entry: Layer) -> None:
     """What is wrong with a layer whatever it is called with."""
-    found = _found_by_calling(context, name, 1)
+    found = _found_by_calling(elaborated, name, 1)
     if any(d.span == _NOWHERE for d in found):  # such as a table in two dimensions
-        found = _found_by_calling(context, name, 2)
-    context.findings.report(*(d for d in found if d.span != _NOWHERE and not _of_shapes(d)))
+        found = _found_by_calling(elaborated, name, 2)
+    elaborated.context.findings.report(
+        *(d for d in found if d.span != _NOWHERE and not _of_shapes(d))
+    )
 
 
 def _of_shapes(found: Diagnostic) -> bool:
@@ -59,17 +62,28 @@ def _of_shapes(found: Diagnostic) -> bool:
     return found.code.startswith("E04") and found.code != _UNKNOWN_DIM
 
 
-def _found_by_calling(context: Context, name: str, count: int) -> list[Diagnostic]:
-    """The errors in a call with zeros, which fit every unit; the context is as it was before."""
-    used, mark = set(context.used), context.findings.mark()
+def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Diagnostic]:
+    """The errors in a call with zeros, which fit every unit.
+
+    The call may fail half-way, and what it declares (nodes, arrays, memories) must not stay behind:
+    it is lowered among graphs of its own. Where it reads the past, it is lowered once more with the
+    buffers that it needs, to see whether there is something to fill them with.
+    """
     zeros = tuple(Number(0.0, _NOWHERE) for _ in range(count))
+    call = Call(Name(name, _NOWHERE), zeros, (), _NOWHERE)
+    attempt = _lowered_alone(elaborated, call, Known())
+    known = attempt.histories.found()
+    if known.buffers:
+        attempt = _lowered_alone(elaborated, call, known)
+        attempt.histories.states()
+    return [d for d in attempt.context.findings.in_order if d.severity == "error"]
+
+
+def _lowered_alone(elaborated: Elaboration, call: Call, known: Known) -> Elaboration:
+    attempt = elaborated.afresh(known)
     with suppress(LoweringFailed):
-        lower(context, Call(Name(name, _NOWHERE), zeros, (), _NOWHERE), _STEP)
-    found = [d for d in context.findings.since(mark) if d.severity == "error"]
-    context.findings.forget(mark)
-    context.used.clear()
-    context.used.update(used)
-    return found
+        lower(attempt.context, call, _STEP)
+    return attempt
 
 
 def report_unused(context: Context) -> None:

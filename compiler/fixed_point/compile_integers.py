@@ -22,7 +22,7 @@ from compiler.fixed_point.integers.program import (
 )
 from compiler.fixed_point.invariants import is_buffer, proved_bounds
 from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
-from compiler.ir.ops import ReadLog, ReadSignal, Window
+from compiler.ir.ops import ReadSamples, ReadSignal, Window
 from compiler.ir.program import (
     Expected,
     Graph,
@@ -127,7 +127,7 @@ class _Compilation:
     def _windows_read(self) -> None:
         extents: dict[str, tuple[int, int]] = {}
         for _, node in self.program.start:
-            if isinstance(node.op, ReadLog | ReadSignal):
+            if isinstance(node.op, ReadSamples):
                 first, last = extents.get(node.op.signal, (node.op.first, node.op.last))
                 extents[node.op.signal] = min(first, node.op.first), max(last, node.op.last)
         for signal in self.program.signals:
@@ -155,7 +155,7 @@ class _Compilation:
         return elements(lowering, nodes, node.type.shape)
 
     def _window_words(self, lowering: Lowering, node: Node) -> Elements:
-        assert isinstance(node.op, ReadLog | ReadSignal), "a start reads the record"
+        assert isinstance(node.op, ReadSamples), "a start reads the record"
         port, first = self.windows[node.op.signal]
         samples = port.axes[-1].size
         rows = port.size // samples
@@ -303,7 +303,7 @@ def _reads_record(graph: Graph, root: NodeId) -> bool:
     pending = [root]
     while pending:
         node = graph[pending.pop()]
-        if isinstance(node.op, ReadLog | ReadSignal):
+        if isinstance(node.op, ReadSamples):
             return True
         pending += node.args
     return False

@@ -14,7 +14,7 @@ from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.settle import Settler
 from compiler.fixed_point.tables import fitted_table
 from compiler.ir.ops import Relation
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ class Elementwise(Settler):
                 fraction -= 1
 
     def applied(self, function: str, *forms: Form) -> Form:
-        """A function of the table in `scalar_functions.py`."""
+        """A function of the table in `scalars/table.py`."""
         row = SCALAR_FUNCTIONS[function]
         if all(not form.terms for form in forms):
             return self.number(float(row.numpy(*(np.float64(f.constant) for f in forms))))

@@ -14,10 +14,18 @@ _INVALID_EVERY = 7
 
 
 @dataclass(frozen=True, slots=True)
+class GoldenStart:
+    """Words around the first step by name, and what `reset` returns."""
+
+    windows: dict[str, list[int]]
+    status: int
+
+
+@dataclass(frozen=True, slots=True)
 class GoldenRun:
     """Words by name; the inputs and outputs of each step."""
 
-    windows: dict[str, list[int]]
+    start: GoldenStart
     inputs: list[dict[str, list[int]]]
     outputs: list[dict[str, list[int]]]
     status: list[int]
@@ -32,7 +40,10 @@ def golden_run(
     """
     random = np.random.Generator(np.random.Philox(seed))
     windows = {port.name: drawn(port, random) for port in program.windows}
-    state = initial(program) if from_init else reset(program, windows)
+    state = reset(program, windows)
+    start = GoldenStart(windows, int(state.said))
+    if from_init:
+        state = initial(program)
     inputs: list[dict[str, list[int]]] = []
     outputs: list[dict[str, list[int]]] = []
     status: list[int] = []
@@ -46,7 +57,26 @@ def golden_run(
         answer = step(program, state, words)
         outputs.append(answer.outputs)
         status.append(int(answer.status))
-    return GoldenRun(windows, inputs, outputs, status)
+    return GoldenRun(start, inputs, outputs, status)
+
+
+def golden_starts(program: IntegerProgram, seed: int) -> list[GoldenStart]:
+    """Starts that try each check of `reset` alone: what it returns tells whether it is there.
+
+    All words are at the lower end of their range, then at the upper one; then one is beside it.
+    """
+    random = np.random.Generator(np.random.Philox(seed))
+    ports = program.windows
+    tried = [{port.name: [port.low] * port.size for port in ports}]
+    tried.append({port.name: [port.high] * port.size for port in ports})
+    for port in ports:
+        for value in (port.low - 1, port.high + 1):
+            if abs(value) <= program.width.largest_word:
+                for element in sorted({0, port.size // 2, port.size - 1}):
+                    words = {other.name: drawn(other, random) for other in ports}
+                    words[port.name][element] = value
+                    tried.append(words)
+    return [GoldenStart(words, int(reset(program, words).said)) for words in tried]
 
 
 def drawn(port: WordPort, random: np.random.Generator) -> list[int]:

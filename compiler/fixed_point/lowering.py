@@ -17,32 +17,7 @@ from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.integers.program import Width
 from compiler.fixed_point.settle import Ramp, Settler
 from compiler.interpreter.operations import NOWHERE, evaluator
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.passes.analyses.compact_sets import CompactSets, compact_sets
 from spec_schema.diagnostics.source import Span
@@ -110,7 +85,7 @@ class Lowering(Elementwise):
     def _as_ramps(self, sets: CompactSets) -> bool:
         if sets.shape != "triangular":
             return False
-        return isinstance(self.graph[sets.points].op, Constant)
+        return isinstance(self.graph[sets.points].op, ops.Constant)
 
     def _lowered(self, index: NodeId) -> Elements:
         node, sets = self.graph[index], self._sets.get(index)
@@ -128,37 +103,37 @@ class Lowering(Elementwise):
     def _evaluated(self, node: Node) -> Elements:
         values = [self._values[arg] for arg in node.args]
         match node.op:
-            case Constant(numbers):
+            case ops.Constant(numbers):
                 forms = [self.number(value) for value in numbers]
                 return _elements(forms, node.type.shape)
-            case ReadSignal() | ReadLog():
+            case ops.ReadSamples():
                 return self._reads(self, node)
-            case ReadState(name):
+            case ops.ReadState(name):
                 return self._states(self, name)
-            case Window(name):
+            case ops.Window(name):
                 before, newest = self._states(self, name), values[0]
                 return np.concatenate([before, newest[..., np.newaxis]], -1)
-            case Multiply() if values[0] is values[1]:
+            case ops.Multiply() if values[0] is values[1]:
                 return _each(_square, values[0])
-            case Add() | Subtract() | Multiply() | Negate() | Sum() | Contract():
+            case ops.Add() | ops.Subtract() | ops.Multiply() | ops.Negate() | ops.Reduction():
                 return _each(self.shortened, self._by_numpy(node))
-            case Dropout() | Broadcast() | Reshape() | Slice() | Concat():
+            case ops.Identity() | ops.Structure():
                 return self._by_numpy(node)
-            case Divide():
+            case ops.Divide():
                 return _each(self.quotient, *values)
-            case Minimum():
+            case ops.Minimum():
                 return _each(self.lesser, *values)
-            case Maximum():
+            case ops.Maximum():
                 return _each(self.greater, *values)
-            case Clamp():
+            case ops.Clamp():
                 return _each(self.lesser, _each(self.greater, *values[:2]), values[2])
-            case Compare(relation):
+            case ops.Compare(relation):
                 return _each(partial(self.condition, relation), *values)
-            case Select():
+            case ops.Select():
                 return _each(self.selected, *values)
-            case Apply(function):
+            case ops.Apply(function):
                 return _each(partial(self.applied, function), *values)
-            case ReadParameter(name):
+            case ops.ReadParameter(name):
                 raise AssertionError(f"parameter {name} is a constant by now")
             case _:
                 assert_never(node.op)
@@ -175,7 +150,7 @@ class Lowering(Elementwise):
     def _hats(self, index: NodeId, sets: CompactSets) -> Elements:
         """Degrees of triangular sets as differences of ramps, which sum to 1 exactly."""
         points = self.graph[sets.points].op
-        assert isinstance(points, Constant), "points of ramps are numbers"
+        assert isinstance(points, ops.Constant), "points of ramps are numbers"
         (form,) = self._values[sets.value].ravel()
         builder = self.builder
         node = builder.as_word(self.node(form))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from compiler.interpreter.operations import NOWHERE, Array, Evaluator, Surroundings, evaluator
 from compiler.ir.liveness import needed, states_beside_the_log
-from compiler.ir.ops import ReadLog, ReadSignal, ReadState, Window
+from compiler.ir.ops import ReadSamples, ReadState, Window
 from compiler.ir.program import Extent, Graph, NodeId, Program
 
 States = dict[str, Array]
@@ -181,11 +181,11 @@ class _Plan:
                 continue
             types = tuple(graph[arg].type for arg in node.args)
             evaluate = evaluator(node, types, weights, dtype)
-            if isinstance(node.op, ReadSignal | ReadLog):
+            if isinstance(node.op, ReadSamples):
                 extent = Extent(node.op.first, node.op.last)
                 previous = self._extents.get(node.op.signal, extent)
                 self._extents[node.op.signal] = previous.union(extent)
-            outside = isinstance(node.op, ReadSignal | ReadLog | ReadState | Window)
+            outside = isinstance(node.op, ReadSamples | ReadState | Window)
             if outside or any(self._known[arg] is None for arg in node.args):
                 self._steps.append((index, evaluate))
             else:

@@ -20,35 +20,9 @@ from typing import Any, assert_never
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Relation,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Node
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Type
 
 Array = NDArray[Any]
@@ -68,11 +42,11 @@ NOWHERE = Surroundings({}, np.zeros(1, np.int64), {})
 
 Evaluator = Callable[[list[Array], Surroundings], Array]
 
-_RELATIONS: dict[Relation, Callable[[Array, Array], Array]] = {
-    Relation.LESS: np.less,
-    Relation.LESS_EQUAL: np.less_equal,
-    Relation.GREATER: np.greater,
-    Relation.GREATER_EQUAL: np.greater_equal,
+_RELATIONS: dict[ops.Relation, Callable[[Array, Array], Array]] = {
+    ops.Relation.LESS: np.less,
+    ops.Relation.LESS_EQUAL: np.less_equal,
+    ops.Relation.GREATER: np.greater,
+    ops.Relation.GREATER_EQUAL: np.greater_equal,
 }
 
 
@@ -88,68 +62,68 @@ def evaluator(
     """
     args, shape = node.args, node.type.shape
     match node.op:
-        case Constant(values):
+        case ops.Constant(values):
             with np.errstate(over="ignore"):  # beyond float32 a constant is infinite, as in C
                 constant = np.array(values, dtype).reshape((1, *shape))
             return lambda values, around: constant
-        case ReadParameter(name):
+        case ops.ReadParameter(name):
             weight = np.asarray(weights[name], dtype).reshape((1, *shape))
             return lambda values, around: weight
-        case ReadSignal(name, first, last) | ReadLog(name, first, last):
+        case ops.ReadSignal(name, first, last) | ops.ReadLog(name, first, last):
             return _read(name, first, last, node.type, dtype)
-        case ReadState(name):
+        case ops.ReadState(name):
             return lambda values, around: around.states[name]
-        case Add():
+        case ops.Add():
             return _binary(np.add, args)
-        case Subtract():
+        case ops.Subtract():
             return _binary(np.subtract, args)
-        case Multiply():
+        case ops.Multiply():
             return _binary(np.multiply, args)
-        case Divide():
+        case ops.Divide():
             return _binary(np.divide, args)
-        case Negate():
+        case ops.Negate():
             return lambda values, around: np.negative(values[args[0]])
-        case Dropout():
+        case ops.Identity():
             return lambda values, around: values[args[0]]
-        case Minimum():
+        case ops.Minimum():
             return _binary(_minimum, args)
-        case Maximum():
+        case ops.Maximum():
             return _binary(_maximum, args)
-        case Clamp():
+        case ops.Clamp():
             value, low, high = args
             return lambda values, around: _minimum(
                 _maximum(values[value], values[low]), values[high]
             )
-        case Compare(relation):
+        case ops.Compare(relation):
             return _binary(_RELATIONS[relation], args)
-        case Select():
+        case ops.Select():
             condition, then, otherwise = args
             return lambda values, around: np.where(
                 values[condition], values[then], values[otherwise]
             )
-        case Apply(function):
+        case ops.Apply(function):
             return _apply(function, args, dtype)
-        case Broadcast():
+        case ops.Broadcast():
             place = _placement(operands[0], node.type)
             return lambda values, around: _repeated(place(values[args[0]]), shape)
-        case Reshape():
+        case ops.Reshape():
             return lambda values, around: values[args[0]].reshape((-1, *shape))
-        case Slice(axis, start, stop):
+        case ops.Slice(axis, start, stop):
             ahead = operands[0].position(axis) + 1
             index = (*(slice(None),) * ahead, slice(start, stop))
             return lambda values, around: values[args[0]][index]
-        case Concat(axis):
+        case ops.Concat(axis):
             position = operands[0].position(axis) + 1
             return lambda values, around: _concatenated([values[arg] for arg in args], position)
-        case Sum(axis):
+        case ops.Sum(axis):
             position = operands[0].position(axis) + 1
             return lambda values, around: _sum(np.moveaxis(values[args[0]], position, 0))
-        case Contract(axis):
+        case ops.Contract(axis):
             left, right = args
             put_left = _placement(operands[0], node.type, axis)
             put_right = _placement(operands[1], node.type, axis)
             return lambda values, around: _sum(put_left(values[left]) * put_right(values[right]))
-        case Window(state):
+        case ops.Window(state):
             return lambda values, around: _concatenated(
                 [around.states[state], values[args[0]][..., np.newaxis]], -1
             )

@@ -26,35 +26,10 @@ from compiler.interpreter.bounded import (
     unit_roundoff,
 )
 from compiler.interpreter.operations import NOWHERE, Array, Evaluator, Surroundings, evaluator
+from compiler.ir import ops
 from compiler.ir.liveness import needed
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 FUNCTION_ERROR = {"float32": 4e-6, "float64": 1e-14}
 """Relative error of a scalar function in any backend: what tests/native/test_lane_kernels holds the
@@ -72,7 +47,8 @@ class _Given:
     leaves: Mapping[str, Bounded]
 
 
-_Alone = Multiply | Divide | Minimum | Maximum | Clamp | Compare | Select | Apply
+_Extreme = ops.Minimum | ops.Maximum | ops.Clamp
+_Alone = _Extreme | ops.Multiply | ops.Divide | ops.Compare | ops.Select | ops.Apply
 
 
 class BoundedGraph:
@@ -109,8 +85,8 @@ class BoundedGraph:
     def _evaluator(self, node: Node) -> Evaluator | None:
         """The node's meaning for any operands in their order; None for what `run` is given."""
         op = node.op
-        if isinstance(op, ReadState) or (
-            isinstance(op, ReadParameter) and op.name not in self._weights
+        if isinstance(op, ops.ReadState) or (
+            isinstance(op, ops.ReadParameter) and op.name not in self._weights
         ):
             return None
         types = tuple(self._graph[arg].type for arg in node.args)
@@ -122,29 +98,29 @@ class BoundedGraph:
     ) -> Bounded:
         op = node.op
         if meaning is None:
-            assert isinstance(op, ReadState | ReadParameter)
+            assert isinstance(op, ops.ReadState | ops.ReadParameter)
             return given.leaves[op.name]
         match op:
-            case Constant() | ReadParameter() | ReadSignal() | ReadLog():
+            case ops.ReadState():
+                raise AssertionError("states are given")
+            case ops.Leaf():
                 return exact(meaning([], given.around))
-            case Broadcast() | Reshape() | Slice() | Concat() | Negate() | Dropout():
+            case ops.Structure() | ops.Identity() | ops.Negate():
                 return moved(meaning, args)
-            case Window(state):
+            case ops.Window(state):
                 return pushed(meaning, args[0], state, given.leaves[state])
-            case Add() | Subtract():
+            case ops.Add() | ops.Subtract():
                 left, right = args
                 value = meaning([left.value, right.value], NOWHERE)
                 error, terms = left.error + right.error, left.terms + right.terms
                 if self._counts(left, terms) and self._counts(right, terms):
                     return exact(value)
                 return self._sum(value, error, terms, left.count + right.count)
-            case Sum(axis):
+            case ops.Sum(axis):
                 value, error, terms = (meaning([part], NOWHERE) for part in args[0].parts)
                 return self._sum(value, error, terms, args[0].count * self._length(node, axis))
-            case Contract(axis):
+            case ops.Contract(axis):
                 return self._contraction(meaning, args, self._length(node, axis))
-            case ReadState():
-                raise AssertionError("states are given")
             case _:
                 return self._alone(op, meaning, args)
 
@@ -153,26 +129,26 @@ class BoundedGraph:
         spreads = [one.spread(self.unit) for one in args]
         values = [one.value for one in args]
         match op:
-            case Multiply():
+            case ops.Multiply():
                 return self._product(values, spreads)
-            case Divide():
+            case ops.Divide():
                 return self._quotient(values, spreads)
-            case Minimum() | Maximum():
+            case ops.Minimum() | ops.Maximum():
                 left, right = args
-                return self._extreme(left, right, least=isinstance(op, Minimum))
-            case Clamp():
+                return self._extreme(left, right, least=isinstance(op, ops.Minimum))
+            case ops.Clamp():
                 x, low, high = args
                 return self._extreme(self._extreme(x, low, least=False), high, least=True)
-            case Compare():
+            case ops.Compare():
                 left, right = (value.astype(float) for value in values)
                 # a value compared with itself asks whether it is a number
                 allowed = np.where(args[0] is args[1], 0.0, spreads[0] + spreads[1])
                 decided = (allowed == 0) | (np.abs(left - right) > allowed)
                 value = meaning(values, NOWHERE)
                 return Bounded(value, 1.0 - decided, value.astype(float), 1)
-            case Select():
+            case ops.Select():
                 return selected(args, spreads)
-            case Apply(function):
+            case ops.Apply(function):
                 return self._applied(function, meaning(values, NOWHERE), values, spreads)
             case _:
                 assert_never(op)

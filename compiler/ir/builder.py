@@ -6,35 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from compiler.ir import ops
 from compiler.ir.node_store import NodeStore
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    Op,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Relation,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
 from compiler.ir.program import Graph, NodeId
 from compiler.ir.rules.alignment import align, contracted
 from compiler.ir.rules.infinite_values import InfiniteValues
@@ -45,7 +18,7 @@ from compiler.ir.rules.unit_rules import (
     quotient_unit,
     sum_unit,
 )
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS, Array
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS, Array
 from compiler.ir.types import WINDOW, Axis, Type, in_order
 from spec_schema.units.unit import ONE as ONE
 from spec_schema.units.unit import Unit
@@ -69,44 +42,44 @@ class GraphBuilder(NodeStore):
         unit: Unit | None = ONE,
     ) -> NodeId:
         values = tuple(float(v) for v in np.asarray(value, dtype=float).ravel())
-        return self.emit(Constant(values), (), Type(axes, unit))
+        return self.emit(ops.Constant(values), (), Type(axes, unit))
 
     def parameter(self, name: str, type: Type) -> NodeId:
-        return self.emit(ReadParameter(name), (), type)
+        return self.emit(ops.ReadParameter(name), (), type)
 
     def signal(self, name: str, first: int, last: int, type: Type) -> NodeId:
-        return self.emit(ReadSignal(name, first, last), (), type)
+        return self.emit(ops.ReadSignal(name, first, last), (), type)
 
     def log(self, name: str, first: int, last: int, type: Type) -> NodeId:
-        return self.emit(ReadLog(name, first, last), (), type)
+        return self.emit(ops.ReadLog(name, first, last), (), type)
 
     def state(self, name: str, type: Type) -> NodeId:
-        return self.emit(ReadState(name), (), type)
+        return self.emit(ops.ReadState(name), (), type)
 
     # ---- elementwise
 
     def add(self, left: NodeId, right: NodeId) -> NodeId:
-        return self._sum_like(Add(), "+", left, right)
+        return self._sum_like(ops.Add(), "+", left, right)
 
     def subtract(self, left: NodeId, right: NodeId) -> NodeId:
-        return self._sum_like(Subtract(), "-", left, right)
+        return self._sum_like(ops.Subtract(), "-", left, right)
 
     def minimum(self, left: NodeId, right: NodeId) -> NodeId:
-        return self._sum_like(Minimum(), "min", left, right)
+        return self._sum_like(ops.Minimum(), "min", left, right)
 
     def maximum(self, left: NodeId, right: NodeId) -> NodeId:
-        return self._sum_like(Maximum(), "max", left, right)
+        return self._sum_like(ops.Maximum(), "max", left, right)
 
     def multiply(self, left: NodeId, right: NodeId) -> NodeId:
         unit = product_unit(self.type(left).unit, self.type(right).unit)
-        return self._binary(Multiply(), left, right, unit)
+        return self._binary(ops.Multiply(), left, right, unit)
 
     def divide(self, left: NodeId, right: NodeId) -> NodeId:
         unit = quotient_unit(self.type(left).unit, self.type(right).unit)
-        return self._binary(Divide(), left, right, unit)
+        return self._binary(ops.Divide(), left, right, unit)
 
     def negate(self, value: NodeId) -> NodeId:
-        return self.emit(Negate(), (value,), self.type(value))
+        return self.emit(ops.Negate(), (value,), self.type(value))
 
     def power(self, base: NodeId, exponent: int) -> NodeId:
         """baseⁿ as a fixed chain of squarings and products, 1/… for a negative exponent."""
@@ -125,10 +98,10 @@ class GraphBuilder(NodeStore):
             return self.broadcast(self.constant(1.0), axes)
         return result
 
-    def compare(self, relation: Relation, left: NodeId, right: NodeId) -> NodeId:
+    def compare(self, relation: ops.Relation, left: NodeId, right: NodeId) -> NodeId:
         self._ruled_sum(relation.value, left, right)
         left, right, axes = self.aligned(left, right)
-        return self.emit(Compare(relation), (left, right), Type(axes, ONE, "bool"))
+        return self.emit(ops.Compare(relation), (left, right), Type(axes, ONE, "bool"))
 
     def select(self, condition: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
         unit = self._ruled_sum("where", then, otherwise)
@@ -136,7 +109,7 @@ class GraphBuilder(NodeStore):
         condition, then, axes = self.aligned(condition, then)
         # where the condition's window renamed an axis, this one has it too
         _, otherwise, _ = self.aligned(then, otherwise)
-        return self.emit(Select(), (condition, then, otherwise), Type(axes, unit))
+        return self.emit(ops.Select(), (condition, then, otherwise), Type(axes, unit))
 
     def clamp(self, value: NodeId, low: NodeId, high: NodeId) -> NodeId:
         unit = self._ruled_sum("clip", value, low)
@@ -144,13 +117,14 @@ class GraphBuilder(NodeStore):
         value, low, _ = self.aligned(value, low)
         value, high, axes = self.aligned(value, high)
         _, low, _ = self.aligned(value, low)  # it has an axis that the window of high renamed
-        return self.emit(Clamp(), (value, low, high), Type(axes, unit))
+        return self.emit(ops.Clamp(), (value, low, high), Type(axes, unit))
 
     def zero_with(self, factor: NodeId, product: NodeId) -> NodeId:
         """0 where the factor is 0, else the product; a factor that is NaN is not 0."""
         if self.infinite_values.is_never_zero(factor):
             return product
-        is_zero = self.compare(Relation.LESS_EQUAL, self.apply("abs", factor), self.constant(0.0))
+        size = self.apply("abs", factor)
+        is_zero = self.compare(ops.Relation.LESS_EQUAL, size, self.constant(0.0))
         zero = self.broadcast(self.constant(0.0), self.type(product).axes)
         return self.select(is_zero, zero, product)
 
@@ -162,11 +136,11 @@ class GraphBuilder(NodeStore):
             self.conflicts.append(conflict)
         if len(args) == 2:
             left, right, axes = self.aligned(*args)
-            return self.emit(Apply(function), (left, right), Type(axes, unit))
-        return self.emit(Apply(function), args, self.type(args[0]).with_unit(unit))
+            return self.emit(ops.Apply(function), (left, right), Type(axes, unit))
+        return self.emit(ops.Apply(function), args, self.type(args[0]).with_unit(unit))
 
     def dropout(self, value: NodeId, rate: float, layer: str) -> NodeId:
-        return self.emit(Dropout(rate, layer), (value,), self.type(value))
+        return self.emit(ops.Dropout(rate, layer), (value,), self.type(value))
 
     # ---- structure
 
@@ -174,13 +148,13 @@ class GraphBuilder(NodeStore):
         type = self.type(value)
         if type.axes == axes:
             return value
-        return self.emit(Broadcast(), (value,), type.with_axes(axes))
+        return self.emit(ops.Broadcast(), (value,), type.with_axes(axes))
 
     def reshape(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
         type = self.type(value)
         if type.axes == axes:
             return value
-        return self.emit(Reshape(), (value,), type.with_axes(axes))
+        return self.emit(ops.Reshape(), (value,), type.with_axes(axes))
 
     def rename(self, value: NodeId, old: str, new: str) -> NodeId:
         """The value with one axis under another name; one that becomes the window moves last."""
@@ -196,7 +170,7 @@ class GraphBuilder(NodeStore):
         if (start, stop) == (0, type.axes[type.position(axis)].size):
             return value
         axes = tuple(Axis(axis, stop - start) if a.name == axis else a for a in type.axes)
-        return self.emit(Slice(axis, start, stop), (value,), type.with_axes(axes))
+        return self.emit(ops.Slice(axis, start, stop), (value,), type.with_axes(axes))
 
     def element(self, value: NodeId, axis: str, index: int) -> NodeId:
         """One element along an axis, which disappears."""
@@ -213,12 +187,12 @@ class GraphBuilder(NodeStore):
                 self.conflicts.append(conflict)
         size = sum(type.axes[type.position(axis)].size for type in types)
         axes = tuple(Axis(axis, size) if a.name == axis else a for a in types[0].axes)
-        return self.emit(Concat(axis), tuple(values), Type(axes, unit))
+        return self.emit(ops.Concat(axis), tuple(values), Type(axes, unit))
 
     def sum(self, value: NodeId, axis: str) -> NodeId:
         type = self.type(value)
         rest = tuple(a for a in type.axes if a.name != axis)
-        return self.emit(Sum(axis), (value,), type.with_axes(rest))
+        return self.emit(ops.Sum(axis), (value,), type.with_axes(rest))
 
     def contract(self, left: NodeId, right: NodeId) -> NodeId:
         """`left @ right` by rule R3."""
@@ -226,7 +200,7 @@ class GraphBuilder(NodeStore):
         if partner != mine.name:
             right = self.rename(right, partner, mine.name)
         unit = product_unit(self.type(left).unit, self.type(right).unit)
-        return self.emit(Contract(mine.name), (left, right), Type(axes, unit))
+        return self.emit(ops.Contract(mine.name), (left, right), Type(axes, unit))
 
     def contract_over(self, left: NodeId, right: NodeId, axis: str) -> NodeId:
         """Σ over one axis that both have of their product, other axes aligned by name."""
@@ -234,13 +208,13 @@ class GraphBuilder(NodeStore):
         rest = [a for a in mine.axes if a.name != axis]
         rest += [a for a in other.axes if a.name != axis and mine.axis(a.name) is None]
         unit = product_unit(mine.unit, other.unit)
-        return self.emit(Contract(axis), (left, right), Type(in_order(tuple(rest)), unit))
+        return self.emit(ops.Contract(axis), (left, right), Type(in_order(tuple(rest)), unit))
 
     def window(self, state: str, newest: NodeId, length: int) -> NodeId:
         """The `length` samples of a buffer state and the newest one."""
         type = self.type(newest)
         return self.emit(
-            Window(state), (newest,), type.with_axes((*type.axes, Axis(WINDOW, length + 1)))
+            ops.Window(state), (newest,), type.with_axes((*type.axes, Axis(WINDOW, length + 1)))
         )
 
     # ---- inside
@@ -273,13 +247,13 @@ class GraphBuilder(NodeStore):
     def _term_unit(self, value: NodeId) -> Unit | None:
         """Unit in a sum: a literal 0 fits every unit."""
         node = self.node(value)
-        if isinstance(node.op, Constant) and not any(node.op.values):
+        if isinstance(node.op, ops.Constant) and not any(node.op.values):
             return None
         return node.type.unit
 
-    def _sum_like(self, op: Op, operation: str, left: NodeId, right: NodeId) -> NodeId:
+    def _sum_like(self, op: ops.Op, operation: str, left: NodeId, right: NodeId) -> NodeId:
         return self._binary(op, left, right, self._ruled_sum(operation, left, right))
 
-    def _binary(self, op: Op, left: NodeId, right: NodeId, unit: Unit | None) -> NodeId:
+    def _binary(self, op: ops.Op, left: NodeId, right: NodeId, unit: Unit | None) -> NodeId:
         left, right, axes = self.aligned(left, right)
         return self.emit(op, (left, right), Type(axes, unit))

@@ -1,14 +1,16 @@
 """The core operations: the closed set that every backend lowers, each with its numpy meaning.
 
-Elementwise operations take operands of exactly the same axes; `Broadcast` brings them there. A
-reduction adds from the first element of the axis (the oldest sample of a window) to the last, one
-after the other, in every backend that promises bits.
+Their base classes say what groups of them have in common, so that a `match` can treat a group as
+one case (`case ops.Structure():`): `Leaf` (of it `Read`, and of that `ReadSamples`), `Elementwise`
+(of it `Identity`), `Structure` and `Reduction`. `Window` stands alone. Only the operations
+themselves are in the union `Op`, so that pyright names in a `match` which of them it forgets.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import ClassVar
 
 
 class Relation(Enum):
@@ -24,22 +26,35 @@ class Relation(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Constant:
+class Leaf:
+    """A value that is made of no other."""
+
+    arity: ClassVar[int | None] = 0
+    """How many operands there are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Constant(Leaf):
     """Numbers known at compile time, in C order of the node's axes."""
 
     values: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class ReadParameter:
+class Read(Leaf):
+    """A value that something outside the graph gives."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadParameter(Read):
     """The physical value of a parameter, constant over a run."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
-class ReadSignal:
-    """Samples t+first … t+last of an input as the step sees it: from the log while it is open.
+class ReadSamples(Read):
+    """Samples t+first … t+last of a signal.
 
     Without a window axis in the node's type `first == last` and the value is that one sample.
     """
@@ -50,85 +65,111 @@ class ReadSignal:
 
 
 @dataclass(frozen=True, slots=True)
-class ReadLog:
-    """Samples t+first … t+last of the record, whatever the step sees; losses and starts only."""
-
-    signal: str
-    first: int
-    last: int
+class ReadSignal(ReadSamples):
+    """Samples t+first … t+last of an input as the step sees it: from the log while it is open."""
 
 
 @dataclass(frozen=True, slots=True)
-class ReadState:
+class ReadLog(ReadSamples):
+    """Samples t+first … t+last of the record, whatever the step sees; losses and starts only."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadState(Read):
     """The current value of a state."""
 
     name: str
 
 
-# ---- elementwise: operands have the node's axes
+# ---- elementwise
 
 
 @dataclass(frozen=True, slots=True)
-class Add:
+class Elementwise:
+    """Each element is made of the elements at its place; all operands have the node's axes.
+
+    `Broadcast` brings them there.
+    """
+
+    arity: ClassVar[int | None] = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Add(Elementwise):
     """a + b."""
 
 
 @dataclass(frozen=True, slots=True)
-class Subtract:
+class Subtract(Elementwise):
     """a − b."""
 
 
 @dataclass(frozen=True, slots=True)
-class Multiply:
+class Multiply(Elementwise):
     """a · b."""
 
 
 @dataclass(frozen=True, slots=True)
-class Divide:
+class Divide(Elementwise):
     """a / b, IEEE 754: x/0 is ±inf, 0/0 is NaN."""
 
 
 @dataclass(frozen=True, slots=True)
-class Negate:
+class Negate(Elementwise):
     """−a."""
+
+    arity: ClassVar[int | None] = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Minimum:
+class Minimum(Elementwise):
     """The smaller operand; NaN if one is NaN; the slope of a tie goes to the first."""
 
 
 @dataclass(frozen=True, slots=True)
-class Maximum:
+class Maximum(Elementwise):
     """The larger operand; NaN if one is NaN; the slope of a tie goes to the first."""
 
 
 @dataclass(frozen=True, slots=True)
-class Clamp:
+class Clamp(Elementwise):
     """min(max(x, low), high) of operands x, low, high; slope 1 in x on the bounds."""
+
+    arity: ClassVar[int | None] = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Compare:
+class Compare(Elementwise):
     """a relation b, a bool; false where an operand is NaN."""
 
     relation: Relation
 
 
 @dataclass(frozen=True, slots=True)
-class Select:
+class Select(Elementwise):
     """The second operand where the first (a bool) holds, else the third."""
+
+    arity: ClassVar[int | None] = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Apply:
-    """A scalar function of the table in `scalar_functions.py`, on every element."""
+class Apply(Elementwise):
+    """A scalar function of the table in `scalars/table.py`, on every element."""
 
     function: str
 
+    arity: ClassVar[int | None] = None
+
 
 @dataclass(frozen=True, slots=True)
-class Dropout:
+class Identity(Elementwise):
+    """The operand itself, marked for a pass that looks for it."""
+
+    arity: ClassVar[int | None] = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Dropout(Identity):
     """The operand; a stage of training leaves elements out at random (`draw_dropout`)."""
 
     rate: float
@@ -137,21 +178,28 @@ class Dropout:
     """The layer that it belongs to, empty for the builtin."""
 
 
-# ---- structure: same numbers in other axes, or sums along one axis
+# ---- structure
 
 
 @dataclass(frozen=True, slots=True)
-class Broadcast:
+class Structure:
+    """The operands' numbers, unchanged, at other places."""
+
+    arity: ClassVar[int | None] = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Broadcast(Structure):
     """The operand repeated along the axes it lacks, in the order of the node's axes (by name)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Reshape:
+class Reshape(Structure):
     """The operand's numbers in the same order under other axes of the same total size."""
 
 
 @dataclass(frozen=True, slots=True)
-class Slice:
+class Slice(Structure):
     """Elements start … stop−1 along one axis."""
 
     axis: str
@@ -160,28 +208,44 @@ class Slice:
 
 
 @dataclass(frozen=True, slots=True)
-class Concat:
+class Concat(Structure):
     """The operands one after the other along one axis; the other axes are equal."""
 
     axis: str
 
+    arity: ClassVar[int | None] = None
+
+
+# ---- reductions
+
 
 @dataclass(frozen=True, slots=True)
-class Sum:
-    """Σ over one axis, which disappears: ((e₀ + e₁) + e₂) + …."""
+class Reduction:
+    """A sum over one axis, which disappears.
+
+    It adds from the first element (the oldest sample of a window) to the last, one after the other,
+    in every backend that promises bits.
+    """
 
     axis: str
 
+    arity: ClassVar[int | None] = 1
+
 
 @dataclass(frozen=True, slots=True)
-class Contract:
+class Sum(Reduction):
+    """Σ over one axis, which disappears: ((e₀ + e₁) + e₂) + …."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contract(Reduction):
     """Σ over one axis that both operands have of their product: ((a₀b₀ + a₁b₁) + a₂b₂) + ….
 
     The node's axes are those of both operands without the contracted one; axes that both have are
     aligned by name, an axis that one lacks is repeated.
     """
 
-    axis: str
+    arity: ClassVar[int | None] = 2
 
 
 # ---- memory
@@ -197,14 +261,14 @@ class Window:
 
     state: str
 
+    arity: ClassVar[int | None] = 1
 
-Op = (
-    Constant
-    | ReadParameter
-    | ReadSignal
-    | ReadLog
-    | ReadState
-    | Add
+
+AnyRead = ReadParameter | ReadSignal | ReadLog | ReadState
+"""What a backend must know the place of."""
+
+Computed = (
+    Add
     | Subtract
     | Multiply
     | Divide
@@ -215,6 +279,13 @@ Op = (
     | Compare
     | Select
     | Apply
+)
+"""The elementwise operations that are more than their operand."""
+
+Op = (
+    Constant
+    | AnyRead
+    | Computed
     | Dropout
     | Broadcast
     | Reshape

@@ -5,32 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import assert_never
 
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import (
     Declared,
     Graph,
@@ -147,53 +122,53 @@ def _operation(node: Node) -> str:
     args = [f"%{arg}" for arg in node.args]
     listed = ", ".join(args)
     match node.op:
-        case Constant(values):
+        case ops.Constant(values):
             return f"constant {_numbers(values)}"
-        case ReadParameter(name):
+        case ops.ReadParameter(name):
             return f"parameter {name}"
-        case ReadSignal(name, first, last):
+        case ops.ReadSignal(name, first, last):
             return f"signal {name}{_times(first, last, node.type)}"
-        case ReadLog(name, first, last):
+        case ops.ReadLog(name, first, last):
             return f"log {name}{_times(first, last, node.type)}"
-        case ReadState(name):
+        case ops.ReadState(name):
             return f"state {name}"
-        case Add():
+        case ops.Add():
             return " + ".join(args)
-        case Subtract():
+        case ops.Subtract():
             return " - ".join(args)
-        case Multiply():
+        case ops.Multiply():
             return " * ".join(args)
-        case Divide():
+        case ops.Divide():
             return " / ".join(args)
-        case Negate():
+        case ops.Negate():
             return f"-{listed}"
-        case Dropout(rate, layer):
+        case ops.Dropout(rate, layer):
             return f"dropout({listed}, {rate!r}{f', {layer}' if layer else ''})"
-        case Minimum():
+        case ops.Minimum():
             return f"min({listed})"
-        case Maximum():
+        case ops.Maximum():
             return f"max({listed})"
-        case Clamp():
+        case ops.Clamp():
             return f"clamp({listed})"
-        case Compare(relation):
+        case ops.Compare(relation):
             return f" {relation.value} ".join(args)
-        case Select():
+        case ops.Select():
             return f"select({listed})"
-        case Apply(function):
+        case ops.Apply(function):
             return f"{function}({listed})"
-        case Broadcast():
+        case ops.Broadcast():
             return f"broadcast({listed})"
-        case Reshape():
+        case ops.Reshape():
             return f"reshape({listed})"
-        case Slice(axis, start, stop):
+        case ops.Slice(axis, start, stop):
             return f"{listed}[{axis or '_'} {start}:{stop}]"
-        case Concat(axis):
+        case ops.Concat(axis):
             return f"concat({listed}) along {axis or '_'}"
-        case Sum(axis):
+        case ops.Sum(axis):
             return f"sum({listed}) over {axis or '_'}"
-        case Contract(axis):
+        case ops.Contract(axis):
             return f"contract({listed}) over {axis or '_'}"
-        case Window(state):
+        case ops.Window(state):
             return f"window({state}, {listed})"
         case _:
             assert_never(node.op)

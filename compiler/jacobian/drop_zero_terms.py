@@ -9,24 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node
 from compiler.ir.liveness import needed
-from compiler.ir.ops import (
-    Add,
-    Broadcast,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Multiply,
-    Negate,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-)
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import Type
 
@@ -57,9 +43,9 @@ def without_zeros(
 def known_number(graph: GraphBuilder, node: NodeId) -> float | None:
     """The number that every element of the value is, where it is one known number."""
     found = graph.node(node)
-    while isinstance(found.op, Broadcast | Reshape | Slice):
+    while isinstance(found.op, ops.Broadcast | ops.Reshape | ops.Slice):
         found = graph.node(found.args[0])
-    if not isinstance(found.op, Constant) or found.type.kind != "real":
+    if not isinstance(found.op, ops.Constant) or found.type.kind != "real":
         return None
     numbers = set(found.op.values)
     return found.op.values[0] if len(numbers) == 1 else None
@@ -75,27 +61,27 @@ class _Draft:
         b = self.builder
         numbers = [known_number(b, arg) for arg in node.args]
         match node.op, numbers:
-            case Add() | Subtract(), [_, 0.0]:
+            case ops.Add() | ops.Subtract(), [_, 0.0]:
                 return node.args[0]
-            case Add(), [0.0, _]:
+            case ops.Add(), [0.0, _]:
                 return node.args[1]
-            case Subtract(), [0.0, _]:
-                return self.add(replace(node, op=Negate(), args=node.args[1:]))
-            case Multiply() | Contract(), [0.0, _] | [_, 0.0]:
+            case ops.Subtract(), [0.0, _]:
+                return self.add(replace(node, op=ops.Negate(), args=node.args[1:]))
+            case ops.Multiply() | ops.Contract(), [0.0, _] | [_, 0.0]:
                 return self._zeros(node.type)
-            case Divide(), [0.0, _]:
+            case ops.Divide(), [0.0, _]:
                 return self._zeros(node.type)
-            case Multiply() | Divide(), [_, 1.0]:
+            case ops.Multiply() | ops.Divide(), [_, 1.0]:
                 return node.args[0]
-            case Multiply(), [1.0, _]:
+            case ops.Multiply(), [1.0, _]:
                 return node.args[1]
-            case ((Negate() | Sum() | Broadcast() | Reshape() | Slice()), [0.0]):
+            case ((ops.Structure() | ops.Sum() | ops.Negate()), [0.0]):
                 return self._zeros(node.type)
-            case Select(), [_, 0.0, 0.0]:
+            case ops.Select(), [_, 0.0, 0.0]:
                 return self._zeros(node.type)
-            case Concat(), _ if all(number == 0.0 for number in numbers):
+            case ops.Concat(), _ if all(number == 0.0 for number in numbers):
                 return self._zeros(node.type)
-            case Slice(), _:
+            case ops.Slice(), _:
                 return self._sliced(node)
             case _:
                 return copy_node(b, node, node.args)
@@ -105,21 +91,21 @@ class _Draft:
 
     def _sliced(self, node: Node) -> NodeId:
         b = self.builder
-        assert isinstance(node.op, Slice)
+        assert isinstance(node.op, ops.Slice)
         axis, start, stop = node.op.axis, node.op.start, node.op.stop
         source = b.node(node.args[0])
         match source.op:
-            case Slice(inner, before, _) if inner == axis:
-                op = Slice(axis, start + before, stop + before)
+            case ops.Slice(inner, before, _) if inner == axis:
+                op = ops.Slice(axis, start + before, stop + before)
                 return self.add(replace(node, op=op, args=source.args))
-            case Concat(inner) if inner == axis:
+            case ops.Concat(inner) if inner == axis:
                 begin = 0
                 for part in source.args:
                     size = b.type(part).axes[b.type(part).position(axis)].size
                     if begin <= start and stop <= begin + size:
                         if size == stop - start:
                             return part
-                        op = Slice(axis, start - begin, stop - begin)
+                        op = ops.Slice(axis, start - begin, stop - begin)
                         return self.add(replace(node, op=op, args=(part,)))
                     begin += size
             case _:

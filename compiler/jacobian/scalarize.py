@@ -14,41 +14,15 @@ from typing import assert_never
 
 import numpy as np
 
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    Op,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW, Axis, Type
 
 Fixed = tuple[tuple[str, int], ...]
 """Axes that are fixed, by name and in the order of the type, each at an index."""
 
-Leaf = ReadState | ReadSignal | ReadParameter
+Leaf = ops.ReadState | ops.ReadSignal | ops.ReadParameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,17 +110,17 @@ class _Element:
         """The elements of operands that it is made of, in the order in which `_Made` takes them."""
         node, at = self.node, dict(self.fixed)
         match node.op:
-            case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
+            case ops.Leaf():
                 return []
-            case Reshape():
+            case ops.Reshape():
                 return [(node.args[0], self._before_reshape(node.args[0]))]
-            case Slice(axis, start, _):
+            case ops.Slice(axis, start, _):
                 moved = {n: i + start if n == axis else i for n, i in at.items()}
                 return [(node.args[0], self._in(node.args[0], moved))]
-            case Concat(axis) if axis in at:
+            case ops.Concat(axis) if axis in at:
                 part, index = self._part_of(axis, at[axis])
                 return [(part, self._in(part, at | {axis: index}))]
-            case Window():
+            case ops.Window():
                 length = node.type.shape[-1]
                 newest = (node.args[0], self._in(node.args[0], at))
                 return [newest] if at.get(WINDOW, length - 1) == length - 1 else []
@@ -202,44 +176,29 @@ class _Made:
     def _made(self, element: _Element, operands: list[NodeId]) -> NodeId:
         b, node, type = self.builder, element.node, element.type
         match node.op:
-            case ReadState() | ReadSignal() | ReadParameter():
+            case ops.ReadState() | ops.ReadSignal() | ops.ReadParameter():
                 return self._part(node.op, node.type, element.fixed)
-            case ReadLog():
+            case ops.ReadLog():
                 raise AssertionError("outputs and next states do not read the record")
-            case Constant(values):
+            case ops.Constant(values):
                 numbers = np.reshape(values, node.type.shape)
                 at = dict(element.fixed)
                 kept = tuple(at.get(axis.name, slice(None)) for axis in node.type.axes)
                 chosen = tuple(float(x) for x in np.ravel(numbers[kept]))
-                return b.emit(Constant(chosen), (), type)
-            case Broadcast():
+                return b.emit(ops.Constant(chosen), (), type)
+            case ops.Broadcast():
                 return b.broadcast(operands[0], type.axes)
-            case Reshape():
+            case ops.Reshape():
                 return self._reshaped(element, operands[0])
-            case Slice(axis, start, stop):
+            case ops.Slice(axis, start, stop):
                 fixed = any(name == axis for name, _ in element.fixed)
                 return operands[0] if fixed else b.slice(operands[0], axis, start, stop)
-            case Concat(axis):
+            case ops.Concat(axis):
                 fixed = any(name == axis for name, _ in element.fixed)
-                return operands[0] if fixed else b.emit(Concat(axis), tuple(operands), type)
-            case Window(state):
+                return operands[0] if fixed else b.emit(ops.Concat(axis), tuple(operands), type)
+            case ops.Window(state):
                 return self._window(element, state, operands)
-            case (
-                Add()
-                | Subtract()
-                | Multiply()
-                | Divide()
-                | Negate()
-                | Minimum()
-                | Maximum()
-                | Clamp()
-                | Compare()
-                | Select()
-                | Apply()
-                | Dropout()
-                | Sum()
-                | Contract()
-            ):
+            case ops.Elementwise() | ops.Reduction():
                 return b.emit(node.op, tuple(operands), type)
             case _:
                 assert_never(node.op)
@@ -267,19 +226,20 @@ class _Made:
 
     def _window(self, element: _Element, state: str, operands: list[NodeId]) -> NodeId:
         window = element.node.type
-        kept = Axis(WINDOW, window.shape[-1] - 1)
-        past = Type((*window.axes[:-1], kept), window.unit)
+        kept = ops.ReadState(state)
+        past = Type((*window.axes[:-1], Axis(WINDOW, window.shape[-1] - 1)), window.unit)
         at = dict(element.fixed)
         if WINDOW in at:
-            return operands[0] if operands else self._part(ReadState(state), past, element.fixed)
+            return operands[0] if operands else self._part(kept, past, element.fixed)
         newest = self.builder.type(operands[0]).axes
         last = self.builder.reshape(operands[0], (*newest, Axis(WINDOW, 1)))
-        before = self._part(ReadState(state), past, element.fixed)
-        return self.builder.emit(Concat(WINDOW), (before, last), element.type)
+        before = self._part(kept, past, element.fixed)
+        return self.builder.emit(ops.Concat(WINDOW), (before, last), element.type)
 
 
-def _stand_in(part: Part) -> Op:
+def _stand_in(part: Part) -> ops.Op:
     """A leaf of its own for every part, so that the slope of one holds nothing of another."""
     place = ",".join(f"{name}={index}" for name, index in part.fixed)
     name = f"{part.leaf!r}[{place}]"
-    return ReadParameter(name) if isinstance(part.leaf, ReadParameter) else ReadState(name)
+    is_parameter = isinstance(part.leaf, ops.ReadParameter)
+    return ops.ReadParameter(name) if is_parameter else ops.ReadState(name)

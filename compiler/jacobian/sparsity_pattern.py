@@ -9,33 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.interpreter.operations import NOWHERE, evaluator
+from compiler.ir import ops
 from compiler.ir.liveness import needed
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
 from compiler.ir.program import Graph, Node, NodeId
 
 Marks = NDArray[np.float64]
@@ -60,29 +35,20 @@ def _marks(graph: Graph, node: Node, marks: list[Any]) -> Marks:
     """The marks of a node, (1, *shape)."""
     of = [marks[arg] for arg in node.args]
     match node.op:
-        case Constant(values):
+        case ops.Constant(values):
             return np.reshape(np.array(values) != 0, (1, *node.type.shape)).astype(float)
-        case Multiply() | Contract() | Sum() | Broadcast() | Reshape() | Slice() | Concat():
+        case ops.Multiply() | ops.Reduction() | ops.Structure():
             types = tuple(graph[arg].type for arg in node.args)
             # products and sums of marks, which are not below 0, mark products and sums
             found = evaluator(node, types, {}, np.dtype(np.float64))(marks, NOWHERE)
             return np.minimum(found, 1.0)
-        case Add() | Subtract() | Minimum() | Maximum():
+        case ops.Add() | ops.Subtract() | ops.Minimum() | ops.Maximum():
             return np.maximum(of[0], of[1])
-        case Negate() | Dropout() | Divide():
+        case ops.Negate() | ops.Identity() | ops.Divide():
             return of[0]
-        case Select():
+        case ops.Select():
             return np.maximum(of[1], of[2])
-        case (
-            Apply()
-            | Clamp()
-            | Compare()
-            | ReadParameter()
-            | ReadSignal()
-            | ReadLog()
-            | ReadState()
-            | Window()
-        ):
+        case ops.Apply() | ops.Clamp() | ops.Compare() | ops.Read() | ops.Window():
             return np.ones((1, *node.type.shape))
         case _:
             assert_never(node.op)

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.signatures import SIGNATURES
+from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.types import UNNAMED, Axis, describe_axes
 from compiler.layers.affine import Affine
 from compiler.layers.rules.arguments import read_elements
@@ -15,7 +15,7 @@ from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from spec_schema.errors import names, shapes
 from spec_schema.fields.located import Located
-from spec_schema.sections.layers import EquationLearner
+from spec_schema.sections.layers.networks import EquationLearner
 from spec_schema.sections.values import Function
 
 
@@ -99,4 +99,4 @@ def _read(context: LayerContext, settings: EquationLearner) -> Arguments:
     return arguments
 
 
-EQUATION_LEARNER = LayerRule(EquationLearner, _read, equation_learner)
+EQUATION_LEARNER = LayerRule(EquationLearner, _read, equation_learner, is_black_box=True)

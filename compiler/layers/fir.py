@@ -10,7 +10,7 @@ from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.layers.rules.named_arrays import named_array
 from spec_schema.errors import shapes
 from spec_schema.fields.located import Located
-from spec_schema.sections.layers import Fir
+from spec_schema.sections.layers.networks import Fir
 
 
 def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:

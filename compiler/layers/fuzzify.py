@@ -19,7 +19,8 @@ from compiler.layers.rules.fuzzy_sets import (
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from spec_schema.errors import names, shapes
-from spec_schema.sections.layers import CustomMembership, Fuzzify, Layer
+from spec_schema.sections.layers.fuzzy_sets import CustomMembership, Fuzzify
+from spec_schema.sections.layers.layer import Layer
 
 
 def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> NodeId:

@@ -9,7 +9,7 @@ from compiler.layers.rules.fit import Orders, declare_fit
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.layers.rules.memory import Memory, initial_value, read_signal, starting
-from spec_schema.sections.layers import Iir
+from spec_schema.sections.layers.filters import Iir
 
 
 def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compiler.ir.program import NodeId
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.layers.rules.arguments import read_scalars
 from compiler.layers.rules.centers import ascending
 from compiler.layers.rules.fuzzy_sets import FuzzySets, beyond, triangular
@@ -14,7 +14,7 @@ from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.lowering.constants import evaluate
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Expression
-from spec_schema.sections.layers import Interpolation
+from spec_schema.sections.layers.tables import Interpolation
 from spec_schema.units.unit import ONE, Unit
 
 

@@ -7,7 +7,7 @@ from compiler.layers.affine import Affine
 from compiler.layers.rules.arguments import read_elements
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
-from spec_schema.sections.layers import Linear
+from spec_schema.sections.layers.networks import Linear
 
 
 def linear(context: LayerContext, settings: Linear, arguments: Arguments) -> NodeId:

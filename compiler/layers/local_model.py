@@ -8,7 +8,7 @@ from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.lowering.expressions import lower_all
 from spec_schema.errors import shapes
-from spec_schema.sections.layers import LocalModel
+from spec_schema.sections.layers.layer import LocalModel
 
 
 def local_model(context: LayerContext, settings: LocalModel, arguments: Arguments) -> NodeId:

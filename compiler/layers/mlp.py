@@ -10,7 +10,7 @@ from compiler.layers.rules.arguments import read_elements
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from spec_schema.fields.located import Located
-from spec_schema.sections.layers import Mlp
+from spec_schema.sections.layers.networks import Mlp
 
 
 def mlp(context: LayerContext, settings: Mlp, arguments: Arguments) -> NodeId:
@@ -39,4 +39,4 @@ def mlp(context: LayerContext, settings: Mlp, arguments: Arguments) -> NodeId:
     return value
 
 
-MLP = LayerRule(Mlp, read_elements, mlp)
+MLP = LayerRule(Mlp, read_elements, mlp, is_black_box=True)

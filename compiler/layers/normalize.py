@@ -15,7 +15,7 @@ from compiler.linking.connected import Connected
 from compiler.lowering.constants import evaluate
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Expression, Future, Member, Name, Past, Window
-from spec_schema.sections.layers import Normalize
+from spec_schema.sections.layers.tables import Normalize
 from spec_schema.sections.signals import Signal
 from spec_schema.units.unit import Unit
 

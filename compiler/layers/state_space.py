@@ -10,7 +10,7 @@ from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.layers.rules.memory import Memory, initial_value, read_vector, starting
 from spec_schema.errors import names
-from spec_schema.sections.layers import StateSpace
+from spec_schema.sections.layers.filters import StateSpace
 
 
 def state_space(context: LayerContext, settings: StateSpace, arguments: Arguments) -> NodeId:
@@ -80,4 +80,4 @@ def _orders(context: LayerContext, settings: StateSpace) -> Orders:
     return Orders("state_space", order, order, settings.feedthrough, settings.radius)
 
 
-STATE_SPACE = LayerRule(StateSpace, read_vector, state_space)
+STATE_SPACE = LayerRule(StateSpace, read_vector, state_space, is_black_box=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from fnmatch import fnmatchcase
 
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.linking.link import Linked
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span

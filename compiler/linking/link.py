@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.linking.connected import Connected
 from compiler.linking.renaming import Renaming
 from spec_schema.diagnostics.diagnostic import Findings

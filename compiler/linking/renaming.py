@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar, cast
 
-from compiler.ir.signatures import OF_THE_LANGUAGE
+from compiler.ir.scalars.signatures import OF_THE_LANGUAGE
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.language import INDICES, LENGTH
 from spec_schema.expressions.tree import Call, Expression, Keyword, LanguageName, Member, Name
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.located import Located
-from spec_schema.sections.layers import EQUATION_TERMS, EquationLearner
+from spec_schema.sections.layers.networks import EQUATION_TERMS, EquationLearner
 from spec_schema.sections.values import Function, Initializer
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit

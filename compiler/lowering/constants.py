@@ -8,7 +8,7 @@ from typing import TypeGuard
 import numpy as np
 
 from compiler.interpreter.constant_value import constant_value
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis, describe_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part

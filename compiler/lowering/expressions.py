@@ -11,12 +11,13 @@ from compiler.ir.ops import Constant
 from compiler.ir.ops import Negate as CoreNegate
 from compiler.ir.ops import Relation as CoreRelation
 from compiler.ir.program import NodeId
-from compiler.ir.rules.alignment import AxisConflict, twin_axes
+from compiler.ir.rules.alignment import AxisConflict
 from compiler.ir.rules.unit_rules import power_unit
-from compiler.ir.types import UNNAMED, WINDOW, Axis, Type, describe_axes
+from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.twin_axes import warn_of_twin_axes
 from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes, time
@@ -95,6 +96,8 @@ def _lower(
             return _lower_binary(context, expression, environment, builder)
         case Compare(relation=relation, left=left, right=right):
             nodes = lower_all(context, (left, right), environment)
+            operands = zip((left, right), nodes, strict=True)
+            warn_of_twin_axes(context, builder, relation.value, expression, operands)
             with aligning(context, relation.value, expression, left, right):
                 return builder.compare(_RELATIONS[relation], *nodes)
         case Window() | Past() | Future():
@@ -143,9 +146,10 @@ def _lower_binary(
     context: Context, binary: Binary, environment: Environment, builder: GraphBuilder
 ) -> NodeId:
     left, right = lower_all(context, (binary.left, binary.right), environment)
+    if binary.operator is not Operator.CONTRACT:
+        operands = ((binary.left, left), (binary.right, right))
+        warn_of_twin_axes(context, builder, binary.operator.value, binary, operands)
     with aligning(context, binary.operator.value, binary, binary.left, binary.right):
-        if binary.operator not in (Operator.CONTRACT, Operator.POWER):
-            _warn_of_twin_axes(context, binary, builder.type(left), builder.type(right))
         match binary.operator:
             case Operator.ADD:
                 return builder.add(left, right)
@@ -159,22 +163,6 @@ def _lower_binary(
                 return _lower_contraction(context, binary, environment, builder, left, right)
             case Operator.POWER:
                 return _lower_power(builder, left, right)
-
-
-def _warn_of_twin_axes(context: Context, binary: Binary, left: Type, right: Type) -> None:
-    """Says where a named and an unnamed axis of one length make all pairs of their elements."""
-    found = twin_axes(left.axes, right.axes)
-    if found is not None:
-        context.findings.report(
-            shapes.twin_axes(
-                binary.operator.value,
-                found.name,
-                found.size,
-                binary.span,
-                (binary.left.span, describe_axes(left.axes)),
-                (binary.right.span, describe_axes(right.axes)),
-            )
-        )
 
 
 def _lower_contraction(

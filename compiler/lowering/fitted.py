@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.types import Type, describe_axes
+from compiler.ir.types import Type
 from compiler.lowering.context import Context
+from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
-from spec_schema.errors import shapes
+from compiler.lowering.surplus_axes import report_surplus
 from spec_schema.expressions.tree import Expression
 
 
@@ -17,16 +17,16 @@ def fitted(
     node: NodeId,
     type: Type,
     expression: Expression,
-    builder: GraphBuilder,
+    environment: Environment,
 ) -> NodeId:
     """The value with exactly the axes of the type; a value without some of them is repeated.
 
-    A value whose unit is not known gets the type's.
+    `node` is the value of the expression in this environment. A value whose unit is not known gets
+    the type's.
     """
-    found = builder.type(node).axes
-    if not set(found) <= set(type.axes):
-        wanted, shown = describe_axes(type.axes), describe_axes(found)
-        context.findings.report(shapes.wrong_axes(what, wanted, shown, expression.span))
+    builder = context.builder(environment)
+    if not set(builder.type(node).axes) <= set(type.axes):
+        report_surplus(context, what, node, type.axes, expression, environment)
         raise LoweringFailed
     if builder.type(node).unit is None:
         builder.set_unit(node, type.unit)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from compiler.ir.program import Prediction
 from compiler.ir.rules.unit_rules import same_unit
-from compiler.ir.types import describe_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.scope import Kind
-from spec_schema.errors import names, shapes, states, units
+from compiler.lowering.surplus_axes import report_surplus
+from spec_schema.errors import names, states, units
 from spec_schema.fields.formulas import Prediction as PredictionEntry
 from spec_schema.sections.signals import Output as OutputEntry
 from spec_schema.sections.signals import Signal as SignalEntry
@@ -46,16 +46,9 @@ def as_predicted(
     signal = context.scope[predicts.signal].entry
     assert isinstance(signal, SignalEntry | StateEntry)
     wanted = context.axes_of(signal)
-    found = builder.type(node).axes
-    if not set(found) <= set(wanted):
-        context.findings.report(
-            shapes.wrong_axes(
-                f"`{name}`, which predicts `{predicts.signal}`,",
-                describe_axes(wanted),
-                describe_axes(found),
-                entry.expr.span,
-            )
-        )
+    if not set(builder.type(node).axes) <= set(wanted):
+        what = f"`{name}`, which predicts `{predicts.signal}`,"
+        report_surplus(context, what, node, wanted, entry.expr, _STEP)
         return node
     unit = signal.unit.value if signal.unit else None
     own = builder.type(node).unit

@@ -9,7 +9,7 @@ from enum import Enum
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import names as errors
 from spec_schema.sections.dimensions import Dimension
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.signals import Equation, Output, Signal, State
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Use

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from compiler.ir.fit import Fit
 from compiler.ir.liveness import needed, needed_over_time
-from compiler.ir.ops import ReadLog, ReadSignal
+from compiler.ir.ops import ReadSamples
 from compiler.ir.program import Graph, Node, NodeId, Output, Program, Role, parameters_read
 
 
@@ -88,7 +88,7 @@ def _kept(graph: Graph, live: list[bool]) -> tuple[Graph, dict[NodeId, NodeId]]:
 
 
 def _signals_read(graph: Graph) -> set[str]:
-    return {node.op.signal for _, node in graph if isinstance(node.op, ReadSignal | ReadLog)}
+    return {node.op.signal for _, node in graph if isinstance(node.op, ReadSamples)}
 
 
 def _output(output: Output, now: dict[NodeId, NodeId], read: set[str]) -> Output:

@@ -6,7 +6,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_start, with_step
 from compiler.ir.ops import Apply
 from compiler.ir.program import Graph, NodeId, Program
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS, ByFormula, ByKernel
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS, ByFormula, ByKernel
 
 
 def expand_functions(program: Program, native: frozenset[str]) -> Program:

@@ -7,18 +7,9 @@ from typing import Any
 import numpy as np
 
 from compiler.interpreter.operations import NOWHERE, Array, evaluator
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_start, with_step
-from compiler.ir.ops import (
-    Broadcast,
-    Constant,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Select,
-    Window,
-)
 from compiler.ir.program import Graph, Node, NodeId, Program
 
 LARGEST_FOLDED = 4096
@@ -54,7 +45,7 @@ def folded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
         if chosen is not None:
             copies[index] = copies[chosen]
         elif value is not None and _replaces(graph, node, value):
-            numbers = Constant(tuple(float(number) for number in value.ravel()))
+            numbers = ops.Constant(tuple(float(number) for number in value.ravel()))
             folded = Node(numbers, (), node.type, node.span, node.label)
             copies[index] = copy_node(builder, folded, ())
         else:
@@ -64,8 +55,7 @@ def folded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
 
 def _value(graph: Graph, node: Node, known: list[Any]) -> Array | None:
     """The node's value, (1, *shape), where it depends on constants only."""
-    outside = ReadParameter | ReadSignal | ReadLog | ReadState | Window
-    if isinstance(node.op, outside) or node.type.size > LARGEST_FOLDED:
+    if isinstance(node.op, ops.Read | ops.Window) or node.type.size > LARGEST_FOLDED:
         return None
     if any(known[arg] is None for arg in node.args):
         return None
@@ -77,7 +67,7 @@ def _value(graph: Graph, node: Node, known: list[Any]) -> Array | None:
 
 def _chosen(node: Node, known: list[Any]) -> NodeId | None:
     """The operand that a `Select` with a known condition is."""
-    if not isinstance(node.op, Select):
+    if not isinstance(node.op, ops.Select):
         return None
     condition, then, otherwise = node.args
     holds = known[condition]
@@ -87,8 +77,8 @@ def _chosen(node: Node, known: list[Any]) -> NodeId | None:
 
 
 def _replaces(graph: Graph, node: Node, value: Array) -> bool:
-    if isinstance(node.op, Constant) or node.type.kind != "real":
+    if isinstance(node.op, ops.Constant) or node.type.kind != "real":
         return False
-    if isinstance(node.op, Broadcast) and graph[node.args[0]].type.size < node.type.size:
+    if isinstance(node.op, ops.Broadcast) and graph[node.args[0]].type.size < node.type.size:
         return False
     return bool(np.isfinite(value).all())

@@ -3,7 +3,7 @@
 import re
 
 from msnn.errors.data_files import _and_more
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 
 
@@ -11,40 +11,24 @@ def ragged_row(
     file: str, row: int, found: int, expected: int, more: int, place: Span, *, commas: bool
 ) -> Diagnostic:
     """E0806: a row with more or fewer cells than the header; `more` rows are like it."""
-    return Diagnostic(
-        "E0806",
-        "error",
-        f"row {row} of {file} has {found} cells, the header has {expected} columns",
-        place,
-        f"{found} cells",
-        notes=_and_more(more, "row"),
-        help=_COMMA_HELP if commas else None,
-    )
+    message = f"row {row} of {file} has {found} cells, the header has {expected} columns"
+    notes = _and_more(more, "row")
+    repair = _COMMA_HELP if commas else None
+    return error("E0806", place, message, f"{found} cells", notes=notes, help=repair)
 
 
 def not_a_number(file: str, row: int, column: str, text: str, more: int, place: Span) -> Diagnostic:
     """E0807: text where a number belongs."""
-    return Diagnostic(
-        "E0807",
-        "error",
-        f"`{text}` in column `{column}` is not a number (row {row} of {file})",
-        place,
-        "not a number",
-        notes=_and_more(more, "cell"),
-        help=_repair_of(text),
-    )
+    message = f"`{text}` in column `{column}` is not a number (row {row} of {file})"
+    notes = _and_more(more, "cell")
+    return error("E0807", place, message, "not a number", notes=notes, help=_repair_of(text))
 
 
 def line_of_units(file: str, columns: str, place: Span) -> Diagnostic:
     """E0825: a line of units below the header, where the first row of numbers belongs."""
-    return Diagnostic(
-        "E0825",
-        "error",
-        f"row 0 of {file} has units, not numbers",
-        place,
-        "a line of units",
-        help=f"remove the line; where a unit is not the signal's, write `columns: {columns}`",
-    )
+    message = f"row 0 of {file} has units, not numbers"
+    repair = f"remove the line; where a unit is not the signal's, write `columns: {columns}`"
+    return error("E0825", place, message, "a line of units", help=repair)
 
 
 def decimal_comma(
@@ -52,15 +36,10 @@ def decimal_comma(
 ) -> Diagnostic:
     """E0808: a number with a comma where the point belongs."""
     own = "" if delimiter == "," else 'delimiter: ";", '
-    return Diagnostic(
-        "E0808",
-        "error",
-        f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})",
-        place,
-        f"write `{text.replace(',', '.')}`",
-        notes=_and_more(more, "cell"),
-        help=f'a file with decimal commas needs `csv: {{{own}decimal: ","}}` under `data:`',
-    )
+    message = f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})"
+    label = f"write `{text.replace(',', '.')}`"
+    repair = f'a file with decimal commas needs `csv: {{{own}decimal: ","}}` under `data:`'
+    return error("E0808", place, message, label, notes=_and_more(more, "cell"), help=repair)
 
 
 def missing_value(
@@ -68,41 +47,24 @@ def missing_value(
 ) -> Diagnostic:
     """E0809: an empty or NaN cell of an input while `nan: error` holds."""
     found = f"`{text}`" if text else "no value"
-    return Diagnostic(
-        "E0809",
-        "error",
-        f"column `{column}` has {found} in row {row} of {file}",
-        place,
-        "an input is missing here",
-        notes=_and_more(more, "cell"),
-        help="`nan: split` ends the episode here, `nan: drop` leaves the record out",
-    )
+    message = f"column `{column}` has {found} in row {row} of {file}"
+    notes = _and_more(more, "cell")
+    repair = "`nan: split` ends the episode here, `nan: drop` leaves the record out"
+    return error("E0809", place, message, "an input is missing here", notes=notes, help=repair)
 
 
 def infinite_value(
     file: str, row: int, column: str, text: str, more: int, place: Span | None
 ) -> Diagnostic:
     """E0810: a cell that is infinite."""
-    return Diagnostic(
-        "E0810",
-        "error",
-        f"`{text}` in column `{column}` is not finite (row {row} of {file})",
-        place,
-        "not a finite number",
-        notes=_and_more(more, "cell"),
-    )
+    message = f"`{text}` in column `{column}` is not finite (row {row} of {file})"
+    return error("E0810", place, message, "not a finite number", notes=_and_more(more, "cell"))
 
 
 def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
     """E0822: a quote that its line does not close."""
-    return Diagnostic(
-        "E0822",
-        "error",
-        f'row {row} of {file} has a `"` that its line does not close',
-        place,
-        "opened here",
-        notes=_and_more(more, "row"),
-    )
+    message = f'row {row} of {file} has a `"` that its line does not close'
+    return error("E0822", place, message, "opened here", notes=_and_more(more, "row"))
 
 
 def _repair_of(text: str) -> str | None:

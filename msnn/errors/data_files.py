@@ -3,9 +3,9 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
-from spec_schema.diagnostics.suggest import nearest
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 _LISTED = 12
 
@@ -16,31 +16,25 @@ def no_file(
     """E0801: a file name or pattern that nothing matches."""
     relative = "paths are relative to the spec file; `--data-root` moves them" if folder else None
     inside = f" in {folder}" if folder else ""
-    return Diagnostic(
-        "E0801",
-        "error",
-        f"no data file matches `{pattern}`{inside}",
-        span,
-        "no such file",
-        help=f"did you mean `{meant}`?" if meant else relative,
-    )
+    message = f"no data file matches `{pattern}`{inside}"
+    return error("E0801", span, message, "no such file", help=did_you_mean(meant) or relative)
 
 
 def unreadable_file(file: str, reason: str) -> Diagnostic:
     """E0802: a file that the system does not give, or that is not text."""
-    return Diagnostic("E0802", "error", f"cannot read {file}: {reason}", None)
+    return error("E0802", None, f"cannot read {file}: {reason}")
 
 
 def spreadsheet(file: str, span: Span | None = None) -> Diagnostic:
     """E0826: a workbook of a spreadsheet program where a table of text belongs."""
     message = f"{file} is a workbook of a spreadsheet, not a table of text"
-    return Diagnostic("E0826", "error", message, span, help="save the sheet as CSV and name that")
+    return error("E0826", span, message, help="save the sheet as CSV and name that")
 
 
 def empty_file(file: str, *, header: bool) -> Diagnostic:
     """E0803: a file without data rows."""
     what = "has a header but no data rows" if header else "is empty"
-    return Diagnostic("E0803", "error", f"{file} {what}", _start(file), "nothing to read")
+    return error("E0803", _start(file), f"{file} {what}", "nothing to read")
 
 
 def missing_columns(
@@ -68,7 +62,7 @@ def missing_columns(
         repair = f"name its column: `columns: {{{member}: {own if own in columns else 'NAME'}}}`"
         repair += " under `data:`, or feed it by `connect:`"
     notes = (f"columns: {_listed(columns)}",)
-    return Diagnostic("E0804", "error", message, place, label, notes=notes, help=repair)
+    return error("E0804", place, message, label, notes=notes, help=repair)
 
 
 def _named(nearby: Mapping[str, str], wanted_by: Mapping[str, str]) -> str:
@@ -104,29 +98,19 @@ def _quoted(column: str) -> str:
 
 def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic:
     """E0805: a header that another delimiter splits into columns."""
-    return Diagnostic(
-        "E0805",
-        "error",
-        f"{file} is not separated by {_shown(used)}: its header is one column",
-        place,
-        f"this line has {_shown(meant)}",
-        help=f"write `csv: {{delimiter: {_written(meant)}}}` under `data:`",
-    )
+    message = f"{file} is not separated by {_shown(used)}: its header is one column"
+    repair = f"write `csv: {{delimiter: {_written(meant)}}}` under `data:`"
+    return error("E0805", place, message, f"this line has {_shown(meant)}", help=repair)
 
 
 def time_gap(
     file: str, row: int, step: float, expected: float, more: int, place: Span | None
 ) -> Diagnostic:
     """E0811: two rows that are not one sample time apart."""
-    return Diagnostic(
-        "E0811",
-        "error",
-        f"the time step to row {row} of {file} is {step:.6g} s, not {expected:.6g} s",
-        place,
-        "time gap before this row",
-        notes=_and_more(more, "gap"),
-        help="`resample: none` makes an episode of each part, `resample: linear` fills short gaps",
-    )
+    message = f"the time step to row {row} of {file} is {step:.6g} s, not {expected:.6g} s"
+    notes = _and_more(more, "gap")
+    repair = "`resample: none` makes an episode of each part, `resample: linear` fills short gaps"
+    return error("E0811", place, message, "time gap before this row", notes=notes, help=repair)
 
 
 def wrong_sample_time(file: str, found: float, expected: float, place: Span | None) -> Diagnostic:
@@ -139,14 +123,8 @@ def wrong_sample_time(file: str, found: float, expected: float, place: Span | No
         repair = f"if the time is in {unit}, write `time: {{column: …, unit: {unit}}}`"
     else:
         repair = f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
-    return Diagnostic(
-        "E0812",
-        "error",
-        f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s",
-        place,
-        "the second row",
-        help=repair,
-    )
+    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
+    return error("E0812", place, message, "the second row", help=repair)
 
 
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
@@ -159,15 +137,10 @@ def _seconds(value: float) -> str:
 
 def time_not_increasing(file: str, row: int, more: int, place: Span | None) -> Diagnostic:
     """E0813: a time that is not later than the one before."""
-    return Diagnostic(
-        "E0813",
-        "error",
-        f"the time in row {row} of {file} is not later than in the row before",
-        place,
-        "time does not increase",
-        notes=_and_more(more, "row"),
-        help="sort the rows by time, and of rows with the same time keep one",
-    )
+    message = f"the time in row {row} of {file} is not later than in the row before"
+    notes = _and_more(more, "row")
+    repair = "sort the rows by time, and of rows with the same time keep one"
+    return error("E0813", place, message, "time does not increase", notes=notes, help=repair)
 
 
 def duplicate_column(
@@ -177,146 +150,95 @@ def duplicate_column(
     repair: str = "choose one by its index, counted from 0",
 ) -> Diagnostic:
     """E0814: a column that is wanted and stands twice in the header."""
-    return Diagnostic(
-        "E0814",
-        "error",
-        f"{file} has two columns `{name}`",
-        place,
-        "which one is meant is not clear",
-        help=repair,
-    )
+    message = f"{file} has two columns `{name}`"
+    return error("E0814", place, message, "which one is meant is not clear", help=repair)
 
 
 def no_such_index(index: int, file: str, count: int, wanted_by: str, place: Span) -> Diagnostic:
     """E0815: a column index beyond the columns of a file."""
-    return Diagnostic(
-        "E0815",
-        "error",
-        f"{file} has no column {index} for {wanted_by}: its {count} columns count from 0",
-        place,
-        f"{count} columns",
-    )
+    message = f"{file} has no column {index} for {wanted_by}: its {count} columns count from 0"
+    return error("E0815", place, message, f"{count} columns")
 
 
 def inconvertible_column(signal: str, found: str, declared: str, span: Span | None) -> Diagnostic:
     """E0816: a column's unit that does not convert to the signal's."""
-    return Diagnostic(
-        "E0816",
-        "error",
-        f"the column of `{signal}` is in {found}, which does not convert to {declared}",
-        span,
-        f"`{signal}` is declared in {declared}",
-    )
+    message = f"the column of `{signal}` is in {found}, which does not convert to {declared}"
+    return error("E0816", span, message, f"`{signal}` is declared in {declared}")
 
 
 def wrong_column_count(signal: str, found: int, expected: int, span: Span | None) -> Diagnostic:
     """E0817: a vector signal with more or fewer columns than elements."""
-    return Diagnostic(
-        "E0817",
-        "error",
-        f"`{signal}` has {expected} elements but {found} columns",
-        span,
-        f"{found} columns",
-    )
+    message = f"`{signal}` has {expected} elements but {found} columns"
+    return error("E0817", span, message, f"{found} columns")
 
 
 def rows_not_there(what: str, file: str, rows: int, span: Span | None) -> Diagnostic:
     """E0818: `from` or `to` that a file does not reach."""
-    return Diagnostic(
-        "E0818",
-        "error",
-        f"{what} leaves no rows of {file}, which has rows 0 … {rows - 1}",
-        span,
-        "no rows left",
-    )
+    message = f"{what} leaves no rows of {file}, which has rows 0 … {rows - 1}"
+    return error("E0818", span, message, "no rows left")
 
 
 def impossible_split(reason: str, span: Span | None) -> Diagnostic:
     """E0819: a `split:` that cannot be made."""
-    return Diagnostic("E0819", "error", reason, span, "in this split")
+    return error("E0819", span, reason, "in this split")
 
 
 def no_rows_in_set(name: str, sets: Iterable[str], span: Span | None) -> Diagnostic:
     """E0820: a set that a stage or a metric wants and that has no rows."""
-    return Diagnostic(
-        "E0820",
-        "error",
-        f"no data in the set `{name}`",
-        span,
-        "this set is empty",
-        notes=(f"sets with data: {_listed(tuple(sets)) or 'none'}",),
-    )
+    notes = (f"sets with data: {_listed(tuple(sets)) or 'none'}",)
+    return error("E0820", span, f"no data in the set `{name}`", "this set is empty", notes=notes)
 
 
 def sets_differ(sets: Sequence[str], span: Span | None) -> Diagnostic:
     """E0958: other files than those of the spec, whose sets lay theirs out in different ways."""
-    return Diagnostic(
-        "E0958",
-        "error",
-        f"the sets {_listed([f'`{name}`' for name in sets])} lay out their files in different ways",
-        span,
-        "whose columns do the given files have?",
-        help=f"say like which of them: `--data-set {sets[0]}`, or `data_set=` in Python",
+    message = (
+        f"the sets {_listed([f'`{name}`' for name in sets])} lay out their files in different ways"
     )
+    repair = f"say like which of them: `--data-set {sets[0]}`, or `data_set=` in Python"
+    return error("E0958", span, message, "whose columns do the given files have?", help=repair)
 
 
 def episodes_too_short(
     name: str, longest: int, needed: int, wanted_by: str, span: Span | None
 ) -> Diagnostic:
     """E0821: no episode of a set holds one rollout."""
-    return Diagnostic(
-        "E0821",
-        "error",
-        f"{wanted_by} needs {needed} rows, the longest episode of `{name}` has {longest}",
-        span,
-        "every episode is too short",
-        help="shorten the horizon, or look for gaps in the data",
-    )
+    message = f"{wanted_by} needs {needed} rows, the longest episode of `{name}` has {longest}"
+    repair = "shorten the horizon, or look for gaps in the data"
+    return error("E0821", span, message, "every episode is too short", help=repair)
 
 
 def no_time_column(what: str, span: Span | None) -> Diagnostic:
     """E0823: a duration where no time column gives rows a time."""
-    return Diagnostic(
-        "E0823",
-        "error",
-        f"{what} is a time, but the data has no time column",
-        span,
-        "counted in rows without `time:`",
-        help="name the column with `time:`, or give a row number",
-    )
+    message = f"{what} is a time, but the data has no time column"
+    repair = "name the column with `time:`, or give a row number"
+    return error("E0823", span, message, "counted in rows without `time:`", help=repair)
 
 
 def outside_range(
-    *, signal: str, count: int, worst: float, low: float, high: float, unit: str, file: str
+    *, signal: str, count: int, worst: float, low: float, high: float, unit: str, place: str
 ) -> Diagnostic:
     """W0801: data beyond the range that the spec declares."""
-    return Diagnostic(
-        "W0801",
-        "warning",
+    message = (
         f"{count} samples of `{signal}` are outside its range {low:g} … {high:g}{unit}, "
-        f"the farthest is {worst:.6g} in {file}",
-        None,
+        f"the farthest is {worst:.6g} in {place}"
     )
+    return warning("W0801", None, message)
 
 
 def episodes_skipped(
     count: int, total: int, needed: int, wanted_by: str, files: Sequence[str]
 ) -> Diagnostic:
     """W0802: episodes that are too short to be used."""
-    return Diagnostic(
-        "W0802",
-        "warning",
+    message = (
         f"{wanted_by} skips {count} of {total} episodes with fewer than {needed} rows: "
-        f"in {_listed(files)}",
-        None,
+        f"in {_listed(files)}"
     )
+    return warning("W0802", None, message)
 
 
 def record_dropped(file: str, row: int) -> Diagnostic:
     """W0803: a record left out because an input is missing in it."""
-    return Diagnostic(
-        "W0803", "warning", f"{file} is left out: an input is missing in row {row}", None
-    )
+    return warning("W0803", None, f"{file} is left out: an input is missing in row {row}")
 
 
 def _start(file: str) -> Span:

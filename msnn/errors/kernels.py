@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 _REPORT = "please report this with the spec: it is a mistake of msnn, not of the model"
@@ -10,59 +10,34 @@ _REPORT = "please report this with the spec: it is a mistake of msnn, not of the
 
 def wrong_kernel(stage: str, what: str, instead: str, span: Span | None) -> Diagnostic:
     """W0950: a training kernel whose losses or slopes are not those of the model."""
-    return Diagnostic(
-        "W0950",
-        "warning",
-        f"stage `{stage}` goes on {instead}: {what}",
-        span,
-        "its kernel failed the comparison with the interpreter",
-        help=_REPORT,
-    )
+    label = "its kernel failed the comparison with the interpreter"
+    return warning("W0950", span, f"stage `{stage}` goes on {instead}: {what}", label, help=_REPORT)
 
 
 def kernel_not_made(stage: str, reason: str, instead: str, span: Span | None) -> Diagnostic:
     """W0951: a training kernel that cannot be built though there is a compiler."""
-    return Diagnostic(
-        "W0951",
-        "warning",
-        f"stage `{stage}` goes on {instead}: its kernel cannot be made ({reason})",
-        span,
-        "no kernel",
-        help=_REPORT,
-    )
+    message = f"stage `{stage}` goes on {instead}: its kernel cannot be made ({reason})"
+    return warning("W0951", span, message, "no kernel", help=_REPORT)
 
 
 def foreign_kernels(folder: Path, reason: str, taken: Path | None) -> Diagnostic:
     """W1001: a folder of kernels into which somebody else could have put one."""
-    return Diagnostic(
-        "W1001",
-        "warning",
-        f"no kernel is loaded from {folder}, since {reason}; {_kept(taken)}",
-        None,
-        help="close it to others (`chmod go-w`), or set MSNN_CACHE to a folder of your own",
-    )
+    message = f"no kernel is loaded from {folder}, since {reason}; {_kept(taken)}"
+    repair = "close it to others (`chmod go-w`), or set MSNN_CACHE to a folder of your own"
+    return warning("W1001", None, message, help=repair)
 
 
 def unusable_kernel_folder(folder: Path, reason: str, taken: Path | None) -> Diagnostic:
     """W1002: a folder of kernels that takes no new ones."""
-    return Diagnostic(
-        "W1002",
-        "warning",
-        f"no kernel can be written to {folder} ({reason}); {_kept(taken)}",
-        None,
-        help="make room (`msnn doctor --clean-cache`), or set MSNN_CACHE to another folder",
-    )
+    message = f"no kernel can be written to {folder} ({reason}); {_kept(taken)}"
+    repair = "make room (`msnn doctor --clean-cache`), or set MSNN_CACHE to another folder"
+    return warning("W1002", None, message, help=repair)
 
 
 def foreign_folder_is_not_cleaned(folder: Path, reason: str) -> Diagnostic:
     """E1053: a folder of kernels to be cleaned that is not the user's alone."""
-    return Diagnostic(
-        "E1053",
-        "error",
-        f"nothing is removed from {folder}, since {reason}",
-        None,
-        help="close it to others (`chmod go-w`), or set MSNN_CACHE to the folder that is meant",
-    )
+    repair = "close it to others (`chmod go-w`), or set MSNN_CACHE to the folder that is meant"
+    return error("E1053", None, f"nothing is removed from {folder}, since {reason}", help=repair)
 
 
 def _kept(taken: Path | None) -> str:

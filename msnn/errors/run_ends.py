@@ -1,41 +1,34 @@
 """E0927-E0929, W0910-W0912: what runs have kept and learned, also those that did not end."""
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 
 def run_not_kept(file: str, reason: str, weights: str | None) -> Diagnostic:
     """E0927: a training that ends because the files of its run cannot be written."""
     kept = f"the best weights that could be written are in {weights}"
-    return Diagnostic(
-        "E0927",
-        "error",
-        f"training has ended: cannot write {file}: {reason}",
-        None,
-        notes=(kept if weights is not None else "no weights were written yet",),
-        help="make room or choose another folder with `--out`; `--resume` goes on where the last "
-        "checkpoint was written",
+    message = f"training has ended: cannot write {file}: {reason}"
+    notes = (kept if weights is not None else "no weights were written yet",)
+    repair = (
+        "make room or choose another folder with `--out`; `--resume` goes on where the last "
+        "checkpoint was written"
     )
+    return error("E0927", None, message, notes=notes, help=repair)
 
 
 def still_runs(folder: str) -> Diagnostic:
     """E0928: a run to go on with that another process trains."""
-    return Diagnostic(
-        "E0928",
-        "error",
-        f"the run in {folder} has not ended: another process trains it",
-        None,
-        help="wait for it or end it; train without `--resume` to begin another one",
-    )
+    message = f"the run in {folder} has not ended: another process trains it"
+    repair = "wait for it or end it; train without `--resume` to begin another one"
+    return error("E0928", None, message, help=repair)
 
 
 def nothing_kept(folder: str) -> Diagnostic:
     """E0929: a run whose spec and sub-models are not those that were trained."""
-    return Diagnostic(
+    return error(
         "E0929",
-        "error",
-        f"the run in {folder} has not kept its model: spec or parts are missing or have changed",
         None,
+        f"the run in {folder} has not kept its model: spec or parts are missing or have changed",
         help="name the spec itself, with the weights of the run: `--weights "
         f"{folder}/weights.safetensors`",
     )
@@ -43,25 +36,21 @@ def nothing_kept(folder: str) -> Diagnostic:
 
 def unfinished_run(folder: str, taken: str) -> Diagnostic:
     """W0910: weights of the last training that has ended, while a newer one has not."""
-    return Diagnostic(
-        "W0910",
-        "warning",
-        f"a newer training has not ended: {folder}; these weights are those of {taken}",
-        None,
-        help="`msnn train SPEC --resume` goes on with it; where a verb takes a spec it takes this "
-        "folder too, with its best weights so far",
+    message = f"a newer training has not ended: {folder}; these weights are those of {taken}"
+    repair = (
+        "`msnn train SPEC --resume` goes on with it; where a verb takes a spec it takes this "
+        "folder too, with its best weights so far"
     )
+    return warning("W0910", None, message, help=repair)
 
 
 def nothing_learned(stage: str, found: float, span: Span | None) -> Diagnostic:
     """W0912: a stage without an epoch that is better than what it began with."""
-    return Diagnostic(
-        "W0912",
-        "warning",
+    message = (
         f"stage `{stage}` has learned nothing: no epoch is better than what it began with, "
-        f"{found:.6g}",
-        span,
-        "its best epoch is 0",
-        help="try a smaller learning rate; where what it began with is good enough, leave the "
-        "stage out",
+        f"{found:.6g}"
     )
+    repair = (
+        "try a smaller learning rate; where what it began with is good enough, leave the stage out"
+    )
+    return warning("W0912", span, message, "its best epoch is 0", help=repair)

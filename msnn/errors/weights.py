@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from shlex import quote
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import nearest
 
@@ -12,7 +12,7 @@ _MOST_SHOWN = 6
 
 def unreadable_weights(file: str, reason: str) -> Diagnostic:
     """E0910: a weights file that cannot be read."""
-    return Diagnostic("E0910", "error", f"cannot read the weights {file}: {reason}", None)
+    return error("E0910", None, f"cannot read the weights {file}: {reason}")
 
 
 def missing_weights(file: str, names: Sequence[str], *, given: bool = False) -> Diagnostic:
@@ -21,7 +21,7 @@ def missing_weights(file: str, names: Sequence[str], *, given: bool = False) -> 
     repair = "was it trained with another version of the spec?"
     if given:
         repair = "complete it: `{**msnn.initial_weights(model), **weights}`"
-    return Diagnostic("E0911", "error", f"{file} has no values for {listed}", None, help=repair)
+    return error("E0911", None, f"{file} has no values for {listed}", help=repair)
 
 
 def unknown_weights(file: str, names: Sequence[str], known: Sequence[str]) -> Diagnostic:
@@ -31,14 +31,9 @@ def unknown_weights(file: str, names: Sequence[str], known: Sequence[str]) -> Di
     repair = "take the physical values by name, as `result.weights` and `loss.weights()` have them"
     if meant:
         repair = f"did you mean {', '.join(f'`{found}`' for found in meant.values())}?"
-    return Diagnostic(
-        "E0959",
-        "error",
-        f"{file} has {listed}, which the model does not have",
-        None,
-        notes=(f"its parameters: {', '.join(known) or 'none'}",),
-        help=repair,
-    )
+    message = f"{file} has {listed}, which the model does not have"
+    notes = (f"its parameters: {', '.join(known) or 'none'}",)
+    return error("E0959", None, message, notes=notes, help=repair)
 
 
 def weights_of_another_model(
@@ -57,50 +52,34 @@ def weights_of_another_model(
     if then is not None:
         setting = quote(f"{path}={then}")
         repair = f"`--set {setting}` asks for the model that was trained; or train again"
-    return Diagnostic(
-        "E0994",
-        "error",
-        f"{file} was trained for another model: {said[0]}",
-        None,
-        notes=notes,
-        help=repair,
-    )
+    message = f"{file} was trained for another model: {said[0]}"
+    return error("E0994", None, message, notes=notes, help=repair)
 
 
 def misshapen_weights(
     file: str, name: str, found: Sequence[int], expected: Sequence[int], span: Span | None
 ) -> Diagnostic:
     """E0912: an array of another shape than the parameter."""
-    return Diagnostic(
-        "E0912",
-        "error",
-        f"`{name}` in {file} has shape {_shape(found)}, not {_shape(expected)}",
-        span,
-        "declared here" if span else "",
-    )
+    message = f"`{name}` in {file} has shape {_shape(found)}, not {_shape(expected)}"
+    return error("E0912", span, message, "declared here" if span else "")
 
 
 def weights_not_finite(file: str, names: Sequence[str]) -> Diagnostic:
     """E0923: weights that are NaN or infinite."""
     listed = ", ".join(f"`{name}`" for name in names)
-    return Diagnostic("E0923", "error", f"{file} has values that are not finite in {listed}", None)
+    return error("E0923", None, f"{file} has values that are not finite in {listed}")
 
 
 def weights_not_floating(file: str, name: str, kind: str) -> Diagnostic:
     """E0924: an array of integers or truth values where a parameter's values belong."""
-    return Diagnostic(
-        "E0924",
-        "error",
-        f"`{name}` in {file} holds {kind} values, not floating point numbers",
-        None,
-        help="write the array as float64",
-    )
+    message = f"`{name}` in {file} holds {kind} values, not floating point numbers"
+    return error("E0924", None, message, help="write the array as float64")
 
 
 def moved_off_bound(names: Sequence[str]) -> Diagnostic:
     """W0902: loaded values on a bound, where they could not be trained."""
     listed = ", ".join(f"`{name}`" for name in names)
-    return Diagnostic("W0902", "warning", f"moved off their bounds to be trainable: {listed}", None)
+    return warning("W0902", None, f"moved off their bounds to be trainable: {listed}")
 
 
 def _shape(shape: Sequence[int]) -> str:

@@ -2,108 +2,68 @@
 
 from collections.abc import Iterable, Sequence
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
-from spec_schema.diagnostics.suggest import nearest
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
 def unknown_output(name: str, span: Span, outputs: Sequence[str]) -> Diagnostic:
     """E0950: an export of what is neither an output of the model nor an equation."""
     meant = nearest(name, outputs)
-    return Diagnostic(
-        "E0950",
-        "error",
-        f"unknown output `{name}`",
-        span,
-        "neither an output nor an equation",
-        notes=(f"outputs: {', '.join(outputs)}",),
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    message = f"unknown output `{name}`"
+    label = "neither an output nor an equation"
+    notes = (f"outputs: {', '.join(outputs)}",)
+    return error("E0950", span, message, label, notes=notes, help=did_you_mean(meant))
 
 
 def casadi_is_double(span: Span) -> Diagnostic:
     """E0951: a CasADi function in single precision, which CasADi does not have."""
-    return Diagnostic(
-        "E0951",
-        "error",
-        "CasADi computes in float64 only",
-        span,
-        "`dtype: float32` here",
-        help="leave `dtype:` out",
-    )
+    message = "CasADi computes in float64 only"
+    return error("E0951", span, message, "`dtype: float32` here", help="leave `dtype:` out")
 
 
 def untimed_library(span: Span) -> Diagnostic:
     """E0956: constant time with functions of a C library, whose time nobody knows."""
-    return Diagnostic(
-        "E0956",
-        "error",
-        "functions of a C library do not take constant time",
-        span,
-        "`constant_time: true` with `math: libm` here",
-        help="leave `math:` out: the project's own functions take constant time",
-    )
+    message = "functions of a C library do not take constant time"
+    label = "`constant_time: true` with `math: libm` here"
+    repair = "leave `math:` out: the project's own functions take constant time"
+    return error("E0956", span, message, label, help=repair)
 
 
 def vast_jacobian(numbers: int, most: int, span: Span | None) -> Diagnostic:
     """E0957: a Jacobian of more entries than a program should carry."""
-    return Diagnostic(
-        "E0957",
-        "error",
-        f"a matrix of the Jacobian would have {numbers:,} entries",
-        span,
-        f"{most:,} at most",
-        notes=("every sample in a buffer is a number of the state",),
-        help="shorten the windows, or leave `with:` out",
-    )
+    message = f"a matrix of the Jacobian would have {numbers:,} entries"
+    notes = ("every sample in a buffer is a number of the state",)
+    repair = "shorten the windows, or leave `with:` out"
+    return error("E0957", span, message, f"{most:,} at most", notes=notes, help=repair)
 
 
 def unknown_signal(name: str, span: Span, signals: Sequence[str]) -> Diagnostic:
     """E0952: a column for a signal that the model does not have."""
     meant = nearest(name, signals)
-    return Diagnostic(
-        "E0952",
-        "error",
-        f"a column for `{name}`, which is not a logged signal",
-        span,
-        "not an input, target or measured state",
-        notes=(f"logged signals: {', '.join(signals)}",),
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    message = f"a column for `{name}`, which is not a logged signal"
+    label = "not an input, target or measured state"
+    notes = (f"logged signals: {', '.join(signals)}",)
+    return error("E0952", span, message, label, notes=notes, help=did_you_mean(meant))
 
 
 def unknown_set(name: str, span: Span | None, sets: Iterable[str]) -> Diagnostic:
     """E0953: a set that the section `data` does not make."""
     sets = tuple(sets)
     meant = nearest(name, sets)
-    return Diagnostic(
-        "E0953",
-        "error",
-        f"`data:` makes no set `{name}`",
-        span,
-        "no such set",
-        notes=(f"sets: {', '.join(sets)}",),
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    message = f"`data:` makes no set `{name}`"
+    notes = (f"sets: {', '.join(sets)}",)
+    return error("E0953", span, message, "no such set", notes=notes, help=did_you_mean(meant))
 
 
 def needless_data(name: str, span: Span) -> Diagnostic:
     """E0954: training or metrics of a spec that names no data."""
-    return Diagnostic(
-        "E0954",
-        "error",
-        f"`{name}:` needs data, and the spec has no `data:` section",
-        span,
-        "reads measured data",
-        help="the least is `data: {source: {train: data/*.csv}}`",
-    )
+    message = f"`{name}:` needs data, and the spec has no `data:` section"
+    repair = "the least is `data: {source: {train: data/*.csv}}`"
+    return error("E0954", span, message, "reads measured data", help=repair)
 
 
 def records_too_short(longest: int, needed: int) -> Diagnostic:
     """E0955: a simulation of records that are shorter than what one step reads."""
-    return Diagnostic(
-        "E0955",
-        "error",
-        f"a simulation needs {needed} rows without a gap, the longest record has {longest}",
-        None,
-    )
+    message = f"a simulation needs {needed} rows without a gap, the longest record has {longest}"
+    return error("E0955", None, message)

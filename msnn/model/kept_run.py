@@ -12,6 +12,7 @@ from typing import Any, cast
 from msnn.errors.run_ends import nothing_kept
 from msnn.errors.runs import no_run
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.endless_files import refuse_endless
 
 LATEST = "latest"
 WEIGHTS = "weights.safetensors"
@@ -57,7 +58,7 @@ def kept_spec(run: Path) -> KeptSpec:
     """What a run has kept of its model, read without trust. SpecError where it is not there."""
     record = read_json(run / DESCRIPTION)
     try:
-        text = (run / SPEC).read_text(encoding="utf-8")
+        text = _text(run / SPEC)
         parts = cast("dict[str, dict[str, str]]", record.get("parts", {}))
         places = [str(place) for place in record.get("spec_places", [])]
         found = (run / place for place in places)
@@ -67,7 +68,7 @@ def kept_spec(run: Path) -> KeptSpec:
         for name, part in parts.items():
             file = run / PARTS / f"{Path(name).name}.msnn.yaml"
             seen = os.path.relpath(part["path"], Path(record["spec"]).parent)
-            texts[os.path.normpath(path.parent / seen)] = file.read_text(encoding="utf-8")
+            texts[os.path.normpath(path.parent / seen)] = _text(file)
             weights[name] = file.with_name(f"{Path(name).name}.safetensors")
         settings = tuple(str(text) for text in record.get("settings", []))
         sha256 = str(record["spec_sha256"])
@@ -111,7 +112,12 @@ def age(run: Path) -> tuple[str, int]:
 def read_json(file: Path) -> dict[str, Any]:
     """The object in a file; empty where it cannot be read."""
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = json.loads(_text(file))
     except (OSError, ValueError):
         return {}
     return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+
+
+def _text(file: Path) -> str:
+    refuse_endless(file)
+    return file.read_text(encoding="utf-8")

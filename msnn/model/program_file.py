@@ -22,6 +22,7 @@ from msnn.model.spec_hash import hash_of, parts_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.errors.files import unreadable_file
 from spec_schema.errors.settings import compiled_already
+from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.reader import read_spec
 from spec_schema.reading.settings import model_settings, settings_source
 
@@ -49,6 +50,7 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     """
     shown = str(file)
     try:
+        refuse_endless(file)
         text = file.read_text(encoding="utf-8")
     except OSError as error:
         raise SpecError([unreadable_file(shown, (error.strerror or str(error)).lower())]) from error

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 from msnn.errors.weights import weights_of_another_model
+from msnn.model.kept_run import DESCRIPTION, PARTS, SPEC, read_json
 from msnn.model.model import Model
+from msnn.model.spec_hash import Part
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
+from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.one_file import ReadResult, read_one_spec
 from spec_schema.reading.settings import WORKFLOW, model_settings
-
-SPEC_OF_RUN = "spec.msnn.yaml"
-DESCRIPTION_OF_RUN = "run.json"
 
 
 def refuse_other_model(model: Model, weights: Path) -> None:
@@ -27,29 +27,60 @@ def refuse_other_model(model: Model, weights: Path) -> None:
     trained = _trained(weights.parent)
     if trained is None:
         return
-    then, now = dict(_values(trained)), dict(_values(model.read))
-    differing = [
-        (path, then.get(path), now.get(path))
-        for path in {**now, **then}
-        if then.get(path) != now.get(path)
-    ]
+    differing = _differing(trained, model.read)
     if differing:
         raise SpecError([weights_of_another_model(str(weights), differing)])
 
 
+def is_of_this_model(read: ReadResult, parts: Sequence[Part], weights: Path) -> bool:
+    """Whether the run of a weights file had the model of a spec with these sub-models.
+
+    That their texts differ says little: comments, docs and how they are trained count for nothing.
+    False where there is no run beside the file that could say so.
+    """
+    trained = _trained(weights.parent)
+    if trained is None or _differing(trained, read):
+        return False
+    kept = read_json(weights.parent / DESCRIPTION).get("parts", {})
+    if not isinstance(kept, dict) or cast("dict[str, Any]", kept).keys() != {p.name for p in parts}:
+        return False
+    return all(_is_kept(part, cast("dict[str, Any]", kept)[part.name], weights) for part in parts)
+
+
+def _is_kept(part: Part, kept: object, weights: Path) -> bool:
+    """Whether a sub-model is what the run of the weights has kept of it."""
+    if not isinstance(kept, dict) or kept.get("weights_sha256") != part.weights:
+        return False
+    file = weights.parent / PARTS / f"{Path(part.name).name}.msnn.yaml"
+    then = _read(file, ())
+    return then is not None and not _differing(then, read_one_spec(part.path, part.text))
+
+
+def _differing(then: ReadResult, now: ReadResult) -> list[tuple[str, str | None, str | None]]:
+    """The values of two models that are not the same, by their paths."""
+    before, after = dict(_values(then)), dict(_values(now))
+    return [
+        (path, before.get(path), after.get(path))
+        for path in {**after, **before}
+        if before.get(path) != after.get(path)
+    ]
+
+
 def _trained(folder: Path) -> ReadResult | None:
     """The spec that a run keeps, with the values that were replaced in it."""
-    try:
-        text = (folder / SPEC_OF_RUN).read_text(encoding="utf-8")
-        found: Any = json.loads((folder / DESCRIPTION_OF_RUN).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    if not (folder / DESCRIPTION).is_file():
         return None
-    given = cast("Mapping[str, Any]", found).get("settings", ()) if isinstance(found, dict) else ()
-    settings = [text for text in given if isinstance(text, str)]
+    given = read_json(folder / DESCRIPTION).get("settings", ())
+    return _read(folder / SPEC, [text for text in given if isinstance(text, str)])
+
+
+def _read(file: Path, settings: Sequence[str]) -> ReadResult | None:
     try:
-        return read_one_spec(folder / SPEC_OF_RUN, text, model_settings(settings))
-    except SpecError:
-        return None  # of a version of the language that is not read any more
+        refuse_endless(file)
+        text = file.read_text(encoding="utf-8")
+        return read_one_spec(file, text, model_settings(settings))
+    except (OSError, ValueError, SpecError):
+        return None  # not there, or of a version of the language that is not read any more
 
 
 def _values(read: ReadResult) -> Iterator[tuple[str, str]]:

@@ -16,6 +16,7 @@ from msnn.errors import weights as weight_errors
 from msnn.model.checked_weights import checked_weights
 from msnn.model.safetensors_file import arrays_in
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.endless_files import refuse_endless
 
 
 def initial_weights(program: Program) -> dict[str, FloatArray]:
@@ -45,6 +46,7 @@ def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
     """The weights of a program in a file. Raises SpecError with all that is wrong (rule R12)."""
     shown = str(path)
     try:
+        refuse_endless(path)
         arrays = arrays_in(path.read_bytes())
     except OSError as error:
         reason = (error.strerror or str(error)).lower()

@@ -45,9 +45,12 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
     findings = Findings()
     spec = model.spec
     if spec.train:
+        from msnn.training.plans.fixed_starts import fixed_starts
         from msnn.training.plans.stage_plan import plan_stages
 
-        plan_stages(model.program, spec.train, findings)
+        for plan in plan_stages(model.program, spec.train, findings):
+            if plan.rollout.horizon != "record":  # data of one rollout a record silence training
+                findings.report(*fixed_starts(plan))
     if spec.checks:
         from msnn.validation.plan import plan_checks
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
-from typing import Any, cast
+from typing import Any
 
-from spec_schema.expressions.tree import Member, Name
 from spec_schema.fields.entry import Entry
-from spec_schema.fields.located import Located
-from spec_schema.sections.layers import CustomMembership
+from spec_schema.sections.references import names_in
 from spec_schema.sections.spec import Spec
 
 # What encloses the label of each kind.
@@ -37,7 +34,7 @@ def mermaid_text(spec: Spec) -> str:
         opening, closing = _SHAPES[kind]
         lines.append(f'  {number[name]}{opening}"{_label(spec, kind, name)}"{closing}')
     for name, kind in kinds.items():
-        for used in dict.fromkeys(_names_in(_formulas(spec, kind, name), spec)):
+        for used in dict.fromkeys(_used_by(spec, kind, name)):
             if used in number and (used, kind) != (name, "states"):
                 lines.append(f"  {number[used]} --> {number[name]}")
         if kind == "outputs" and (prediction := spec.outputs[name].predicts) is not None:
@@ -70,25 +67,13 @@ def _formulas(spec: Spec, kind: str, name: str) -> Any:
     return tuple(getattr(entry, field) for field in type(entry).model_fields if field != "predicts")
 
 
-def _names_in(value: Any, spec: Spec) -> Iterator[str]:
+def _used_by(spec: Spec, kind: str, name: str) -> Iterator[str]:
     """Every name that the formulas of an entry use; a function stands for what its formula uses."""
-    match value:
-        case Name(name=name):
-            if name in spec.functions:
-                yield from _names_in(spec.functions[name].expr, spec)
-            yield name
-        case Member(base=base):
-            yield base
-        case CustomMembership(function=Located(value=name)):
-            yield from _names_in(spec.functions[name].expr, spec)
-        case tuple():
-            for item in cast("tuple[Any, ...]", value):
-                yield from _names_in(item, spec)
-        case Entry():
-            for field in type(value).model_fields:
-                yield from _names_in(getattr(value, field), spec)
-        case _ if is_dataclass(value) and not isinstance(value, type):
-            for field in fields(value):
-                yield from _names_in(getattr(value, field.name), spec)
-        case _:
-            pass
+    waiting = list(names_in(_formulas(spec, kind, name)))[::-1]
+    while waiting:
+        used = waiting.pop()
+        yield used
+        if used in spec.functions:
+            called = spec.functions[used]
+            own = {argument.value for argument in called.args}
+            waiting += [n for n in names_in(called.expr) if n not in own][::-1]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from backends.ports.step_interface import Port, port_names, step_interface
-from compiler.ir.ops import ReadLog, ReadSignal
+from compiler.ir.ops import ReadSamples
 from compiler.ir.program import (
     Declared,
     Extent,
@@ -103,7 +103,7 @@ def _lines_that_read(program: Program, name: str) -> str:
         node.span.line
         for graph in (program.step, program.start)
         for _, node in graph
-        if isinstance(node.op, ReadSignal | ReadLog) and node.op.signal == name and node.span
+        if isinstance(node.op, ReadSamples) and node.op.signal == name and node.span
     }
     return ", ".join(map(str, sorted(lines)))
 

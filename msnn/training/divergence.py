@@ -6,10 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from compiler.differentiation.interpreted_training import InterpretedTraining
+from compiler.differentiation.training_step import training_step
+from compiler.interpreter.bounded_rollouts import Rollouts
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir import ops
 from compiler.ir.program import Node, NodeId, Program
 from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.starts import Runs
 from msnn.errors import training as errors
 from msnn.errors.second_order import no_finite_slope
 from msnn.simulation.rollout import Moment, loss_sums, moments
@@ -17,6 +21,9 @@ from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.sections.training.optimizers import LevenbergMarquardt
+
+_LOOKED_AT = 100
+"""Rollouts, and steps of each, in which slopes are looked at."""
 
 
 def explain_divergence(
@@ -47,12 +54,25 @@ def explain_divergence(
                 )
     sums = loss_sums(judge, dataset.series, runs)
     if fault.slopes or all(np.isfinite(one.total) for one in sums.values()):
-        spans = [program.parameter(name).span for name in fault.slopes]
-        return no_finite_slope(plan.name, epoch, fault.slopes, next(iter(spans), plan.span))
+        names = fault.slopes or _without_slope(plan, dataset, weights, runs)
+        spans = [program.parameter(name).span for name in names]
+        return no_finite_slope(plan.name, epoch, names, next(iter(spans), plan.span))
     place = "summed over a batch"
     return errors.diverged(
         plan.name, epoch, "the loss", place, plan.span, second_order=second_order
     )
+
+
+def _without_slope(
+    plan: StagePlan, dataset: Dataset, weights: Mapping[str, FloatArray], runs: Runs
+) -> tuple[str, ...]:
+    """The trained parameters in which the loss has no finite slope, in the first rollouts."""
+    steps = min(int(runs.steps[0]), _LOOKED_AT)
+    t0 = runs.t0[runs.steps >= steps][:_LOOKED_AT]
+    few = Rollouts(dataset.series, t0, steps, min(plan.rollout.skip, steps - 1))
+    training = InterpretedTraining(training_step(plan.program), weights, np.dtype(plan.dtype))
+    gradient = training.losses(few, plan.loss_weights).gradient
+    return tuple(name for name in plan.trained if not np.isfinite(gradient[name].value).all())
 
 
 def _results(program: Program) -> list[NodeId]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors.second_order import not_identifiable
@@ -13,13 +15,20 @@ from msnn.training.records.standard_errors import StandardErrors
 from msnn.training.records.standard_errors import at_bound as is_at_bound
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
+_SHARE = 1e-3
+"""Part of a change below which a number takes no part in it, as in the standard errors."""
+
 
 def parameter_warnings(
-    program: Program, weights: Mapping[str, FloatArray], found: StandardErrors | None
+    program: Program,
+    weights: Mapping[str, FloatArray],
+    found: StandardErrors | None,
+    black_boxes: frozenset[str] = frozenset(),
 ) -> list[Diagnostic]:
     """A warning for every learned parameter at a bound, and for what the data do not determine.
 
-    What the standard errors themselves say comes first.
+    What the standard errors themselves say comes first. That numbers of `black_boxes` can change
+    among themselves is no news: nobody reads them.
     """
     warnings = [] if found is None else list(found.notes)
     warnings += [
@@ -27,7 +36,10 @@ def parameter_warnings(
         for parameter in program.parameters
         if parameter.learn and is_at_bound(parameter, weights[parameter.name]).any()
     ]
-    for changes in [] if found is None else _together(found.unidentified):
+    for group in [] if found is None else _together(found.unidentified):
+        changes, beside = _of_readable(group, black_boxes)
+        if not changes:
+            continue
         numbers = Counter(_owner(name) for name in {name for change in changes for name in change})
         concerned = {
             p.name: (numbers[p.name], weights[p.name].size)
@@ -35,8 +47,37 @@ def parameter_warnings(
             if numbers[p.name]
         }
         first = program.parameter(next(iter(concerned)))
-        warnings.append(not_identifiable(changes, concerned, first.span))
+        warnings.append(not_identifiable(changes, concerned, beside, first.span))
     return warnings
+
+
+def _of_readable(
+    changes: Sequence[Mapping[str, float]], black_boxes: frozenset[str]
+) -> tuple[Sequence[Mapping[str, float]], list[str]]:
+    """The changes without the numbers of black boxes, as few as say the same, and those boxes.
+
+    Sums of changes are changes too, so that one basis is as good as another: in the one that the
+    singular values give, those that move black boxes alone stand apart, and are taken from the
+    others as far as they are in them.
+    """
+    names = list(dict.fromkeys(name for change in changes for name in change))
+    layers = [_owner(name).rpartition(".")[0] for name in names]
+    is_read = np.array([layer not in black_boxes for layer in layers])
+    if is_read.all():
+        return changes, []
+    moves = np.array([[change.get(name, 0.0) for name in names] for change in changes])
+    turned, sizes, _ = np.linalg.svd(moves[:, is_read])
+    shows = np.zeros(len(moves), dtype=np.bool_)
+    shows[: len(sizes)] = sizes > _SHARE
+    shown, alone = turned[:, shows].T @ moves, turned[:, ~shows].T @ moves
+    found: list[Mapping[str, float]] = []
+    beside: dict[str, None] = {}
+    for move in shown - shown @ np.linalg.pinv(alone) @ alone:
+        move = move / move[np.argmax(np.abs(move * is_read))]
+        kept = np.abs(move) > _SHARE
+        found.append({names[i]: float(move[i]) for i in np.flatnonzero(kept & is_read)})
+        beside |= dict.fromkeys(layers[i] for i in np.flatnonzero(kept & ~is_read))
+    return found, list(beside)
 
 
 def _owner(number: str) -> str:

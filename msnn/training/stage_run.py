@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from msnn.data.starts import Runs
-from msnn.training.engines.engine import Engine, LossSums
+from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError
 from msnn.training.monitor import loss_values, monitor, weighted_total
 from msnn.training.pace import Pace
 from msnn.training.plans.epoch_order import order_key
@@ -43,6 +43,8 @@ class StageRun:
     best_epoch: int = 0
     best: Weights | None = None
     sums: LossSums | None = None
+    left_out: int = 0
+    """Batches of the present epoch without a step."""
     reductions: Reductions = NO_REDUCTIONS
     _began: float = field(init=False, default_factory=time.monotonic)
     _watching: float = field(init=False, default=0.0)
@@ -53,7 +55,7 @@ class StageRun:
         self.engine.restore(place.engine)
         self.epoch, self.batch = place.epoch, place.batch
         self.best_value, self.best_epoch = place.best_value, place.best_epoch
-        self.best, self.sums = place.best, place.sums
+        self.best, self.sums, self.left_out = place.best, place.sums, place.left_out
         self.reductions = place.reductions
         self._began = time.monotonic() - place.seconds
 
@@ -69,7 +71,7 @@ class StageRun:
         while (reason := self._reason_to_end()) is None:
             runs, rate = self.data.in_epoch(self.epoch), self._rate()
             sums = self._run_epoch(runs, rate, pace)
-            self.epoch, self.batch, self.sums = self.epoch + 1, 0, None
+            self.epoch, self.batch, self.sums, self.left_out = self.epoch + 1, 0, None, 0
             value = self._monitor()
             self._keep_if_best(value)
             self.reductions = after_epoch(
@@ -96,6 +98,7 @@ class StageRun:
             epoch=self.epoch,
             batch=self.batch,
             sums=self.sums or {},
+            left_out=self.left_out,
             best_value=self.best_value,
             best_epoch=self.best_epoch,
             best=self.best,
@@ -148,9 +151,12 @@ class StageRun:
             sums = self.engine.train_batches(runs, size, members, sums)
             pace.called(several, time.monotonic() - began)
             self.batch, self.sums = self.batch + several, sums
+            self.left_out += self.engine.left_out
             if self.stop_asked():
                 raise Interrupted
             self.between(pace.seconds if self.batch < count else self._watching)
+        if count and self.left_out == count:  # it would do the same for ever
+            raise NonFiniteLossError(runs)
         return sums
 
     def _keep_if_best(self, value: float) -> None:

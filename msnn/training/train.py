@@ -11,7 +11,7 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors import run_ends
+from msnn.errors import run_ends, second_order
 from msnn.errors import stages as stage_errors
 from msnn.errors import training as errors
 from msnn.errors import weights as weight_errors
@@ -133,7 +133,8 @@ class _Run:
         self._finish(now)
         spread = standard_errors(self.stages[-1][0], self.data, now.begin)
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
-        self.progress.run_ended("finished", parameter_warnings(self.program, now.begin, spread))
+        said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
+        self.progress.run_ended("finished", said)
         if self.options.fold is None:
             self.folder.checkpoint.unlink(missing_ok=True)
         return replace(self._result(now.begin, now), standard_errors=spread)
@@ -195,7 +196,7 @@ class _Run:
                 engine,
                 data,
                 stop_asked.is_set,
-                lambda event: self._epoch_ended(event, engine),
+                lambda event: self._epoch_ended(event, engine, plan),
                 keep,
                 attempt,
             )
@@ -253,12 +254,14 @@ class _Run:
             )
         )
 
-    def _epoch_ended(self, event: EpochEnd, engine: Engine) -> None:
+    def _epoch_ended(self, event: EpochEnd, engine: Engine, plan: StagePlan) -> None:
         if self.folder is not None:
             self.folder.append_metrics(asdict(event))
         if self.curves is not None:
             self.curves.epoch_ended(event, engine.weights())
         self.progress.epoch_ended(event)
+        if engine.has_left_out:  # said once: it is the same warning every time
+            self.progress.warned(second_order.left_out(plan.name, plan.span))
 
     def _result(self, weights: Mapping[str, FloatArray], now: Checkpoint) -> TrainingResult:
         path = None if self.folder is None else self.folder.path

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 from spec_schema.diagnostics.source import SourceText, Span
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
+Secondary: TypeAlias = tuple[tuple[Span, str], ...]
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,8 @@ class Diagnostic:
 
     `span` is the smallest place at fault and `label` stands under its underline; `secondary` are
     further places with their labels. Notes are facts, `help` is the repair. Only the constructors
-    in `spec_schema.errors` build diagnostics, so that each sentence is written once.
+    in `spec_schema.errors` and `msnn.errors` build diagnostics, by `error` and `warning`, so that
+    each sentence is written once.
     """
 
     code: str
@@ -23,7 +25,7 @@ class Diagnostic:
     message: str
     span: Span | None
     label: str = ""
-    secondary: tuple[tuple[Span, str], ...] = ()
+    secondary: Secondary = ()
     notes: tuple[str, ...] = ()
     help: str | None = None
 
@@ -35,6 +37,34 @@ class Diagnostic:
     def seen_from(self, place: Span, label: str) -> "Diagnostic":
         """The same with one further place, to which it matters."""
         return replace(self, secondary=(*self.secondary, (place, label)))
+
+
+def error(
+    code: str,
+    span: Span | None,
+    message: str,
+    label: str = "",
+    *,
+    secondary: Secondary = (),
+    notes: tuple[str, ...] = (),
+    help: str | None = None,
+) -> Diagnostic:
+    """Builds the diagnostic of a fault, which ends its stage."""
+    return Diagnostic(code, "error", message, span, label, secondary, notes, help)
+
+
+def warning(
+    code: str,
+    span: Span | None,
+    message: str,
+    label: str = "",
+    *,
+    secondary: Secondary = (),
+    notes: tuple[str, ...] = (),
+    help: str | None = None,
+) -> Diagnostic:
+    """Builds the diagnostic of a doubt, with which its stage goes on."""
+    return Diagnostic(code, "warning", message, span, label, secondary, notes, help)
 
 
 class SpecError(Exception):

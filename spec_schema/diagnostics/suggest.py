@@ -25,6 +25,11 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     return best
 
 
+def did_you_mean(meant: str | None) -> str | None:
+    """The repair that asks for a known word, where `nearest` has found one."""
+    return f"did you mean `{meant}`?" if meant else None
+
+
 def _distance(left: str, right: str) -> int:
     before: list[int] = []
     current = list(range(len(right) + 1))

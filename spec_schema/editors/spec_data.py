@@ -26,7 +26,7 @@ from spec_schema.fields.located import Located
 from spec_schema.sections.data.columns import ColumnName
 from spec_schema.sections.data.splits import Blocks, Fraction, TimeRange
 from spec_schema.sections.dimensions import Dimension
-from spec_schema.sections.layers import CustomMembership, Fuzzify
+from spec_schema.sections.layers.fuzzy_sets import CustomMembership, Fuzzify
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Freeze
 from spec_schema.sections.training.curriculum import Curriculum

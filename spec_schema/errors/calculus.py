@@ -2,18 +2,17 @@
 
 from collections.abc import Iterable
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
-from spec_schema.diagnostics.suggest import nearest
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
 def gradient_of_unrelated(x: str, span: Span, y_span: Span) -> Diagnostic:
     """E0711: a gradient with respect to something that the value does not use."""
-    return Diagnostic(
+    return error(
         "E0711",
-        "error",
-        f"this value does not depend on `{x}` within the sample",
         span,
+        f"this value does not depend on `{x}` within the sample",
         "its gradient would be 0 whatever the data",
         secondary=((y_span, f"nothing in it uses `{x}` at this time"),),
         notes=("`grad(y, x)` takes the past of a model, its states and buffers, as given",),
@@ -22,11 +21,10 @@ def gradient_of_unrelated(x: str, span: Span, y_span: Span) -> Diagnostic:
 
 def not_a_variable(what: str, span: Span, repair: str | None = None) -> Diagnostic:
     """E0712: a gradient with respect to something that is not a signal, state or equation."""
-    return Diagnostic(
+    return error(
         "E0712",
-        "error",
-        f"`grad` cannot be taken with respect to {what}",
         span,
+        f"`grad` cannot be taken with respect to {what}",
         "not an input, state or equation",
         help=repair or "give it a name in `equations:`, and use that name in the value",
     )
@@ -36,71 +34,42 @@ def unknown_method(function: str, found: str, known: Iterable[str], span: Span) 
     """E0713: a method that `integral` or `der` does not have."""
     known = tuple(known)
     meant = nearest(found, known)
-    return Diagnostic(
-        "E0713",
-        "error",
-        f"`{function}` has no method `{found}`",
-        span,
-        f"one of {', '.join(known)}",
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    message = f"`{function}` has no method `{found}`"
+    return error("E0713", span, message, f"one of {', '.join(known)}", help=did_you_mean(meant))
 
 
 def derivative_ahead(method: str, span: Span) -> Diagnostic:
     """E0714: a derivative that reads ahead of t, of something that is not logged."""
-    return Diagnostic(
-        "E0714",
-        "error",
-        f"`method={method}` reads ahead of t, which only a log can",
-        span,
-        "not a logged signal",
-        help="it is for `losses:` and `init:`, of signals such as `x.meas`",
-    )
+    message = f"`method={method}` reads ahead of t, which only a log can"
+    repair = "it is for `losses:` and `init:`, of signals such as `x.meas`"
+    return error("E0714", span, message, "not a logged signal", help=repair)
 
 
 def memory_at_another_time(function: str, span: Span) -> Diagnostic:
     """E0715: a window or an earlier sample of an expression that keeps memory."""
-    return Diagnostic(
-        "E0715",
-        "error",
-        f"`{function}` keeps memory here: only its value at t is known",
-        span,
-        "needed at another time",
-        help="give it a name in `equations:` with a `history:`, and take the window of that name",
-    )
+    message = f"`{function}` keeps memory here: only its value at t is known"
+    repair = "give it a name in `equations:` with a `history:`, and take the window of that name"
+    return error("E0715", span, message, "needed at another time", help=repair)
 
 
 def memory_of_window(function: str, span: Span) -> Diagnostic:
     """E0716: an integral or a remembered value of a whole window."""
-    return Diagnostic(
-        "E0716",
-        "error",
-        f"`{function}` runs in time: its argument must be one sample, not a window",
-        span,
-        "this is a window",
-        help="the integral along a window w is `dt * sum(w)`",
-    )
+    message = f"`{function}` runs in time: its argument must be one sample, not a window"
+    repair = "the integral along a window w is `dt * sum(w)`"
+    return error("E0716", span, message, "this is a window", help=repair)
 
 
 def method_takes_state(state: str, span: Span) -> Diagnostic:
     """E0717: a method for the derivative of a state that has a right-hand side."""
-    return Diagnostic(
-        "E0717",
-        "error",
-        "the derivative of a continuous state is its right-hand side, whatever the method",
-        span,
-        "has no meaning here",
-        help=f"leave `method=` out, or take the derivative of its log, `{state}.meas`",
-    )
+    message = "the derivative of a continuous state is its right-hand side, whatever the method"
+    repair = f"leave `method=` out, or take the derivative of its log, `{state}.meas`"
+    return error("E0717", span, message, "has no meaning here", help=repair)
 
 
 def too_large_to_solve(found: int, limit: int, span: Span) -> Diagnostic:
     """E0718: a linear system of equations that would not stay a short program."""
-    return Diagnostic(
-        "E0718",
-        "error",
-        f"`linear_implicit` solves for all continuous states at once: at most {limit}, not {found}",
-        span,
-        f"{found} numbers in all",
-        help="use `semi_implicit` or `rk4`, or more of its substeps",
+    message = (
+        f"`linear_implicit` solves for all continuous states at once: at most {limit}, not {found}"
     )
+    repair = "use `semi_implicit` or `rk4`, or more of its substeps"
+    return error("E0718", span, message, f"{found} numbers in all", help=repair)

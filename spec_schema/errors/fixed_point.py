@@ -2,68 +2,46 @@
 
 from collections.abc import Sequence
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 
 def range_needed(what: str, name: str, span: Span | None) -> Diagnostic:
     """E0960: fixed point of a signal of which nobody knows how large it becomes."""
-    return Diagnostic(
-        "E0960",
-        "error",
-        f"fixed point needs the range of {what} `{name}`",
-        span,
-        "no finite `range:`",
-        help="declare the range that it has in operation: `range: [low, high]`",
-    )
+    message = f"fixed point needs the range of {what} `{name}`"
+    repair = "declare the range that it has in operation: `range: [low, high]`"
+    return error("E0960", span, message, "no finite `range:`", help=repair)
 
 
 def not_in_fixed_point(what: str, span: Span | None, why: str) -> Diagnostic:
     """E0961: fixed point of a value that has no bounds, no table or no room."""
-    return Diagnostic(
-        "E0961",
-        "error",
-        f"{what} cannot be computed in fixed point: it {why}",
-        span,
-        "not in integers",
-        help="bound what it depends on with `range:` or `clip`, or export `dtype: float32`",
-    )
+    message = f"{what} cannot be computed in fixed point: it {why}"
+    repair = "bound what it depends on with `range:` or `clip`, or export `dtype: float32`"
+    return error("E0961", span, message, "not in integers", help=repair)
 
 
 def fixed_point_option(option: str, span: Span) -> Diagnostic:
     """E0962: an option of generated C that fixed point does not have."""
-    return Diagnostic(
-        "E0962",
-        "error",
-        f"`{option}` has no meaning for C in fixed point",
-        span,
-        "beside `dtype: q15` or `q31`",
-        help=f"leave `{option}:` out: numbers are written into the code",
-    )
+    message = f"`{option}` has no meaning for C in fixed point"
+    repair = f"leave `{option}:` out: numbers are written into the code"
+    return error("E0962", span, message, "beside `dtype: q15` or `q31`", help=repair)
 
 
 def no_integer_slopes(span: Span) -> Diagnostic:
     """E0963: a Jacobian in fixed point, whose slopes have no proved bounds."""
-    return Diagnostic(
-        "E0963",
-        "error",
-        "C in fixed point has no Jacobian",
-        span,
-        "`with:` beside `dtype: q15` or `q31`",
-        help="export `dtype: float32` for what linearises the model",
-    )
+    message = "C in fixed point has no Jacobian"
+    repair = "export `dtype: float32` for what linearises the model"
+    return error("E0963", span, message, "`with:` beside `dtype: q15` or `q31`", help=repair)
 
 
 def saturates_all_the_same(names: Sequence[str], span: Span) -> Diagnostic:
     """W0746: states that fixed point saturates though other engines only flag them."""
     listed = ", ".join(f"`{name}`" for name in names)
     plural = len(names) > 1
-    return Diagnostic(
-        "W0746",
-        "warning",
+    message = (
         f"fixed point keeps the state{'s' if plural else ''} {listed} inside "
-        f"{'their ranges' if plural else 'its range'}, unlike the model",
-        span,
-        "`on_range: flag` reports what leaves the range, and integers have no room beyond it",
-        help="write `on_range: saturate`: simulation, training and every export do the same then",
+        f"{'their ranges' if plural else 'its range'}, unlike the model"
     )
+    label = "`on_range: flag` reports what leaves the range, and integers have no room beyond it"
+    repair = "write `on_range: saturate`: simulation, training and every export do the same then"
+    return warning("W0746", span, message, label, help=repair)

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable, Sequence
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
-from spec_schema.diagnostics.suggest import nearest
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
 def unknown_name(
@@ -16,75 +16,45 @@ def unknown_name(
 ) -> Diagnostic:
     """E0301: a name that nothing declares."""
     meant = meant or nearest(name, known)
-    return Diagnostic(
-        "E0301",
-        "error",
-        f"unknown name `{name}`",
-        span,
-        f"not {wanted}",
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    return error("E0301", span, f"unknown name `{name}`", f"not {wanted}", help=did_you_mean(meant))
 
 
 def declared_twice(name: str, span: Span, first: Span, kind: str) -> Diagnostic:
     """E0302: one name for two things."""
-    return Diagnostic(
-        "E0302",
-        "error",
-        f"`{name}` is declared twice",
-        span,
-        "again here",
-        secondary=((first, f"already {kind} here"),),
-        help="all sections of a spec share one namespace",
+    message = f"`{name}` is declared twice"
+    label = "again here"
+    repair = "all sections of a spec share one namespace"
+    return error(
+        "E0302", span, message, label, secondary=((first, f"already {kind} here"),), help=repair
     )
 
 
 def not_a_value(name: str, kind: str, span: Span) -> Diagnostic:
     """E0303: a layer, function or dimension where a value is needed."""
     called = kind in {"a layer", "a function", "a builtin"}
-    return Diagnostic(
-        "E0303",
-        "error",
-        f"`{name}` is {kind}, not a value",
-        span,
-        "a value is needed here",
-        help=f"call it: `{name}(…)`" if called else None,
-    )
+    message = f"`{name}` is {kind}, not a value"
+    repair = f"call it: `{name}(…)`" if called else None
+    return error("E0303", span, message, "a value is needed here", help=repair)
 
 
 def not_callable(name: str, kind: str, span: Span) -> Diagnostic:
     """E0304: a value that is called."""
-    return Diagnostic(
-        "E0304",
-        "error",
-        f"`{name}` is {kind} and cannot be called",
-        span,
-        "not a layer or function",
-        help="write `*` to multiply",
-    )
+    message = f"`{name}` is {kind} and cannot be called"
+    return error("E0304", span, message, "not a layer or function", help="write `*` to multiply")
 
 
 def wrong_argument_count(name: str, wanted: str, found: int, span: Span) -> Diagnostic:
     """E0305: too few or too many arguments."""
-    return Diagnostic("E0305", "error", f"`{name}` takes {wanted}, not {found}", span, "this call")
+    return error("E0305", span, f"`{name}` takes {wanted}, not {found}", "this call")
 
 
 def unknown_keyword(name: str, keyword: str, span: Span, known: Iterable[str]) -> Diagnostic:
     """E0306: a keyword argument that the function does not have."""
     known = tuple(known)
-    meant = nearest(keyword, known)
-    if meant:
-        repair = f"did you mean `{meant}`?"
-    else:
-        repair = f"it takes {', '.join(known)}" if known else "it takes no keywords"
-    return Diagnostic(
-        "E0306",
-        "error",
-        f"`{name}` has no argument `{keyword}`",
-        span,
-        "unknown keyword",
-        help=repair,
-    )
+    takes = f"it takes {', '.join(known)}" if known else "it takes no keywords"
+    message = f"`{name}` has no argument `{keyword}`"
+    repair = did_you_mean(nearest(keyword, known)) or takes
+    return error("E0306", span, message, "unknown keyword", help=repair)
 
 
 def no_member(base: str, member: str, span: Span, function: str | None = None) -> Diagnostic:
@@ -92,84 +62,50 @@ def no_member(base: str, member: str, span: Span, function: str | None = None) -
     # `function` is one of the language, where it is meant: `np.tanh`
     windows = "the log of a signal or state is `.meas`, its windows are `.past(…)`, `.future(…)`"
     repair = f"write `{function}(…)`: functions of the language stand without a prefix"
-    return Diagnostic(
-        "E0307",
-        "error",
-        f"`{base}` has no member `{member}`",
-        span,
-        "unknown member",
-        help=repair if function else windows,
-    )
+    message = f"`{base}` has no member `{member}`"
+    return error("E0307", span, message, "unknown member", help=repair if function else windows)
 
 
 def no_layer_member(layer: str, member: str, span: Span, members: Iterable[str]) -> Diagnostic:
     """E0319: something after the dot that a layer of this kind does not have."""
     known = tuple(members)
     repair = f"it has `.{'`, `.'.join(known)}`" if known else f"call the layer: `{layer}(…)`"
-    return Diagnostic(
-        "E0319",
-        "error",
-        f"the layer `{layer}` has no `.{member}(…)`",
-        span,
-        "no member of this kind of layer",
-        help=repair,
-    )
+    message = f"the layer `{layer}` has no `.{member}(…)`"
+    return error("E0319", span, message, "no member of this kind of layer", help=repair)
 
 
 def constant_needed(what: str, span: Span) -> Diagnostic:
     """E0309: something only known at run time where a number is needed at compile time."""
-    return Diagnostic(
-        "E0309",
-        "error",
-        f"{what} must be known when the spec is compiled",
-        span,
-        "depends on data, a state or a parameter",
-    )
+    message = f"{what} must be known when the spec is compiled"
+    return error("E0309", span, message, "depends on data, a state or a parameter")
 
 
 def misplaced(name: str, where: str, span: Span, repair: str | None = None) -> Diagnostic:
     """E0310: something that is not allowed in this part of a spec."""
-    return Diagnostic(
-        "E0310", "error", f"`{name}` is not allowed in {where}", span, "not here", help=repair
-    )
+    return error("E0310", span, f"`{name}` is not allowed in {where}", "not here", help=repair)
 
 
 def recursive_function(name: str, span: Span) -> Diagnostic:
     """E0311: a function that calls itself."""
-    return Diagnostic(
-        "E0311",
-        "error",
-        f"the function `{name}` calls itself",
-        span,
-        "functions are inlined, so they cannot recurse",
-    )
+    message = f"the function `{name}` calls itself"
+    return error("E0311", span, message, "functions are inlined, so they cannot recurse")
 
 
 def circular_constant(circle: tuple[str, ...], span: Span) -> Diagnostic:
     """E0315: a constant whose value needs itself."""
-    return Diagnostic(
-        "E0315",
-        "error",
-        f"the constant `{circle[0]}` needs its own value",
-        span,
-        " → ".join(circle),
-    )
+    message = f"the constant `{circle[0]}` needs its own value"
+    return error("E0315", span, message, " → ".join(circle))
 
 
 def unused_entry(name: str, kind: str, span: Span) -> Diagnostic:
     """W0301: something declared that nothing uses."""
-    return Diagnostic(
-        "W0301",
-        "warning",
-        f"`{name}` is never used",
-        span,
-        f"{kind} that no output, state or loss needs",
-    )
+    message = f"`{name}` is never used"
+    return warning("W0301", span, message, f"{kind} that no output, state or loss needs")
 
 
 def unfit_constant(name: str, problem: str, span: Span) -> Diagnostic:
     """E0312: a constant or initial value whose numbers do not fit what is declared."""
-    return Diagnostic("E0312", "error", f"the value of {name} {problem}", span, "this value")
+    return error("E0312", span, f"the value of {name} {problem}", "this value")
 
 
 def unfit_setting(
@@ -180,41 +116,25 @@ def unfit_setting(
     label: str = "this setting",
 ) -> Diagnostic:
     """E0313: an option of a layer whose value cannot be used."""
-    return Diagnostic("E0313", "error", f"{owner}: {problem}", span, label, help=repair)
+    return error("E0313", span, f"{owner}: {problem}", label, help=repair)
 
 
 def unusable_numbers(path: str, reason: str, span: Span) -> Diagnostic:
     """E0314: a file of initial values that cannot be used."""
-    return Diagnostic(
-        "E0314",
-        "error",
-        f"cannot take initial values from {path}: {reason}",
-        span,
-        "this file",
-        help="it is a text of numbers, one row a line, and its path is relative to the spec's",
-    )
+    message = f"cannot take initial values from {path}: {reason}"
+    repair = "it is a text of numbers, one row a line, and its path is relative to the spec's"
+    return error("E0314", span, message, "this file", help=repair)
 
 
 def never_finite(span: Span) -> Diagnostic:
     """W0302: a part of a formula that is infinite or NaN whatever the data."""
-    return Diagnostic(
-        "W0302",
-        "warning",
-        "this is infinite or not a number, whatever the data",
-        span,
-        "never finite",
-    )
+    message = "this is infinite or not a number, whatever the data"
+    return warning("W0302", span, message, "never finite")
 
 
 def no_parameter(pattern: str, span: Span, names: Sequence[str]) -> Diagnostic:
     """E0908: a pattern of parameter names that fits none."""
     meant = nearest(pattern, names)
-    return Diagnostic(
-        "E0908",
-        "error",
-        f"`{pattern}` fits no learnable parameter",
-        span,
-        "no such parameter",
-        notes=(f"parameters: {', '.join(names) or 'none'}",),
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    message = f"`{pattern}` fits no learnable parameter"
+    notes = (f"parameters: {', '.join(names) or 'none'}",)
+    return error("E0908", span, message, "no such parameter", notes=notes, help=did_you_mean(meant))

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
-from spec_schema.diagnostics.suggest import nearest
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
 from spec_schema.names import similar_name
 
 # The keys of a layer are worth listing, those of a whole spec are in the documentation.
@@ -15,52 +15,30 @@ def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagn
     """E0201: a key that the language does not have."""
     known = tuple(known)
     meant = nearest(key, known)
-    return Diagnostic(
-        "E0201",
-        "error",
-        f"unknown key `{key}` in {owner}",
-        span,
-        "no such key",
-        notes=() if meant else (f"known keys: {', '.join(known)}",),
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    message = f"unknown key `{key}` in {owner}"
+    notes = () if meant else (f"known keys: {', '.join(known)}",)
+    return error("E0201", span, message, "no such key", notes=notes, help=did_you_mean(meant))
 
 
 def key_not_yet(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagnostic:
     """E0202: a key of the full language that this version does not read."""
     known = tuple(known)
-    return Diagnostic(
-        "E0202",
-        "error",
-        f"`{key}` in {owner} is not in this version of msnn",
-        span,
-        "planned, not available yet",
-        notes=(f"available here: {', '.join(known)}",) if len(known) <= _SHORT_LIST else (),
-    )
+    message = f"`{key}` in {owner} is not in this version of msnn"
+    notes = (f"available here: {', '.join(known)}",) if len(known) <= _SHORT_LIST else ()
+    return error("E0202", span, message, "planned, not available yet", notes=notes)
 
 
 def missing_key(key: str, span: Span, owner: str) -> Diagnostic:
     """E0203: a key that must be there."""
-    return Diagnostic(
-        "E0203",
-        "error",
-        f"{owner} needs the key `{key}`",
-        span,
-        f"`{key}` is missing here",
-        help="add `msnn: 1`" if key == "msnn" else f"add `{key}:`",
-    )
+    message = f"{owner} needs the key `{key}`"
+    repair = "add `msnn: 1`" if key == "msnn" else f"add `{key}:`"
+    return error("E0203", span, message, f"`{key}` is missing here", help=repair)
 
 
 def wrong_kind(wanted: str, found: str, span: Span, repair: str | None = None) -> Diagnostic:
     """E0204: a value of the wrong kind."""
-    return Diagnostic(
-        "E0204",
-        "error",
-        f"expected {wanted}, found {found}",
-        span,
-        f"this is {found}",
-        help=repair,
-    )
+    message = f"expected {wanted}, found {found}"
+    return error("E0204", span, message, f"this is {found}", help=repair)
 
 
 def malformed_name(name: str, span: Span) -> Diagnostic:
@@ -71,221 +49,133 @@ def malformed_name(name: str, span: Span) -> Diagnostic:
         repair = (
             "name a dimension of `dims:`, where its size stands; leave the key out for one number"
         )
-    return Diagnostic(
-        "E0205",
-        "error",
-        f"`{name}` is not a name",
-        span,
-        "a name is made of letters (Latin or Greek), digits and `_`, and starts with a letter",
-        help=repair,
-    )
+    label = "a name is made of letters (Latin or Greek), digits and `_`, and starts with a letter"
+    return error("E0205", span, f"`{name}` is not a name", label, help=repair)
 
 
 def malformed_member(name: str, span: Span) -> Diagnostic:
     """E0229: a key that is to name an input of a sub-model."""
-    return Diagnostic(
-        "E0229",
-        "error",
-        f"`{name}` does not name an input of a sub-model",
-        span,
-        "not a name with a dot",
-        help="write the name of the sub-model, a dot and its input: `plant.u: …`",
-    )
+    message = f"`{name}` does not name an input of a sub-model"
+    repair = "write the name of the sub-model, a dot and its input: `plant.u: …`"
+    return error("E0229", span, message, "not a name with a dot", help=repair)
 
 
 def reserved_name(name: str, span: Span, reason: str) -> Diagnostic:
     """E0206: a name that means something already."""
-    return Diagnostic(
-        "E0206",
-        "error",
-        f"`{name}` cannot be declared: {reason}",
-        span,
-        "reserved",
-        help=f"choose another name, for example `{name}_`",
-    )
+    repair = f"choose another name, for example `{name}_`"
+    return error("E0206", span, f"`{name}` cannot be declared: {reason}", "reserved", help=repair)
 
 
 def unknown_choice(text: str, span: Span, choices: Iterable[str]) -> Diagnostic:
     """E0207: a word that is not one of the choices."""
     choices = tuple(choices)
     meant = nearest(text, choices)
-    return Diagnostic(
-        "E0207",
-        "error",
-        f"`{text}` is not one of {', '.join(choices)}",
-        span,
-        "unknown choice",
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    message = f"`{text}` is not one of {', '.join(choices)}"
+    return error("E0207", span, message, "unknown choice", help=did_you_mean(meant))
 
 
 def one_variant(owner: str, span: Span, found: Iterable[str], choices: Iterable[str]) -> Diagnostic:
     """E0209: none or several where exactly one variant is wanted."""
     found = tuple(found)
     said = f"has {' and '.join(found)}" if found else "has none"
-    return Diagnostic(
-        "E0209",
-        "error",
-        f"{owner} takes exactly one of {', '.join(choices)}; this one {said}",
-        span,
-        "choose one",
-    )
+    message = f"{owner} takes exactly one of {', '.join(choices)}; this one {said}"
+    return error("E0209", span, message, "choose one")
 
 
 def out_of_range(text: str, span: Span, wanted: str) -> Diagnostic:
     """E0210: a number outside what the key allows."""
-    return Diagnostic("E0210", "error", f"`{text}` is out of range", span, f"must be {wanted}")
+    return error("E0210", span, f"`{text}` is out of range", f"must be {wanted}")
 
 
 def old_boolean(text: str, span: Span) -> Diagnostic:
     """E0211: yes, no, on, off, which were booleans in YAML 1.1."""
     meant = "true" if text.lower() in {"yes", "on", "y"} else "false"
-    return Diagnostic(
-        "E0211",
-        "error",
-        f"`{text}` is text, not true or false",
-        span,
-        "text in YAML 1.2",
-        help=f"write `{meant}`",
-    )
+    message = f"`{text}` is text, not true or false"
+    return error("E0211", span, message, "text in YAML 1.2", help=f"write `{meant}`")
 
 
 def empty_value(wanted: str, span: Span) -> Diagnostic:
     """E0212: a key with nothing after it."""
-    return Diagnostic("E0212", "error", f"expected {wanted}, found nothing", span, "empty")
+    return error("E0212", span, f"expected {wanted}, found nothing", "empty")
 
 
 def unknown_language(text: str, span: Span) -> Diagnostic:
     """E0214: a spec of another language version."""
-    return Diagnostic(
-        "E0214",
-        "error",
-        f"`msnn: {text}` is not a language version this msnn reads",
-        span,
-        "unknown version",
-        help="write `msnn: 1`",
-    )
+    message = f"`msnn: {text}` is not a language version this msnn reads"
+    return error("E0214", span, message, "unknown version", help="write `msnn: 1`")
 
 
 def empty_section(owner: str, span: Span) -> Diagnostic:
     """E0215: a section that must hold something."""
-    return Diagnostic("E0215", "error", f"{owner} must not be empty", span, "nothing in it")
+    return error("E0215", span, f"{owner} must not be empty", "nothing in it")
 
 
 def malformed_length(text: str, span: Span) -> Diagnostic:
     """E0216: neither samples nor a duration."""
-    return Diagnostic(
-        "E0216",
-        "error",
-        f"`{text}` is not a length of time",
-        span,
-        "not a length",
-        notes=("the units of a duration are us, ms, s, min and h",),
-        help="write a number of samples such as `5`, or a duration such as `50 ms`",
-    )
+    message = f"`{text}` is not a length of time"
+    notes = ("the units of a duration are us, ms, s, min and h",)
+    repair = "write a number of samples such as `5`, or a duration such as `50 ms`"
+    return error("E0216", span, message, "not a length", notes=notes, help=repair)
 
 
 def malformed_sample_time(text: str, span: Span) -> Diagnostic:
     """E0217: a sample time that is neither a time nor a frequency."""
-    return Diagnostic(
-        "E0217",
-        "error",
-        f"`{text}` is not a sample time",
-        span,
-        "write a positive time such as `50 ms`, or a frequency such as `20 Hz`",
-        help=f"in seconds it is `{text} s`" if text.replace(".", "", 1).isdigit() else None,
-    )
+    label = "write a positive time such as `50 ms`, or a frequency such as `20 Hz`"
+    repair = f"in seconds it is `{text} s`" if text.replace(".", "", 1).isdigit() else None
+    return error("E0217", span, f"`{text}` is not a sample time", label, help=repair)
 
 
 def malformed_quantity(text: str, span: Span) -> Diagnostic:
     """E0218: neither a number nor a number with a unit."""
-    return Diagnostic(
-        "E0218",
-        "error",
-        f"`{text}` is not a quantity",
-        span,
-        "write a number, or a number and a unit such as `2 mm`",
-    )
+    message = f"`{text}` is not a quantity"
+    return error("E0218", span, message, "write a number, or a number and a unit such as `2 mm`")
 
 
 def malformed_prediction(span: Span) -> Diagnostic:
     """E0219: `predicts` with something else than a sample of a signal."""
-    return Diagnostic(
-        "E0219",
-        "error",
-        "`predicts` names one sample of a logged signal",
-        span,
-        "not a signal at t or later",
-        help="write for example `predicts: x[t+1]`",
-    )
+    message = "`predicts` names one sample of a logged signal"
+    repair = "write for example `predicts: x[t+1]`"
+    return error("E0219", span, message, "not a signal at t or later", help=repair)
 
 
 def list_for_expression(span: Span) -> Diagnostic:
     """E0221: YAML read a list or mapping where an expression was meant."""
-    return Diagnostic(
-        "E0221",
-        "error",
-        "expected an expression, found a YAML list or mapping",
-        span,
-        "YAML reads brackets at the start of a value as its own",
-        help="put the whole expression in quotes",
-    )
+    message = "expected an expression, found a YAML list or mapping"
+    label = "YAML reads brackets at the start of a value as its own"
+    return error("E0221", span, message, label, help="put the whole expression in quotes")
 
 
 def malformed_columns(text: str, span: Span) -> Diagnostic:
     """E0222: a column pattern that cannot be expanded."""
-    return Diagnostic(
-        "E0222",
-        "error",
-        f"`{text}` is not a column pattern",
-        span,
-        "a pattern has one ascending range, as in `tau{1..6}`",
-    )
+    message = f"`{text}` is not a column pattern"
+    return error("E0222", span, message, "a pattern has one ascending range, as in `tau{1..6}`")
 
 
 def misfitting_split(problem: str, span: Span) -> Diagnostic:
     """E0223: a split whose keys do not fit each other."""
-    return Diagnostic("E0223", "error", problem, span, "does not fit")
+    return error("E0223", span, problem, "does not fit")
 
 
 def reversed_range(low: str, high: str, span: Span) -> Diagnostic:
     """E0224: a range whose ends are in the wrong order."""
-    return Diagnostic(
-        "E0224", "error", f"the range [{low}, {high}] is empty", span, "low must be below high"
-    )
+    return error("E0224", span, f"the range [{low}, {high}] is empty", "low must be below high")
 
 
 def repeated_item(text: str, span: Span, first: Span) -> Diagnostic:
     """E0225: an item twice in a list of different things."""
-    return Diagnostic(
-        "E0225",
-        "error",
-        f"`{text}` stands twice in this list",
-        span,
-        "again here",
-        secondary=((first, "first here"),),
-    )
+    message = f"`{text}` stands twice in this list"
+    return error("E0225", span, message, "again here", secondary=((first, "first here"),))
 
 
 def excluded_key(key: str, other: str, span: Span, owner: str) -> Diagnostic:
     """E0228: two keys of which only one can be given."""
-    return Diagnostic(
-        "E0228",
-        "error",
-        f"{owner} has `{key}` beside `{other}`",
-        span,
-        "only one of the two",
-        help=f"remove `{key}:` or `{other}:`",
-    )
+    message = f"{owner} has `{key}` beside `{other}`"
+    repair = f"remove `{key}:` or `{other}:`"
+    return error("E0228", span, message, "only one of the two", help=repair)
 
 
 def no_unit_of_time(unit: str, span: Span) -> Diagnostic:
     """E0824: a unit of the time column that is no time."""
-    return Diagnostic(
-        "E0824",
-        "error",
-        f"the time column cannot be in {unit}",
-        span,
-        "not a unit of time",
-        help="units of time are s, ms, us, min, h",
-    )
+    message = f"the time column cannot be in {unit}"
+    repair = "units of time are s, ms, us, min, h"
+    return error("E0824", span, message, "not a unit of time", help=repair)

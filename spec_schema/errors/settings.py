@@ -2,21 +2,16 @@
 
 from collections.abc import Sequence
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
-from spec_schema.diagnostics.suggest import nearest
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
 def malformed_setting(text: str, span: Span) -> Diagnostic:
     """E1030: a `--set` that is not `path=value`."""
-    return Diagnostic(
-        "E1030",
-        "error",
-        f"`--set {text}` is not a path, `=` and a value",
-        span,
-        "not a setting",
-        help="an example: `--set train.0.epochs=5`",
-    )
+    message = f"`--set {text}` is not a path, `=` and a value"
+    repair = "an example: `--set train.0.epochs=5`"
+    return error("E1030", span, message, "not a setting", help=repair)
 
 
 def unsettable(
@@ -26,36 +21,22 @@ def unsettable(
     verb, names = ("add", added) if added else ("remove", removed)
     listed = ", ".join(f"`{name}`" for name in names)
     meant = nearest(names[0], known) if added else None
-    return Diagnostic(
-        "E1031",
-        "error",
-        f"`{path}` cannot be set: it would {verb} {listed}",
-        span,
-        "values can be replaced, names are those of the spec",
-        notes=(f"names there: {', '.join(known) or 'none'}",),
-        help=f"did you mean `{meant}`?" if meant else "change the spec for other names",
-    )
+    message = f"`{path}` cannot be set: it would {verb} {listed}"
+    label = "values can be replaced, names are those of the spec"
+    notes = (f"names there: {', '.join(known) or 'none'}",)
+    repair = did_you_mean(meant) or "change the spec for other names"
+    return error("E1031", span, message, label, notes=notes, help=repair)
 
 
 def compiled_already(path: str, span: Span) -> Diagnostic:
     """E0996: a `--set` of a value of the model, of a program that is compiled."""
-    return Diagnostic(
-        "E0996",
-        "error",
-        f"`{path}` cannot be set: the program file was compiled with the value it had",
-        span,
-        "a value of the model",
-        help="set it for the spec: `msnn compile SPEC --set …`, or any verb with the spec",
-    )
+    message = f"`{path}` cannot be set: the program file was compiled with the value it had"
+    repair = "set it for the spec: `msnn compile SPEC --set …`, or any verb with the spec"
+    return error("E0996", span, message, "a value of the model", help=repair)
 
 
 def no_such_item(step: str, count: int, span: Span) -> Diagnostic:
     """E1032: a `--set` path that names an item which a list does not have."""
     known = f"0 … {count - 1}" if count else "none"
-    return Diagnostic(
-        "E1032",
-        "error",
-        f"`{step}` is no item of the list: its items are numbered from 0 ({known})",
-        span,
-        "no such item",
-    )
+    message = f"`{step}` is no item of the list: its items are numbered from 0 ({known})"
+    return error("E1032", span, message, "no such item")

@@ -1,6 +1,6 @@
 """E04xx: dimensions and shapes."""
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 
@@ -15,11 +15,10 @@ def axes_differ(
     repair: str | None,
 ) -> Diagnostic:
     """E0401: operands whose axes cannot meet."""
-    return Diagnostic(
+    return error(
         "E0401",
-        "error",
-        f"`{operation}` cannot align its operands: {reason}",
         span,
+        f"`{operation}` cannot align its operands: {reason}",
         "here",
         secondary=((left_span, f"this is {left}"), (right_span, f"this is {right}")),
         notes=("operands are aligned by the names of their axes",),
@@ -36,11 +35,10 @@ def twin_axes(
     right: tuple[Span, str],
 ) -> Diagnostic:
     """W0401: a named and an unnamed axis of one length, of which an operation makes all pairs."""
-    return Diagnostic(
+    return warning(
         "W0401",
-        "warning",
-        f"`{operation}` pairs each element of `{name}` with each of an unnamed axis as long",
         span,
+        f"`{operation}` pairs each element of `{name}` with each of an unnamed axis as long",
         f"{size}×{size} values",
         secondary=tuple((place, f"this is {axes}") for place, axes in (left, right)),
         notes=("operands are aligned by the names of their axes",),
@@ -50,78 +48,57 @@ def twin_axes(
 
 
 def wrong_axes(
-    what: str, wanted: str, found: str, span: Span, repair: str | None = None
+    what: str,
+    wanted: str,
+    found: str,
+    span: Span,
+    repair: str | None = None,
+    operand: str | None = None,
 ) -> Diagnostic:
-    """E0402: a value with other axes than its place needs."""
+    """E0402: a value with other axes than its place needs; `operand` are those of what is shown."""
     message = f"{what} must be {wanted}, not {found}"
-    return Diagnostic("E0402", "error", message, span, f"this is {found}", help=repair)
+    return error("E0402", span, message, f"this is {operand or found}", help=repair)
 
 
 def window_needed(layer: str, span: Span) -> Diagnostic:
     """E0403: a layer that works on a time window and got one sample."""
-    return Diagnostic(
-        "E0403",
-        "error",
-        f"`{layer}` needs a time window",
-        span,
-        "this is one sample",
-        help=f"give the layer `window: 5`, or call `{layer}(x.past(5))`",
-    )
+    repair = f"give the layer `window: 5`, or call `{layer}(x.past(5))`"
+    return error("E0403", span, f"`{layer}` needs a time window", "this is one sample", help=repair)
 
 
 def layer_called_differently(layer: str, before: str, now: str, span: Span) -> Diagnostic:
     """E0404: a layer called with two different shapes; its weights are shared."""
-    return Diagnostic(
-        "E0404",
-        "error",
-        f"`{layer}` is called with {now} here and with {before} elsewhere",
-        span,
-        "another shape",
-        notes=("one layer called twice shares its weights",),
-        help="declare a second layer",
-    )
+    message = f"`{layer}` is called with {now} here and with {before} elsewhere"
+    notes = ("one layer called twice shares its weights",)
+    repair = "declare a second layer"
+    return error("E0404", span, message, "another shape", notes=notes, help=repair)
 
 
 def unknown_dimension(name: str, span: Span) -> Diagnostic:
     """E0405: a dimension that `dims:` does not list."""
-    return Diagnostic(
-        "E0405",
-        "error",
-        f"unknown dimension `{name}`",
-        span,
-        "not in `dims:`",
-        help=f"add it: `dims: {{{name}: 3}}`",
-    )
+    message = f"unknown dimension `{name}`"
+    return error("E0405", span, message, "not in `dims:`", help=f"add it: `dims: {{{name}: 3}}`")
 
 
 def no_such_element(element: str, axes: str, among: str, span: Span) -> Diagnostic:
     """E0408: an element that no axis of the value has."""
-    return Diagnostic(
-        "E0408",
-        "error",
-        f"`part` finds no element `{element}` in a value that is {axes}",
-        span,
-        "no such element",
-        help=among,
-    )
+    message = f"`part` finds no element `{element}` in a value that is {axes}"
+    return error("E0408", span, message, "no such element", help=among)
 
 
 def no_such_axis(function: str, axis: str, axes: str, span: Span) -> Diagnostic:
     """E0406: an axis that the value does not have."""
-    return Diagnostic(
-        "E0406", "error", f"`{function}` over `{axis}`: the value is {axes}", span, "no such axis"
-    )
+    return error("E0406", span, f"`{function}` over `{axis}`: the value is {axes}", "no such axis")
 
 
 def unfit_parameter(
     layer: str, parameter: str, wanted: str, found: str, span: Span, declared: Span
 ) -> Diagnostic:
     """E0407: a parameter with other axes than the array of the layer that it is named for."""
-    return Diagnostic(
+    return error(
         "E0407",
-        "error",
-        f"`{layer}` needs an array of {wanted}, and `{parameter}` has {found}",
         span,
+        f"`{layer}` needs an array of {wanted}, and `{parameter}` has {found}",
         f"`{layer}` takes it from here",
         secondary=((declared, f"declared with {found}"),),
         notes=("axes in this order; samples of a window, oldest first, are the last",),

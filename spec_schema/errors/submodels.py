@@ -2,89 +2,59 @@
 
 from collections.abc import Iterable, Sequence
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
-from spec_schema.diagnostics.suggest import nearest
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
 def unreadable_spec(path: str, reason: str, span: Span) -> Diagnostic:
     """E0730: a sub-model whose spec cannot be read."""
-    return Diagnostic(
-        "E0730",
-        "error",
-        f"cannot read the sub-model's spec {path}: {reason}",
-        span,
-        "used here",
-        notes=("a path is relative to the folder of the file that it stands in",),
-    )
+    message = f"cannot read the sub-model's spec {path}: {reason}"
+    notes = ("a path is relative to the folder of the file that it stands in",)
+    return error("E0730", span, message, "used here", notes=notes)
 
 
 def uses_itself(chain: Sequence[str], span: Span) -> Diagnostic:
     """E0731: a spec that is a part of itself."""
-    return Diagnostic(
-        "E0731",
-        "error",
-        f"a spec uses itself: {' → '.join(chain)}",
-        span,
-        "leads back to a file that is being read",
-    )
+    message = f"a spec uses itself: {' → '.join(chain)}"
+    return error("E0731", span, message, "leads back to a file that is being read")
 
 
 def too_many_submodels(limit: str, span: Span) -> Diagnostic:
     """E0732: more sub-models, or a deeper nesting of them, than anybody means."""
-    return Diagnostic("E0732", "error", f"more than {limit}", span, "with this one")
+    return error("E0732", span, f"more than {limit}", "with this one")
 
 
 def other_sample_time(name: str, found: str, expected: str, span: Span, place: Span) -> Diagnostic:
     """E0733: a sub-model with another sample time than the spec that uses it."""
-    return Diagnostic(
-        "E0733",
-        "error",
-        f"`{name}` has {found}, the spec that uses it {expected}",
-        span,
-        "used here",
-        secondary=((place, found),),
-        help="train and use it at one sample time",
-    )
+    message = f"`{name}` has {found}, the spec that uses it {expected}"
+    repair = "train and use it at one sample time"
+    return error("E0733", span, message, "used here", secondary=((place, found),), help=repair)
 
 
 def not_an_input(name: str, kind: str | None, span: Span, known: Iterable[str]) -> Diagnostic:
     """E0734: a connection to something else than an input of a sub-model."""
     meant = nearest(name, known) if kind is None else None
     label = "no such input" if kind is None else f"this is {kind}"
-    return Diagnostic(
-        "E0734",
-        "error",
-        f"`{name}` is not an input of a sub-model",
-        span,
-        label,
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    message = f"`{name}` is not an input of a sub-model"
+    return error("E0734", span, message, label, help=did_you_mean(meant))
 
 
 def fed_twice(name: str, span: Span, first: Span) -> Diagnostic:
     """E0735: an input that two connections feed."""
-    return Diagnostic(
-        "E0735",
-        "error",
-        f"`{name}` is connected twice",
-        span,
-        "connected again here",
-        secondary=((first, "connected here already"),),
-    )
+    message = f"`{name}` is connected twice"
+    label = "connected again here"
+    return error("E0735", span, message, label, secondary=((first, "connected here already"),))
 
 
 def connection_axes(
     name: str, expected: str, found: str, span: Span, declaration: Span
 ) -> Diagnostic:
     """E0736: an expression with other axes than the input that it is connected to."""
-    return Diagnostic(
-        "E0736",
-        "error",
-        f"`{name}` takes {expected}, its connection is {found}",
-        span,
-        f"this is {found}",
-        secondary=((declaration, f"the input is {expected}"),),
+    message = f"`{name}` takes {expected}, its connection is {found}"
+    label = f"this is {found}"
+    return error(
+        "E0736", span, message, label, secondary=((declaration, f"the input is {expected}"),)
     )
 
 
@@ -92,26 +62,20 @@ def connection_unit(
     name: str, expected: str, found: str, span: Span, declaration: Span
 ) -> Diagnostic:
     """W0737: an expression in another unit than the input; refused under `--strict-units`."""
-    return Diagnostic(
-        "W0737",
-        "warning",
-        f"`{name}` is declared in {expected}, its connection is in {found}",
-        span,
-        f"this is in {found}",
-        secondary=((declaration, f"the input is in {expected}"),),
+    message = f"`{name}` is declared in {expected}, its connection is in {found}"
+    label = f"this is in {found}"
+    return warning(
+        "W0737", span, message, label, secondary=((declaration, f"the input is in {expected}"),)
     )
 
 
 def log_of_connected(name: str, span: Span, connection: Span) -> Diagnostic:
     """E0738: the log of an input that is connected, and so not logged."""
-    return Diagnostic(
-        "E0738",
-        "error",
-        f"`{name}` is connected and has no log",
-        span,
-        "not logged",
-        secondary=((connection, "connected here"),),
-        help=f"write `{name}` for its value",
+    message = f"`{name}` is connected and has no log"
+    label = "not logged"
+    repair = f"write `{name}` for its value"
+    return error(
+        "E0738", span, message, label, secondary=((connection, "connected here"),), help=repair
     )
 
 
@@ -119,30 +83,17 @@ def unknown_submodel_member(name: str, span: Span, known: Iterable[str]) -> Diag
     """E0739: something after the dot that a sub-model does not have."""
     base, _, member = name.rpartition(".")
     meant = nearest(name, known)
-    return Diagnostic(
-        "E0739",
-        "error",
-        f"the sub-model `{base}` has no `{member}`",
-        span,
-        "no such member",
-        help=f"did you mean `{meant}`?" if meant else None,
-    )
+    message = f"the sub-model `{base}` has no `{member}`"
+    return error("E0739", span, message, "no such member", help=did_you_mean(meant))
 
 
 def unusable_weights(name: str, problem: str, span: Span, repair: str | None) -> Diagnostic:
     """E0740: a sub-model's weights that cannot be read or do not fit its spec."""
-    return Diagnostic(
-        "E0740", "error", f"the weights of `{name}`: {problem}", span, "these", help=repair
-    )
+    return error("E0740", span, f"the weights of `{name}`: {problem}", "these", help=repair)
 
 
 def weights_of_other_text(name: str, spec: str, span: Span) -> Diagnostic:
     """W0742: a sub-model's weights that were trained with another text of its spec."""
-    return Diagnostic(
-        "W0742",
-        "warning",
-        f"the weights of `{name}` were trained with another text of {spec}",
-        span,
-        "written for another version",
-        help="train it again if more than comments, data or training has changed",
-    )
+    message = f"the weights of `{name}` were trained with another text of {spec}"
+    repair = "train it again if more than comments, data or training has changed"
+    return warning("W0742", span, message, "written for another version", help=repair)

@@ -1,28 +1,20 @@
 """E05xx: units of measurement."""
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 
 def malformed_unit(problem: str, span: Span, repair: str | None) -> Diagnostic:
     """E0501: a text that is not a unit."""
-    return Diagnostic(
-        "E0501",
-        "error",
-        problem,
-        span,
-        "not a unit",
-        help=f"write `{repair}`" if repair else None,
-    )
+    return error("E0501", span, problem, "not a unit", help=f"write `{repair}`" if repair else None)
 
 
 def two_units(written: str, declared: str, span: Span, declaration: Span) -> Diagnostic:
     """E0502: a value with one unit in an entry that declares another."""
-    return Diagnostic(
+    return error(
         "E0502",
-        "error",
-        f"the value is in {written}, but the unit is declared as {declared}",
         span,
+        f"the value is in {written}, but the unit is declared as {declared}",
         written,
         secondary=((declaration, f"declared as {declared} here"),),
         help="write the unit once",
@@ -31,9 +23,7 @@ def two_units(written: str, declared: str, span: Span, declaration: Span) -> Dia
 
 def incomparable_unit(written: str, wanted: str, span: Span) -> Diagnostic:
     """E0503: a unit of the wrong dimension."""
-    return Diagnostic(
-        "E0503", "error", f"{written} is not a unit of {wanted}", span, f"expected {wanted}"
-    )
+    return error("E0503", span, f"{written} is not a unit of {wanted}", f"expected {wanted}")
 
 
 def units_differ(
@@ -53,30 +43,18 @@ def units_differ(
         repair = f"a number with a unit is a constant: `constants: {{NAME: {bare}}}`"
     elif factor is not None:
         repair = f"1 {found} is {factor:.6g} {expected}: nothing is converted in formulas"
-    return Diagnostic(
-        "W0504",
-        "warning",
-        f"units do not fit in `{operation}`: {found} where {expected} is expected",
-        span,
-        f"{expected} expected",
-        secondary=secondary,
-        help=repair,
-    )
+    message = f"units do not fit in `{operation}`: {found} where {expected} is expected"
+    return warning("W0504", span, message, f"{expected} expected", secondary=secondary, help=repair)
 
 
 def strict_units(count: int) -> Diagnostic:
     """E0506: units that do not fit, which `--strict-units` refuses."""
     warnings = "the warning" if count == 1 else f"the {count} warnings"
     message = f"units do not fit, and --strict-units refuses {warnings} about it"
-    return Diagnostic("E0506", "error", message, None)
+    return error("E0506", None, message)
 
 
 def declared_unit_differs(name: str, found: str, declared: str, span: Span) -> Diagnostic:
     """W0505: an expression in another unit than its entry declares."""
-    return Diagnostic(
-        "W0505",
-        "warning",
-        f"`{name}` is declared in {declared}, its expression is in {found}",
-        span,
-        f"this is in {found}",
-    )
+    message = f"`{name}` is declared in {declared}, its expression is in {found}"
+    return warning("W0505", span, message, f"this is in {found}")

@@ -1,23 +1,17 @@
 """E01xx: the text of a file as YAML 1.2 or JSON, before anything is known of its meaning."""
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
-
-
-def _error(
-    code: str, message: str, span: Span, label: str = "", repair: str | None = None
-) -> Diagnostic:
-    return Diagnostic(code, "error", message, span, label, help=repair)
 
 
 def other_syntax(problem: str, span: Span) -> Diagnostic:
     """E0101: a fault of syntax without a better explanation."""
-    return _error("E0101", f"not valid YAML: {problem}", span, "cannot be read from here on")
+    return error("E0101", span, f"not valid YAML: {problem}", "cannot be read from here on")
 
 
 def tab(span: Span) -> Diagnostic:
     """E0102: a tab where YAML wants blanks."""
-    return _error("E0102", "YAML does not indent by tabs", span, "a tab", "use blanks")
+    return error("E0102", span, "YAML does not indent by tabs", "a tab", help="use blanks")
 
 
 def bracket_in_flow(text: str, span: Span) -> Diagnostic:
@@ -25,176 +19,172 @@ def bracket_in_flow(text: str, span: Span) -> Diagnostic:
     message = "an unquoted value within { } or [ ] cannot contain brackets"
     is_whole = text.count("(") == text.count(")")
     repair = f'quote it: "{text}"' if is_whole else "quote the whole expression"
-    return _error("E0103", message, span, "YAML reads its own list here", repair)
+    return error("E0103", span, message, "YAML reads its own list here", help=repair)
 
 
 def stray_alias(text: str, span: Span) -> Diagnostic:
     """E0104: an unquoted glob, or a reference to an anchor that is not there."""
     message = f"`{text}` is an alias of YAML, and nothing has that anchor"
-    return _error("E0104", message, span, "`*` starts an alias", f'quote it: "{text}"')
+    return error("E0104", span, message, "`*` starts an alias", help=f'quote it: "{text}"')
 
 
 def duplicate_key(key: str, span: Span, first: Span) -> Diagnostic:
     """E0105: a key twice in one mapping."""
-    return Diagnostic(
-        "E0105",
-        "error",
-        f"the key `{key}` is given twice",
-        span,
-        "again here",
-        secondary=((first, "first here"),),
-        help="keep one of the two, or give one another name",
-    )
+    message = f"the key `{key}` is given twice"
+    label = "again here"
+    repair = "keep one of the two, or give one another name"
+    return error("E0105", span, message, label, secondary=((first, "first here"),), help=repair)
 
 
 def tagged(tag: str, span: Span) -> Diagnostic:
     """E0106: a YAML tag."""
-    return _error("E0106", f"the YAML tag `{tag}` is not used in specs", span, "tag", "remove it")
+    message = f"the YAML tag `{tag}` is not used in specs"
+    return error("E0106", span, message, "tag", help="remove it")
 
 
 def merge_key(span: Span) -> Diagnostic:
     """E0107: a merge key."""
     message = "merge keys (`<<`) are not used in specs"
-    return _error("E0107", message, span, "merge key", "write the keys out")
+    return error("E0107", span, message, "merge key", help="write the keys out")
 
 
 def too_many_values(most: int, span: Span) -> Diagnostic:
     """E0108: a file that is, or by its aliases becomes, too large."""
     message = f"the file expands to more than {most:,} values"
-    return _error("E0108", message, span, "the limit is reached here")
+    return error("E0108", span, message, "the limit is reached here")
 
 
 def too_deep(deepest: int, span: Span) -> Diagnostic:
     """E0109: mappings and lists nested above the cap."""
-    return _error("E0109", f"nested deeper than {deepest} levels", span, "too deep")
+    return error("E0109", span, f"nested deeper than {deepest} levels", "too deep")
 
 
 def second_document(span: Span) -> Diagnostic:
     """E0110: several documents in a file."""
-    return _error("E0110", "a spec is one YAML document", span, "a second one starts here")
+    return error("E0110", span, "a spec is one YAML document", "a second one starts here")
 
 
 def empty_file(span: Span) -> Diagnostic:
     """E0111: nothing in the file."""
-    return _error("E0111", "the file is empty", span, "no spec here", "start with `msnn: 1`")
+    return error("E0111", span, "the file is empty", "no spec here", help="start with `msnn: 1`")
 
 
 def key_is_not_text(found: str, span: Span) -> Diagnostic:
     """E0112: a list, a mapping or nothing as a key, or one with characters nobody can see."""
-    return _error("E0112", f"a key is one line of text, this is {found}", span, "not a key")
+    return error("E0112", span, f"a key is one line of text, this is {found}", "not a key")
 
 
 def not_utf8(span: Span) -> Diagnostic:
     """E0113: bytes that are not UTF-8."""
     message = "the file is not UTF-8"
-    return _error("E0113", message, span, "a byte that is not UTF-8", "save it as UTF-8")
+    return error("E0113", span, message, "a byte that is not UTF-8", help="save it as UTF-8")
 
 
 def control_character(code_point: int, span: Span) -> Diagnostic:
     """E0114: a character that no editor shows."""
     message = f"the control character U+{code_point:04X} stands in the file"
-    return _error("E0114", message, span, "here", "remove it")
+    return error("E0114", span, message, "here", help="remove it")
 
 
 def own_alias(name: str, span: Span) -> Diagnostic:
     """E0115: an alias within what it stands for."""
-    return _error("E0115", f"`*{name}` stands for what contains it", span, "without end")
+    return error("E0115", span, f"`*{name}` stands for what contains it", "without end")
 
 
 def second_colon(span: Span) -> Diagnostic:
     """E0116: `a: b: c`."""
     message = "a value cannot contain `: ` unless it is quoted"
-    return _error("E0116", message, span, "a second `:` in this line", "quote the value")
+    return error("E0116", span, message, "a second `:` in this line", help="quote the value")
 
 
 def no_blank_after_colon(key: str, value: str, span: Span) -> Diagnostic:
     """E0129: `c:{init: 1}`, which is one word to YAML."""
     message = f"YAML reads `{key}:{value}` as one word: a colon ends a key only before a blank"
-    return _error("E0129", message, span, "no blank after it", f"write `{key}: {value}`")
+    return error("E0129", span, message, "no blank after it", help=f"write `{key}: {value}`")
 
 
 def decimal_comma(text: str, span: Span) -> Diagnostic:
     """E0130: `2,5` for a number."""
     message = f"`{text}` is two values: numbers have a decimal point"
-    return _error("E0130", message, span, "a comma", f"write `{text.replace(',', '.')}`")
+    return error("E0130", span, message, "a comma", help=f"write `{text.replace(',', '.')}`")
 
 
 def odd_blank(code_point: int, span: Span) -> Diagnostic:
     """E0131: a character that looks like a blank and is none, as pages of the web have them."""
     message = f"the character U+{code_point:04X} looks like a blank and is none"
-    return _error("E0131", message, span, "here", "type an ordinary blank in its place")
+    return error("E0131", span, message, "here", help="type an ordinary blank in its place")
 
 
 def comma_splits(text: str, span: Span) -> Diagnostic:
     """E0117: an unquoted call with several arguments within { } or [ ]."""
     message = "a comma ends an unquoted value within { } or [ ]"
     repair = "quote the expression, or write it on a line of its own"
-    return _error("E0117", message, span, f"YAML reads only `{text}`", repair)
+    return error("E0117", span, message, f"YAML reads only `{text}`", help=repair)
 
 
 def key_without_value(key: str, span: Span) -> Diagnostic:
     """E0118: a lone word within { }."""
     message = f"`{key}` has no value"
-    return _error("E0118", message, span, "a key without `:`", "quote values that contain commas")
+    repair = "quote values that contain commas"
+    return error("E0118", span, message, "a key without `:`", help=repair)
 
 
 def too_large(size: int, most: int, span: Span) -> Diagnostic:
     """E0119: a file above the cap of characters."""
-    return _error("E0119", f"the file has {size:,} characters, more than {most:,}", span)
+    return error("E0119", span, f"the file has {size:,} characters, more than {most:,}")
 
 
 def malformed_json(problem: str, span: Span) -> Diagnostic:
     """E0120: a .json file that is not JSON."""
-    return _error("E0120", f"not valid JSON: {problem}", span, "cannot be read from here on")
+    return error("E0120", span, f"not valid JSON: {problem}", "cannot be read from here on")
 
 
 def missing_colon(text: str, span: Span) -> Diagnostic:
     """E0121: a line that should be a key and has no colon."""
     label = "neither a key nor part of a value"
     repair = f"for a key write `{text}:`" if text.isidentifier() else "a key ends with `:`"
-    return _error("E0121", "this line has no `:`", span, label, repair)
+    return error("E0121", span, "this line has no `:`", label, help=repair)
 
 
 def open_bracket(bracket: str, span: Span) -> Diagnostic:
     """E0122: a YAML list or mapping in brackets that goes wrong."""
     message = f"the `{bracket}` that starts here is not closed as it should be"
-    return _error(
-        "E0122", message, span, "opened here", "check commas, colons, quotes and brackets after it"
-    )
+    repair = "check commas, colons, quotes and brackets after it"
+    return error("E0122", span, message, "opened here", help=repair)
 
 
 def misplaced_line(span: Span) -> Diagnostic:
     """E0123: an indentation that fits nothing above."""
     message = "the indentation fits no line above"
-    return _error("E0123", message, span, "starts in an unexpected column")
+    return error("E0123", span, message, "starts in an unexpected column")
 
 
 def misplaced_item(span: Span) -> Diagnostic:
     """E0124: `- ` after a key."""
     message = "a list entry cannot start on the line of its key"
     repair = "for a minus sign quote the value, or leave no blank after it"
-    return _error("E0124", message, span, "`- ` starts a list entry", repair)
+    return error("E0124", span, message, "`- ` starts a list entry", help=repair)
 
 
 def open_quote(span: Span) -> Diagnostic:
     """E0125: a quoted text without its end."""
-    return _error("E0125", "this quoted text never ends", span, "opened here")
+    return error("E0125", span, "this quoted text never ends", "opened here")
 
 
 def unknown_escape(span: Span) -> Diagnostic:
     """E0126: a backslash with something unknown behind it."""
     message = "this is not an escape that YAML knows"
-    return _error("E0126", message, span, "in a text in double quotes", "use single quotes")
+    return error("E0126", span, message, "in a text in double quotes", help="use single quotes")
 
 
 def block_text(indicator: str, span: Span) -> Diagnostic:
     """E0127: a value that starts with `>` or `|`."""
     message = f"`{indicator}` starts a block of text, which begins on the next line"
-    return _error("E0127", message, span, "not a comparison", "quote the value")
+    return error("E0127", span, message, "not a comparison", help="quote the value")
 
 
 def reserved_start(character: str, span: Span) -> Diagnostic:
     """E0128: a value that starts with a character that YAML keeps for itself."""
     shown = "a backtick" if character == "`" else f"`{character}`"
     message = f"an unquoted value cannot start with {shown}"
-    return _error("E0128", message, span, "reserved by YAML", "quote the value")
+    return error("E0128", span, message, "reserved by YAML", help="quote the value")

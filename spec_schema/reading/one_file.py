@@ -10,6 +10,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.errors import yaml_text as errors
 from spec_schema.errors.files import unreadable_file
+from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.settings import apply_settings, settings_source
 from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.reader import read_tree
@@ -69,6 +70,7 @@ def read_one_spec(
 def read_file(path: Path) -> SourceText:
     """The text of a file as it stands there; SpecError where it is not given or is not UTF-8."""
     try:
+        refuse_endless(path, of_shell=True)
         content = path.read_bytes()
     except OSError as error:
         reason = (error.strerror or str(error)).lower()

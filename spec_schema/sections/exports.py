@@ -23,13 +23,16 @@ class Target(Entry):
     """What every target takes: `outputs` to keep (None: all) and inputs to `close`."""
 
     outputs: References | None = None
+    """Outputs that are kept, or equations; by default all outputs."""
     close: References = ()
+    """Inputs that are fed back inside; none by default."""
 
 
 class FloatTarget(Target):
     """A target that computes in floating point of one size, its number type."""
 
     dtype: Dtype | None = None
+    """Type of the numbers."""
 
 
 class TorchExport(FloatTarget):
@@ -67,16 +70,23 @@ class CExport(Target):
 
     prefix: NewName | None = None
     dtype: CDtype | None = None
+    """Type of the numbers; `q15` and `q31` are integers."""
     params: Annotated[
         Literal["const", "tunable", "inline"], choice("const", "tunable", "inline")
     ] = "const"
+    """Parameters as constants, through a pointer, or written into the code."""
     math: Annotated[Literal["own", "libm"], choice("own", "libm")] = "own"
+    """Own math functions, or those of the C library."""
     ring: Annotated[Literal["auto", "shift", "double"], choice("auto", "shift", "double")] = "auto"
+    """How windows move."""
     unroll: NonNegativeCount = 4
+    """Loops of up to so many passes are written out."""
     constant_time: Switch = False
+    """Every step takes the same instructions, whatever its numbers are."""
     extras: DifferentOf[
         Annotated[Extra, choice("jacobian", "state_jacobian", "parameter_jacobian")]
     ] = Field(default=(), alias="with")
+    """What is generated beside the step: its slopes in states, inputs and parameters."""
 
 
 class Export(Entry):
@@ -86,9 +96,13 @@ class Export(Entry):
     later: ClassVar[frozenset[str]] = frozenset({"fmu", "mpc", "report"})
 
     torch: TorchExport | None = None
+    """A module that needs only torch."""
     onnx: OnnxExport | None = None
+    """An ONNX model with explicit states."""
     casadi: CasadiExport | None = None
+    """A CasADi function."""
     c: CExport | None = None
+    """C99 sources."""
 
     @property
     def named_outputs(self) -> frozenset[str]:

@@ -26,7 +26,9 @@ class Signal(Entry):
     unit: UnitField | None = None
     dims: References = ()
     range: RangeField | None = None
+    """Lowest and highest value that is plausible, numbers in its unit or with one."""
     on_invalid: Annotated[InvalidPolicy, choice("clamp", "hold", "flag", "trust")] = "flag"
+    """What generated code does with a sample that is NaN or out of range."""
     doc: Text | None = None
 
 
@@ -42,13 +44,19 @@ class State(Entry):
     unit: UnitField | None = None
     dims: References = ()
     der: ExpressionField | None = None
+    """Derivative with respect to time."""
     next: ExpressionField | None = None
+    """Value at t+1."""
     init: ExpressionField | None = None
+    """Value before the first step, from the log: `x.meas`."""
     history: ExpressionField | None = None
+    """Values before the start, where windows reach back that far."""
     range: RangeField | None = None
+    """Lowest and highest value that is plausible, numbers in its unit or with one."""
     on_range: (
         Annotated[Located[RangePolicy], located_choice("flag", "saturate", "reset")] | None
     ) = None
+    """What becomes of a next value outside `range`: a report, its end, or `init`."""
     doc: Text | None = None
 
     @property
@@ -76,9 +84,12 @@ class Equation(Entry):
     shorthand: ClassVar[str | None] = "expr"
 
     expr: ExpressionField
+    """The expression."""
     unit: UnitField | None = None
     history: ExpressionField | None = None
+    """Values before the start, where windows reach back that far."""
     range: RangeField | None = None
+    """Lowest and highest value that is plausible, numbers in its unit or with one."""
     doc: Text | None = None
 
 
@@ -89,9 +100,12 @@ class Output(Entry):
     shorthand: ClassVar[str | None] = "expr"
 
     expr: ExpressionField
+    """The expression."""
     predicts: PredictionField | None = None
+    """Logged sample that it stands for, `x[t+1]`: loss, metric and feedback."""
     unit: UnitField | None = None
     history: ExpressionField | None = None
+    """Values before the start, where windows reach back that far."""
     doc: Text | None = None
 
 
@@ -102,4 +116,6 @@ class Loss(Entry):
     shorthand: ClassVar[str | None] = "expr"
 
     expr: ExpressionField
+    """A loss such as `mse(a, b)`."""
     weight: NonNegativeNumber = 1.0
+    """Its weight in the total."""

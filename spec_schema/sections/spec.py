@@ -12,7 +12,7 @@ from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension, DimensionField
 from spec_schema.sections.exports import Export
 from spec_schema.sections.integrators import Integrator
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.signals import Equation, Loss, Output, Signal, State
 from spec_schema.sections.submodels import Connection, Connections, Use
 from spec_schema.sections.training.training import Stage
@@ -30,24 +30,45 @@ class Spec(Entry):
     later: ClassVar[frozenset[str]] = frozenset({"mpc"})
 
     msnn: LanguageVersion
+    """Version of the language: 1."""
     name: NewName
+    """Name of the model; generated code and files bear it."""
     doc: Text | None = None
     sample_time: SampleTime | None = None
+    """Time between two samples, or a frequency; a model without it is static."""
     dims: Named[DimensionField] = Field(default_factory=dict[str, Dimension])
+    """Named dimensions: their size, or the labels of their elements."""
     use: Named[Use] = Field(default_factory=dict[str, Use])
+    """Other specs that are parts of this one, by the names they have here."""
     inputs: Named[Signal]
+    """Signals that the model reads, logged and deployed."""
     targets: Named[Signal] = Field(default_factory=dict[str, Signal])
+    """Signals that only training and metrics read."""
     constants: Named[Constant] = Field(default_factory=dict[str, Constant])
+    """Numbers that are fixed when the spec is compiled."""
     parameters: Named[Parameter] = Field(default_factory=dict[str, Parameter])
+    """Values that training learns."""
     layers: Named[Layer] = Field(default_factory=dict[str, Layer])
+    """Functions with weights, called by their names."""
     functions: Named[Function] = Field(default_factory=dict[str, Function])
+    """Formulas with arguments, written out where they are called."""
     states: Named[State] = Field(default_factory=dict[str, State])
+    """Memory of the model: continuous (`der`) or discrete (`next`)."""
     integrator: Integrator | None = None
+    """How continuous states go from sample to sample; `rk4` by default."""
     equations: Named[Equation] = Field(default_factory=dict[str, Equation])
+    """Named expressions, in any order."""
     connect: Connections = Field(default_factory=dict[str, Connection])
+    """What feeds the inputs of sub-models: `plant.u: expression`."""
     outputs: Named[Output]
+    """Results of the model."""
     losses: Named[Loss] = Field(default_factory=dict[str, Loss])
+    """Terms that training makes small, beside those of `predicts`."""
     data: Data | None = None
+    """Measured files and which column is which signal."""
     train: EntriesOf[Stage] = ()
+    """Stages of training, each from the best weights of the one before."""
     checks: EntriesOf[Check] = Field(default=(), alias="validate")
+    """What is measured of the trained model, with limits."""
     export: Export | None = None
+    """What `msnn export` writes."""

@@ -63,8 +63,11 @@ class Use(Entry):
     later: ClassVar[frozenset[str]] = frozenset({"robot"})
 
     spec: LocatedText
+    """File of the spec, relative to this one."""
     weights: LocatedText | None = None
+    """File of weights that a training of it wrote; initial values without it."""
     freeze: Annotated[Freeze, reads(_read_freeze, _FREEZE)] = Freeze()
+    """Parameters that are constants here: `all`, `none` or a list; `*` is any text."""
     doc: Text | None = None
 
     @classmethod
@@ -83,7 +86,9 @@ class Connection(Entry):
     shorthand: ClassVar[str | None] = "expr"
 
     expr: ExpressionField
+    """What the input is, in the same step and in its past."""
     history: ExpressionField | None = None
+    """Values of the input before the start."""
     doc: Text | None = None
 
 

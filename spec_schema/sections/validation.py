@@ -25,13 +25,21 @@ class Check(Entry):
     noun: ClassVar[str] = "a validate entry"
 
     of: Reference
+    """Output or loss."""
     metric: Annotated[Metric, choice("rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic")] = "rmse"
+    """How the deviation becomes a number."""
     target: ExpressionField | None = None
+    """Logged sample it is compared with; by default that of `predicts`."""
     rollout: Rollout | None = None
+    """How far predictions are fed back; one step by default."""
     data: Reference | None = None
+    """Set of the data; `test` by default."""
     files: Source | None = None
+    """Other files to measure on, in place of a set of the data."""
     max: QuantityField | None = None
+    """Limit that the metric must not exceed."""
     min: QuantityField | None = None
+    """Limit that the metric must reach."""
 
     @model_validator(mode="after")
     def _has_one_set(self, info: ValidationInfo) -> "Check":

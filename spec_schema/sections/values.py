@@ -33,7 +33,9 @@ class NormalInitializer(Entry):
     noun: ClassVar[str] = "a normal initialiser"
 
     mean: Annotated[float, number()] = 0.0
+    """Mean of the distribution."""
     std: NonNegativeNumber = 1.0
+    """Its standard deviation."""
 
 
 class UniformInitializer(Entry):
@@ -42,7 +44,9 @@ class UniformInitializer(Entry):
     noun: ClassVar[str] = "a uniform initialiser"
 
     min: Annotated[float, number()] = 0.0
+    """Lowest number."""
     max: Annotated[float, number()] = 1.0
+    """Highest number."""
 
     @model_validator(mode="after")
     def _is_ordered(self, info: ValidationInfo) -> "UniformInitializer":
@@ -58,8 +62,11 @@ class ExpInitializer(Entry):
     noun: ClassVar[str] = "an exp initialiser"
 
     first: Annotated[float, number()] = 1.0
+    """First value."""
     rate: Annotated[float, number()] = 3.0
+    """How often it falls by e from end to end."""
     along: Reference | None = None
+    """Dimension along which the values change; by default the last axis."""
 
 
 class NegexpInitializer(Entry):
@@ -68,8 +75,11 @@ class NegexpInitializer(Entry):
     noun: ClassVar[str] = "a negexp initialiser"
 
     last: Annotated[float, number()] = 1.0
+    """Last value."""
     rate: Annotated[float, number()] = 3.0
+    """How often it falls by e from end to end."""
     along: Reference | None = None
+    """Dimension along which the values change; by default the last axis."""
 
 
 class LinInitializer(Entry):
@@ -78,8 +88,11 @@ class LinInitializer(Entry):
     noun: ClassVar[str] = "a lin initialiser"
 
     first: Annotated[float, number()] = 1.0
+    """First value."""
     last: Annotated[float, number()] = 0.0
+    """Last value."""
     along: Reference | None = None
+    """Dimension along which the values change; by default the last axis."""
 
 
 Shaped: TypeAlias = ExpInitializer | NegexpInitializer | LinInitializer
@@ -101,12 +114,14 @@ class Initializer(Variant):
     noun: ClassVar[str] = "an initial value"
 
     value: ArrayField | None = None
+    """Numbers, or an expression of the indices i, j, … of the array."""
     normal: NormalInitializer | None = None
     uniform: UniformInitializer | None = None
     exp: ExpInitializer | None = None
     negexp: NegexpInitializer | None = None
     lin: LinInitializer | None = None
     file: LocatedText | None = None
+    """File of numbers, relative to the spec."""
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
@@ -129,6 +144,7 @@ class Constant(Entry):
     shorthand: ClassVar[str | None] = "value"
 
     value: ArrayField
+    """The numbers, or an expression of them."""
     dims: References = ()
     unit: UnitField | None = None
     doc: Text | None = None
@@ -147,12 +163,17 @@ class Parameter(Entry):
     shorthand: ClassVar[str | None] = "init"
 
     init: Initializer
+    """Value before training: numbers, an expression, or how they are drawn."""
     min: QuantityField | None = None
+    """Bound that training never goes below."""
     max: QuantityField | None = None
+    """Bound that training never goes above."""
     unit: UnitField | None = None
     dims: References = ()
     scale: PositiveNumber | None = None
+    """Typical size; the optimiser works on the value divided by it."""
     learn: Switch = True
+    """Whether training changes it."""
     doc: Text | None = None
 
     @classmethod
@@ -186,5 +207,7 @@ class Function(Entry):
     noun: ClassVar[str] = "a function"
 
     args: Arguments
+    """Names of the arguments."""
     expr: ExpressionField
+    """The formula."""
     doc: Text | None = None

@@ -160,7 +160,8 @@ void msnn_losses(const struct problem *p, const struct group *groups, int64_t n,
     close_team(&team);
 }
 
-/* A step along the gradient of one batch; 0 if its losses or slopes are not finite. */
+/* A step along the gradient of one batch; 0 if its losses or slopes are not finite. Where slopes of
+   the model can be infinite, the batches in which they are take no step. */
 static int train_batch(struct team *team, struct batch *b, struct variables *v, struct optimizer *o,
                        const double *weights, double *sums, double *counts)
 {
@@ -178,12 +179,17 @@ static int train_batch(struct team *team, struct batch *b, struct variables *v, 
         gradient[i] *= v->rate[i] == 0 ? 0 : (real)slope(v, i);
         squares += v->rate[i] == 0 ? 0.0 : (double)gradient[i] * (double)gradient[i];
     }
-    if (!isfinite(total) || !isfinite(squares)) {
+    const int left_out = INFINITE_SLOPES && !(squares <= LARGEST_SLOPE * LARGEST_SLOPE);
+    if (!isfinite(total) || !(left_out || isfinite(squares))) {
         return 0;
     }
     for (int l = 0; l < LOSSES; l++) {
         sums[l] += batch_sums[l];
         counts[l] += batch_counts[l];
+    }
+    if (left_out) {
+        o->left_out += 1;
+        return 1;
     }
     if (o->clip > 0 && sqrt(squares) > o->clip) {
         const double factor = o->clip / (sqrt(squares) + 1e-6);

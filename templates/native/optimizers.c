@@ -26,6 +26,7 @@ struct optimizer {
     int64_t steps;                  /* taken so far */
     double first_decay;             /* powers of β by which Adam corrects its moments: products, */
     double second_decay;            /* the same wherever an epoch is divided into calls */
+    int64_t left_out;               /* batches without a step: their slopes are infinite */
 };
 
 /* Physical values of the raw variables that move: those without bounds at once, then the others. */

@@ -105,6 +105,7 @@ _NOT_WHOLE = {
     "msnn.training": set(),
     "msnn.training.plans": {
         "curriculum",
+        "fixed_starts",
         "learning_rate",
         "stage_plan",
         "torch_optimizer_options",
@@ -120,6 +121,7 @@ _MAY_BE_WHOLE = {
     "compiler.elaboration.submodels",
     "compiler.ir",
     "compiler.ir.rules",
+    "compiler.ir.scalars",
     "compiler.layers",
     "compiler.layers.rules",
     "compiler.linking",
@@ -140,6 +142,7 @@ _MAY_BE_WHOLE = {
     "spec_schema.reading",
     "spec_schema.sections",
     "spec_schema.sections.data",
+    "spec_schema.sections.layers",
     "spec_schema.sections.training",
     "spec_schema.units",
     "spec_schema.yaml_tree",

@@ -7,28 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Negate,
-    Op,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Relation,
-    Reshape,
-    Select,
-    Slice,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import (
     Declared,
     Dimension,
@@ -56,14 +35,14 @@ from tests.programs import SAMPLES
 
 K, T = Axis("k", 3), Axis("t", 4)
 NODES = (
-    Node(ReadSignal("s", 0, 0), (), Type((K,))),
-    Node(ReadParameter("p"), (), Type((K,))),
-    Node(ReadState("x"), (), Type((K,))),
-    Node(Compare(Relation.LESS), (0, 1), Type((K,), kind="bool")),
-    Node(ReadLog("s", 0, 0), (), Type((K,))),
-    Node(ReadSignal("s", -3, 0), (), Type((K, T))),
-    Node(Window("h"), (0,), Type((K, T))),
-    Node(Slice("t", 1, 4), (6,), Type((K, Axis("t", 3)))),
+    Node(ops.ReadSignal("s", 0, 0), (), Type((K,))),
+    Node(ops.ReadParameter("p"), (), Type((K,))),
+    Node(ops.ReadState("x"), (), Type((K,))),
+    Node(ops.Compare(ops.Relation.LESS), (0, 1), Type((K,), kind="bool")),
+    Node(ops.ReadLog("s", 0, 0), (), Type((K,))),
+    Node(ops.ReadSignal("s", -3, 0), (), Type((K, T))),
+    Node(ops.Window("h"), (0,), Type((K, T))),
+    Node(ops.Slice("t", 1, 4), (6,), Type((K, Axis("t", 3)))),
 )
 BASE = Program(
     name="base",
@@ -77,8 +56,8 @@ BASE = Program(
     step=Graph(NODES),
     start=Graph(
         (
-            Node(ReadLog("s", 0, 0), (), Type((K,))),
-            Node(ReadLog("s", -3, -1), (), Type((K, Axis("t", 3)))),
+            Node(ops.ReadLog("s", 0, 0), (), Type((K,))),
+            Node(ops.ReadLog("s", -3, -1), (), Type((K, Axis("t", 3)))),
         )
     ),
     outputs=(Output("y", 2),),
@@ -86,7 +65,7 @@ BASE = Program(
 )
 
 
-def _with(op: Op, args: tuple[NodeId, ...], *axes: Axis, kind: Kind = "real") -> Program:
+def _with(op: ops.Op, args: tuple[NodeId, ...], *axes: Axis, kind: Kind = "real") -> Program:
     """The base with one more node in its step."""
     return replace(BASE, step=Graph((*NODES, Node(op, args, Type(axes, kind=kind)))))
 
@@ -112,45 +91,49 @@ NAN, INFINITY = float("nan"), float("inf")
 
 BROKEN: dict[str, Program] = {
     # nodes
-    "uses a node that does not stand before it": _with(Negate(), (8,), K),
-    "node 8: Negate: 2 operands, not 1": _with(Negate(), (0, 1), K),
-    "node 8: Concat: 0 operands, not 1": _with(Concat("k"), (), K),
-    "Constant: 2 numbers for [k=3]": _with(Constant((1.0, 2.0)), (), K),
-    "Constant: 3 numbers for [k=3], or one is not finite": _with(Constant((1.0, NAN, 2.0)), (), K),
-    "there is no parameter `q`": _with(ReadParameter("q"), (), K),
-    "parameter `p` has axes [k=3]": _with(ReadParameter("p"), ()),
-    "there is no state `z`": _with(ReadState("z"), (), K),
-    "there is no signal `q`": _with(ReadSignal("q", 0, 0), (), K),
-    "samples 1 … 0 are no window": _with(ReadSignal("s", 1, 0), (), K),
-    "samples -99999999 … 0 are no window": _with(ReadSignal("s", -99999999, 0), (), K, T),
-    "several samples need a window axis": _with(ReadSignal("s", -3, 0), (), K),
-    "signal `s` has axes [k=3, t=2]": _with(ReadSignal("s", -1, 0), (), K, T),
-    "Add: an operand has axes [k=3, t=4]": _with(Add(), (0, 5), K),
-    "Add: a bool where a number belongs": _with(Add(), (3, 3), K),
-    "Clamp: an operand has axes [k=3, t=4]": _with(Clamp(), (0, 1, 5), K),
-    "Compare: a comparison is a bool": _with(Compare(Relation.LESS), (0, 1), K),
-    "Select: the condition is not a bool": _with(Select(), (0, 1, 2), K),
-    "Select: a bool where a number belongs": _with(Select(), (3, 3, 2), K),
-    "there is no function `gamma`": _with(Apply("gamma"), (0,), K),
-    "Apply: 1 operands, not 2": _with(Apply("atan2"), (0,), K),
-    "Broadcast: [k=3] does not fit in the result": _with(Broadcast(), (0,), T),
-    "Reshape: [k=3] has another size": _with(Reshape(), (0,), T),
-    "`t` 1:9 is no part of [k=3, t=4]": _with(Slice("t", 1, 9), (5,), K, Axis("t", 8)),
-    "`t` 2:2 is no part of [k=3, t=4]": _with(Slice("t", 2, 2), (5,), K),
-    "`j` 0:1 is no part of [k=3]": _with(Slice("j", 0, 1), (0,), K),
-    "not the slice's axes": _with(Slice("t", 1, 3), (5,), K, T),
-    "[k=3, t=4] does not join along `k`": _with(Concat("k"), (0, 5), Axis("k", 6)),
-    "not the sum over `k`": _with(Sum("k"), (5,), K),
-    "`j` is not an axis of equal length on both sides": _with(Contract("j"), (0, 1)),
-    "not the axes of both without the contracted one": _with(Contract("k"), (0, 5), K),
-    "there is no buffer `x`": _with(Window("x"), (0,), K, T),
-    "buffer `h` has axes [k=3, t=3]": _with(Window("h"), (0,), K, Axis("t", 3)),
-    "[k=3, k=3] has an axis twice": _with(Broadcast(), (0,), K, K),
-    "[t=4, k=3] has the window before the end": _with(Broadcast(), (5,), T, K),
-    "[k=3, _=0] has too many axes or an empty one": _with(Broadcast(), (0,), K, Axis("", 0)),
-    "has too many axes": _with(Broadcast(), (0,), K, *(Axis(f"a{i}", 1) for i in range(MOST_AXES))),
-    "elements": _with(Broadcast(), (0,), K, Axis("big", LARGEST_SIZE)),
-    "an axis has no proper name": _with(Broadcast(), (0,), K, Axis("a\nb", 2)),
+    "uses a node that does not stand before it": _with(ops.Negate(), (8,), K),
+    "node 8: Negate: 2 operands, not 1": _with(ops.Negate(), (0, 1), K),
+    "node 8: Concat: 0 operands, not 1": _with(ops.Concat("k"), (), K),
+    "Constant: 2 numbers for [k=3]": _with(ops.Constant((1.0, 2.0)), (), K),
+    "Constant: 3 numbers for [k=3], or one is not finite": _with(
+        ops.Constant((1.0, NAN, 2.0)), (), K
+    ),
+    "there is no parameter `q`": _with(ops.ReadParameter("q"), (), K),
+    "parameter `p` has axes [k=3]": _with(ops.ReadParameter("p"), ()),
+    "there is no state `z`": _with(ops.ReadState("z"), (), K),
+    "there is no signal `q`": _with(ops.ReadSignal("q", 0, 0), (), K),
+    "samples 1 … 0 are no window": _with(ops.ReadSignal("s", 1, 0), (), K),
+    "samples -99999999 … 0 are no window": _with(ops.ReadSignal("s", -99999999, 0), (), K, T),
+    "several samples need a window axis": _with(ops.ReadSignal("s", -3, 0), (), K),
+    "signal `s` has axes [k=3, t=2]": _with(ops.ReadSignal("s", -1, 0), (), K, T),
+    "Add: an operand has axes [k=3, t=4]": _with(ops.Add(), (0, 5), K),
+    "Add: a bool where a number belongs": _with(ops.Add(), (3, 3), K),
+    "Clamp: an operand has axes [k=3, t=4]": _with(ops.Clamp(), (0, 1, 5), K),
+    "Compare: a comparison is a bool": _with(ops.Compare(ops.Relation.LESS), (0, 1), K),
+    "Select: the condition is not a bool": _with(ops.Select(), (0, 1, 2), K),
+    "Select: a bool where a number belongs": _with(ops.Select(), (3, 3, 2), K),
+    "there is no function `gamma`": _with(ops.Apply("gamma"), (0,), K),
+    "Apply: 1 operands, not 2": _with(ops.Apply("atan2"), (0,), K),
+    "Broadcast: [k=3] does not fit in the result": _with(ops.Broadcast(), (0,), T),
+    "Reshape: [k=3] has another size": _with(ops.Reshape(), (0,), T),
+    "`t` 1:9 is no part of [k=3, t=4]": _with(ops.Slice("t", 1, 9), (5,), K, Axis("t", 8)),
+    "`t` 2:2 is no part of [k=3, t=4]": _with(ops.Slice("t", 2, 2), (5,), K),
+    "`j` 0:1 is no part of [k=3]": _with(ops.Slice("j", 0, 1), (0,), K),
+    "not the slice's axes": _with(ops.Slice("t", 1, 3), (5,), K, T),
+    "[k=3, t=4] does not join along `k`": _with(ops.Concat("k"), (0, 5), Axis("k", 6)),
+    "not the sum over `k`": _with(ops.Sum("k"), (5,), K),
+    "`j` is not an axis of equal length on both sides": _with(ops.Contract("j"), (0, 1)),
+    "not the axes of both without the contracted one": _with(ops.Contract("k"), (0, 5), K),
+    "there is no buffer `x`": _with(ops.Window("x"), (0,), K, T),
+    "buffer `h` has axes [k=3, t=3]": _with(ops.Window("h"), (0,), K, Axis("t", 3)),
+    "[k=3, k=3] has an axis twice": _with(ops.Broadcast(), (0,), K, K),
+    "[t=4, k=3] has the window before the end": _with(ops.Broadcast(), (5,), T, K),
+    "[k=3, _=0] has too many axes or an empty one": _with(ops.Broadcast(), (0,), K, Axis("", 0)),
+    "has too many axes": _with(
+        ops.Broadcast(), (0,), K, *(Axis(f"a{i}", 1) for i in range(MOST_AXES))
+    ),
+    "elements": _with(ops.Broadcast(), (0,), K, Axis("big", LARGEST_SIZE)),
+    "an axis has no proper name": _with(ops.Broadcast(), (0,), K, Axis("a\nb", 2)),
     # declarations
     "a program has no proper name": replace(BASE, name="two\nlines"),
     "the sample time is not a positive number": replace(BASE, sample_time=0.0),
@@ -181,7 +164,7 @@ BROKEN: dict[str, Program] = {
     "loss `fit` has no finite weight": _loss(weight=INFINITY),
     # what may read what
     "the start reads the simulation": replace(
-        BASE, start=Graph((*BASE.start.nodes, Node(ReadState("x"), (), Type((K,)))))
+        BASE, start=Graph((*BASE.start.nodes, Node(ops.ReadState("x"), (), Type((K,)))))
     ),
     "node 4: an output or its state reads the log": _output(node=4),
     "node 0: a target reads the simulation": _loss(target=0),
@@ -202,7 +185,7 @@ def test_broken_program_is_refused(reason: str) -> None:
 def test_fault_of_a_node_names_the_node() -> None:
     with pytest.raises(InvalidProgram) as raised:
         verify(BROKEN["node 8: Negate: 2 operands, not 1"])
-    assert raised.value.node == Node(Negate(), (0, 1), Type((K,)))
+    assert raised.value.node == Node(ops.Negate(), (0, 1), Type((K,)))
 
 
 FORMS: dict[str, Callable[[Program], Program]] = {

@@ -148,6 +148,14 @@ def test_data_outside_the_range_is_a_warning_and_stays(tmp_path: Path) -> None:
     assert data.series["x"].max() == 7.0  # the range of x ends at 5
     assert [warning.code for warning in data.warnings] == ["W0801"]
     assert "2 samples of `x`" in data.warnings[0].message
+    assert data.warnings[0].message.endswith("the farthest is 7 in row 7 of a.csv")
+
+
+def test_what_is_out_of_range_is_named_by_its_row_in_its_own_file(tmp_path: Path) -> None:
+    files = {"a.csv": table(4), "b.csv": "x,F\n" + "0,0\n" * 5 + "-9,0\n0,0\n0,0\n"}
+    section = "source: {train: ['a.csv', 'b.csv']}\nfrom: 2\nevery: 3\n"
+    (warning,) = load(tmp_path, section, files).warnings
+    assert warning.message.endswith("the farthest is -9 in row 5 of b.csv")
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from compiler.ir.program import Graph, Parameter, Program, State
 from compiler.ir.types import UNNAMED, WINDOW, Axis
 from spec_schema.fields.entry_kinds import kinds_of
 from spec_schema.reading.reader import read_spec
-from spec_schema.sections.layers import Layer
+from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.spec import Spec
 from spec_schema.units.unit import Unit
 from tests.docs.keys import options

@@ -10,8 +10,8 @@ from backends.casadi_function import function as casadi_function
 from backends.onnx_model import draft as onnx_draft
 from backends.torch_module.operations import NATIVE_FUNCTIONS
 from compiler.ir.ops import Op
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS, ScalarFunction
-from compiler.ir.signatures import SIGNATURES
+from compiler.ir.scalars.signatures import SIGNATURES
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS, ScalarFunction
 from tests.docs.markdown import paragraph, table
 from tests.every_op.records import OP_RECORDS, RECORDS
 
@@ -29,10 +29,15 @@ LOWERINGS = {
 
 
 def lowered_by(path: str) -> set[str]:
-    """Names of the operations that the patterns of a file's `match` statements have."""
+    """Names of the operations that the patterns of a file's `match` statements have.
+
+    A pattern may have a base class, which stands for all operations of that group.
+    """
     tree = ast.parse((_ROOT / path).read_text(encoding="utf-8"))
     patterns = (node.cls for node in ast.walk(tree) if isinstance(node, ast.MatchClass))
-    return {p.attr if isinstance(p, ast.Attribute) else getattr(p, "id", "") for p in patterns}
+    names = {p.attr if isinstance(p, ast.Attribute) else getattr(p, "id", "") for p in patterns}
+    bases = {op.__name__: {base.__name__ for base in op.__mro__} for op in get_args(Op)}
+    return {op for op, known in bases.items() if known & names}
 
 
 def core_operations() -> str:

@@ -1,5 +1,6 @@
 """What C in fixed point says of its states and of the samples that they begin with."""
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from compiler.fixed_point.integers.program import Q15, IntegerProgram
 from msnn.exports.export import plan_exports, write_export
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
-from tests.fixed_point.exported import fixed_model, initial_weights, planned
+from tests.fixed_point.exported import fixed_model, initial_weights, planned, run_test_program
 
 SPEC = """\
 msnn: 1
@@ -83,6 +84,20 @@ def test_reset_says_which_samples_it_moved_and_a_struct_of_zeros_that_it_is_one(
     windows["v"] = np.full_like(windows["v"], 32767)
     listed = {name: words.ravel().tolist() for name, words in windows.items()}
     assert model.reset(windows) == reset(integers, listed).said == FixedStatus.CLAMPED
+
+
+def test_the_test_program_sees_a_reset_that_does_not_say_what_it_moved(tmp_path: Path) -> None:
+    _built(tmp_path, SPEC.replace("POLICY", "saturate"))
+    run_test_program(tmp_path / "c", "model", "gcc", ())
+    source = tmp_path / "c" / "src" / "model.c"
+    text = source.read_text(encoding="utf-8")
+    begin = text.index("_reset(")
+    said = "status |= MODEL_STATUS_CLAMPED;"
+    assert said in text[begin:]
+    changed = text[begin:].replace(said, "", 1)
+    source.write_text(text[:begin] + changed, encoding="utf-8")
+    with pytest.raises(subprocess.CalledProcessError):
+        run_test_program(tmp_path / "c", "model", "gcc", ())
 
 
 def test_a_flagged_state_that_saturates_all_the_same_is_a_warning(tmp_path: Path) -> None:

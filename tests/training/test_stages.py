@@ -13,9 +13,11 @@ import pytest
 from msnn.data.dataset import IntArray
 from msnn.data.starts import Runs
 from msnn.model.weights_file import read_weights
+from msnn.project.workflow_checks import checked_model
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import EngineState, batches_of
 from msnn.training.plans.epoch_order import order_key, shuffled
+from msnn.training.plans.fixed_starts import fixed_starts
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.progress import EpochEnd, StageEnd, StageStart
@@ -170,6 +172,8 @@ class Counting:
     """An engine that counts what it is given."""
 
     batches_a_call = 2
+    left_out = 0
+    has_left_out = False
     finished: str | None = None
 
     def __init__(self) -> None:
@@ -295,6 +299,54 @@ def test_r7_fixed_starts_inside_a_record_are_a_warning() -> None:
     train(program, dataset(series, train=[20]), spec.train, IN_MEMORY, recorder)
     said = [(w.code, "stage_1" in w.message) for w in recorder.warnings if w.code != "W0912"]
     assert said == [("W0901", True)]
+
+
+@pytest.mark.parametrize(
+    ("rollout", "warns"),
+    [("record", False), ("3", True), ("{horizon: 3, stride: 3}", True)],
+)
+def test_r7_check_and_training_warn_of_the_same_starts(
+    tmp_path: Path, rollout: str, warns: bool
+) -> None:
+    file = tmp_path / "p.msnn.yaml"
+    file.write_text(
+        "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\nparameters: {a: 0.5}\n"
+        'states: {x: {next: "a*x + u", init: 0}}\n'
+        'outputs: {y: {expr: next(x), predicts: "x[t+1]"}}\n'
+        f"data: {{source: {{train: none.csv}}}}\ntrain: [{{epochs: 1, rollout: {rollout}}}]\n"
+    )
+    model = checked_model(file)
+    series = {name: np.ones(20) for name in ("u", "x")}
+    recorder = Recorder()
+    data = dataset(series, train=[20])
+    train(model.program, data, model.spec.train, IN_MEMORY, recorder)
+    for warnings in (model.warnings, recorder.warnings):
+        assert ("W0901" in [w.code for w in warnings]) == warns
+
+
+def test_r7_one_rollout_a_record_is_no_warning_of_training() -> None:
+    text = (
+        "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\nparameters: {a: 0.5}\n"
+        'states: {x: {next: "a*x + u", init: 0}}\n'
+        'outputs: {y: {expr: next(x), predicts: "x[t+1]"}}\n'
+        "train: [{epochs: 1, rollout: 5}]\n"
+    )
+    program, spec = compiled(text)
+    series = {name: np.ones(12) for name in ("u", "x")}
+    recorder = Recorder()
+    train(program, dataset(series, train=[6, 6]), spec.train, IN_MEMORY, recorder)
+    assert "W0901" not in [w.code for w in recorder.warnings]
+
+
+@pytest.mark.parametrize(("skip", "warns"), [(0, True), (1, False)])
+def test_r7_a_memory_that_is_skipped_has_forgotten_its_start(skip: int, warns: bool) -> None:
+    program, spec = compiled(
+        "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\ntargets: {y: 1}\n"
+        "layers: {h: {iir: {num: 1, den: 1}}}\noutputs: {z: {expr: h(u), predicts: y}}\n"
+        f"train: [{{epochs: 1, rollout: {{horizon: 3, skip: {skip}}}}}]\n"
+    )
+    (plan,) = plan_stages(program, spec.train, Findings())
+    assert [found.code for found in fixed_starts(plan)] == (["W0901"] if warns else [])
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import FloatArray
+from msnn.model.weights_file import initial_weights
 from msnn.reports.training_summary import errors_note, parameters_table
+from msnn.training.black_boxes import black_boxes
 from msnn.training.parameter_warnings import parameter_warnings
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.records.parameters_record import parameters_record
@@ -208,3 +210,45 @@ def test_a_run_keeps_values_with_errors(tmp_path: Path) -> None:
     assert a["standard_errors"] == pytest.approx([expected[0]], rel=1e-6)
     assert b["standard_errors"] == pytest.approx([expected[1]], rel=1e-6)
     assert kept["standard_errors"]["noise"]["fit"] == pytest.approx(0.3, rel=0.3)
+
+
+NETWORK = """
+msnn: 1
+name: network
+sample_time: 1 s
+inputs: {u: 1}
+targets: {y: 1}
+parameters: {a: 0.5, b: 0.1}
+layers: {net: LAYER, phi: {fuzzify: {centers: [-1, 1]}}}
+outputs: {z: {expr: VALUE}}
+losses: {fit: 'mse(z, y)'}
+train: [{engine: torch, epochs: 1}]
+"""
+
+
+@pytest.mark.parametrize(
+    ("layer", "value", "said"),
+    [
+        ("{mlp: {hidden: [6, 6]}}", "net(u)", None),
+        ("{state_space: {order: 3}}", "net(u)", None),
+        ("{local_model: {by: phi(u), cell: {mlp: {hidden: [4]}}}}", "net(u)", None),
+        ("{mlp: {hidden: [6, 6]}}", "net(u) + (a + 2 * b) * u ** 9", "`a` and `b` show only"),
+        ("{mlp: {hidden: [6, 6], bias: true}}", "net(u) + 0 * a", "`a` does not"),
+        ("{mlp: {hidden: [6, 6]}}", "net(u) + a", "`a` shows only in combination with `net` in"),
+    ],
+)
+def test_only_what_somebody_reads_is_worth_a_warning(
+    layer: str, value: str, said: str | None
+) -> None:
+    """Every network has numbers that can change together; that alone says nothing."""
+    text = NETWORK.replace("LAYER", layer).replace("VALUE", value)
+    plan = planned(text)
+    _, spec = compiled(text)
+    program = plan.rollout.program
+    weights = initial_weights(program)
+    u = np.linspace(-1, 1, 40)
+    found = standard_errors(plan, dataset({"u": u, "y": u}, train=[40]), weights)
+    assert found.unidentified
+    warnings = parameter_warnings(program, weights, found, black_boxes(spec))
+    assert [w.code for w in warnings] == ([] if said is None else ["W0930"])
+    assert said is None or said in warnings[0].message

@@ -16,8 +16,11 @@ from tests.examples.gallery import GALLERY, NAMES, spec_of
 CLIPPED = "the next state is clipped to its range: only NaN leaves it, and that is not >="
 LIMITED = "the policy of the inputs leaves neither NaN nor a number beyond the table"
 NO_NAN = "the policy of the inputs leaves no NaN"
-FINITE = "golden inputs keep memories and buffers finite"
-SUPPLIED = "golden runs supply samples and states of reset that are inside their ranges"
+REPLACED = "the policy of the samples that reset takes leaves only numbers of their range"
+CONSTANT = "reset sets it to a number inside its range"
+STABLE = (
+    "a stable filter that begins at 0, of inputs whose policy leaves only numbers of their range"
+)
 
 UNREACHED = {
     "battery.c: 1 branch not reached: if (!((s->charge >= 0.0f) && (s->charge <= 1.0f))) {": (
@@ -51,60 +54,72 @@ UNREACHED = {
     ),
 }
 UNREACHED.update(
-    dict.fromkeys(
-        (
+    {
+        f"{model}.c: {what}": reason
+        for model, reason, places in (
             (
-                "arm_friction.c: 1 branch not reached: "
-                "if (!(fabsf(s->rate_tape[(i * 5U) + j]) <= 3.4028235e+38f)) {"
-            ),
-            "arm_friction.c: line not reached: status |= ARM_FRICTION_STATUS_STATE_NOT_FINITE;",
-            (
-                "battery.c: 1 branch not reached: "
-                "if (!(fabsf(s->polarisation_state[0U]) <= 3.4028235e+38f)) {"
-            ),
-            (
-                "battery.c: 1 branch not reached: "
-                "if (!(fabsf(s->polarisation_state[1U]) <= 3.4028235e+38f)) {"
-            ),
-            "battery.c: line not reached: status |= BATTERY_STATUS_STATE_NOT_FINITE;",
-            (
-                "heater.c: 1 branch not reached: "
-                "if (!(fabsf(s->element_state[0U]) <= 3.4028235e+38f)) {"
+                "arm_friction",
+                REPLACED,
+                (
+                    (
+                        "1 branch not reached: "
+                        "if (!(fabsf(s->rate_tape[(i * 5U) + j]) <= 3.4028235e+38f)) {"
+                    ),
+                    "line not reached: status |= ARM_FRICTION_STATUS_STATE_NOT_FINITE;",
+                ),
             ),
             (
-                "heater.c: 1 branch not reached: "
-                "if (!(fabsf(s->element_state[1U]) <= 3.4028235e+38f)) {"
+                "lane_keeper",
+                REPLACED,
+                (
+                    "1 branch not reached: if (!(fabsf(s->steering_tape[i]) <= 3.4028235e+38f)) {",
+                    "line not reached: status |= LANE_KEEPER_STATUS_STATE_NOT_FINITE;",
+                ),
             ),
             (
-                "heater.c: 1 branch not reached: "
-                "if (!(fabsf(s->element_state[2U]) <= 3.4028235e+38f)) {"
+                "battery",
+                STABLE,
+                (
+                    *(
+                        "1 branch not reached: "
+                        f"if (!(fabsf(s->polarisation_state[{i}U]) <= 3.4028235e+38f)) {{"
+                        for i in range(2)
+                    ),
+                    "line not reached: status |= BATTERY_STATUS_STATE_NOT_FINITE;",
+                ),
             ),
-            "heater.c: line not reached: status |= HEATER_STATUS_STATE_NOT_FINITE;",
             (
-                "lane_keeper.c: 1 branch not reached: "
-                "if (!(fabsf(s->steering_tape[i]) <= 3.4028235e+38f)) {"
+                "heater",
+                STABLE,
+                (
+                    *(
+                        "1 branch not reached: "
+                        f"if (!(fabsf(s->element_state[{i}U]) <= 3.4028235e+38f)) {{"
+                        for i in range(3)
+                    ),
+                    "line not reached: status |= HEATER_STATUS_STATE_NOT_FINITE;",
+                ),
             ),
-            "lane_keeper.c: line not reached: status |= LANE_KEEPER_STATUS_STATE_NOT_FINITE;",
-        ),
-        FINITE,
-    )
-)
-UNREACHED.update(
-    dict.fromkeys(
-        (
-            "arm_friction.c: 1 branch not reached: if (x > high) {",
-            "arm_friction.c: line not reached: result = high;",
-            "cart_pole.c: 1 branch not reached: if (!(fabsf(s->speed) <= 10.0f)) {",
-            "cart_pole.c: 1 branch not reached: if (!(fabsf(s->x) <= 5.0f)) {",
-            "cart_pole.c: line not reached: status |= CART_POLE_STATUS_STATE_OUT_OF_RANGE;",
-            "heater.c: 1 branch not reached: if (!((x0->duty >= 0.0f) && (x0->duty <= 1.0f))) {",
-            "heater.c: 1 branch not reached: if (!(fabsf(s->error_sum) <= 500.0f)) {",
-            "heater.c: line not reached: status |= HEATER_STATUS_STATE_OUT_OF_RANGE;",
-            "lane_keeper.c: 1 branch not reached: if (x > high) {",
-            "lane_keeper.c: line not reached: result = high;",
-        ),
-        SUPPLIED,
-    )
+            (
+                "heater",
+                CONSTANT,
+                (
+                    "1 branch not reached: if (!(fabsf(s->error_sum) <= 500.0f)) {",
+                    "line not reached: status |= HEATER_STATUS_STATE_OUT_OF_RANGE;",
+                ),
+            ),
+            (
+                "cart_pole",
+                CONSTANT,
+                (
+                    "1 branch not reached: if (!(fabsf(s->speed) <= 10.0f)) {",
+                    "1 branch not reached: if (!(fabsf(s->x) <= 5.0f)) {",
+                    "line not reached: status |= CART_POLE_STATUS_STATE_OUT_OF_RANGE;",
+                ),
+            ),
+        )
+        for what in places
+    }
 )
 
 

@@ -32,6 +32,16 @@ FAULTS = {
         "s->wanted_held = 0.0f;\n    s->ready = 4U;",
         "s->ready = 4U;",
     ),
+    "reset does not say that a sample is outside": (
+        "heater.c",
+        "heater_flagged(x0->oven, -20.0f, 400.0f, &status);",
+        "",
+    ),
+    "reset lets a sample pass that is a little outside": (
+        "heater.c",
+        "x0->duty <= 1.0f",
+        "x0->duty <= 1.002f",
+    ),
     "set_state forgets a state": ("heater.c", "s->oven = v[HEATER_X_OVEN];", ""),
     "set_state does not end the waiting": ("heater.c", "s->ready = 4U;", ""),
     "get_state copies another state": (

@@ -17,7 +17,7 @@ from backends.c_language.tree import Argument, Comment, Discard, Function, Name,
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState
-from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ir.ops import AnyRead, ReadLog, ReadParameter, ReadSignal, ReadState, Window
 from compiler.ir.program import Graph
 from compiler.ir.types import Type
 
@@ -58,7 +58,7 @@ class FunctionWriter:
         self._windows = {field.name: (field, port) for field, port in self.interface.windows}
         self._parameters = {field.name: field for field in self.interface.parameters}
 
-    def read(self, op: ReadParameter | ReadSignal | ReadLog | ReadState, type: Type) -> Place:
+    def read(self, op: AnyRead, type: Type) -> Place:
         match op:
             case ReadParameter(name):
                 return self._parameter(self._parameters[name], type)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, assert_never
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from backends.c.interface.interface import InputField
 from backends.c_language.literals import Dtype
@@ -35,10 +35,28 @@ Outside = Literal["above", "below", "far above", "nan"]
 """Beyond which limit of its range a run finds them instead, or at no number."""
 
 
-def drawn_log(
-    program: Program, random: np.random.Generator, start: Place | Outside, dtype: Dtype
-) -> tuple[dict[str, Array], int]:
-    """A record as long as the start graph needs, and the row of t0 in it."""
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What was measured around the first step, (rows, *shape) by name."""
+
+    log: dict[str, Array]
+    t0: int
+    """The row of the first step."""
+
+
+def drawn_record(
+    program: Program,
+    random: np.random.Generator,
+    start: Place | Outside,
+    dtype: Dtype,
+    *,
+    invalid: bool = False,
+) -> Record:
+    """A record as long as the start graph needs.
+
+    With `invalid` the first samples, and of the others every second or so, are invalid where the
+    policy replaces them.
+    """
     knots = knots_of(program, dtype)
     reads = extents(program.start, log=True)
     t0 = max([0, *(-extent.first for extent in reads.values())])
@@ -51,11 +69,15 @@ def drawn_log(
         shape = tuple(axis.size for axis in signal.axes)
         # past samples of inputs out of range would drive a state far from its limit at once
         here = start if name in ranges or isinstance(start, Place) or start == "nan" else Place()
-        low, high = _within(_drawable(signal.range or ranges.get(name)), here, number)
+        low, high = _within(drawable(signal.range or ranges.get(name)), here, number)
         if isinstance(start, Place) and start.knot is not None and knots.size:
             low = high = _nearest(knots, (low + high) / 2.0, below=start.knot == "below")
         log[name] = (low + (high - low) * random.random((rows, *shape))).astype(dtype)
-    return log, t0
+        if invalid and signal.on_invalid in ("clamp", "hold"):
+            chosen = random.random(log[name].shape) < 0.5
+            chosen[: t0 + reads[name].first + 1] = True
+            log[name][chosen] = np.resize([*_outside(signal, dtype), *_NO_NUMBERS], chosen.sum())
+    return Record(log, t0)
 
 
 def knots_of(program: Program, dtype: Dtype) -> Array:
@@ -71,16 +93,17 @@ def drawn_series(
 ) -> Array:
     """Values of an input, (steps, *shape), within its range or [-1, 1] but for invalid ones.
 
-    Some lie at one of the knots, and some just below; the last but one are 0 where that is valid.
-    Some values come twice in a row.
+    Some lie at one of the knots or at a limit, and some just below; the last but one are 0 where
+    that is valid. Some values come twice in a row.
 
     Where the policy replaces invalid values there are some of each kind; where it flags them, one
-    is little and one far above the range, and below, and the last is NaN, as it would spoil what
-    follows. Where they are trusted only the last is invalid. The first `opening` samples are
-    invalid in every element: of all kinds where they are replaced, else just outside the range.
+    is the next number above the range and one far above it, and below, and the last is NaN, as it
+    would spoil what follows. Where they are trusted only the last is invalid. The first `opening`
+    samples are invalid in every element: of all kinds where they are replaced, else just outside
+    the range.
     """
     signal = input.port.signal
-    low, high = _drawable(signal.range)
+    low, high = drawable(signal.range)
     series = random.uniform(low, high, (steps, *input.field.shape)).astype(knots.dtype)
     rows = series.reshape(steps, -1)
 
@@ -90,7 +113,8 @@ def drawn_series(
 
     again = np.arange(_SPECIAL_EVERY - 1, steps, _SPECIAL_EVERY)
     rows[again] = rows[again - 1]
-    inside = knots[(knots >= low) & (knots <= high)]
+    ends = [end for end in signal.range or () if math.isfinite(end)]
+    inside = np.append(knots[(knots >= low) & (knots <= high)], ends).astype(knots.dtype)
     if inside.size:
         at = np.arange(0, steps, _SPECIAL_EVERY)
         chosen = random.choice(inside, len(at))
@@ -98,10 +122,10 @@ def drawn_series(
         put(at, np.where(random.random(len(at)) < 0.5, chosen, below))
     if steps > 1 and low <= 0.0 <= high:
         rows[-2] = 0.0
-    outside, never = _outside(signal)
+    outside = _outside(signal, knots.dtype)
     match signal.on_invalid:
         case "clamp" | "hold":
-            kinds = np.array([*outside, *never])
+            kinds = np.array([*outside, *_NO_NUMBERS])
             at = np.arange(_SPECIAL_EVERY // 2, steps, _SPECIAL_EVERY)
             put(at, np.roll(kinds, random.integers(len(kinds))))
         case "flag" if steps > 1:
@@ -114,7 +138,7 @@ def drawn_series(
             pass
     first = rows[:opening]
     replaced = signal.on_invalid in ("clamp", "hold")
-    kinds = np.array([*outside, *never] if replaced else _beside(signal))
+    kinds = np.array([*outside, *_NO_NUMBERS] if replaced else beside(signal.range, knots.dtype))
     if first.size and kinds.size:
         first[:] = np.resize(np.roll(kinds, random.integers(kinds.size)), first.shape)
     return series
@@ -154,7 +178,7 @@ _BESIDE, _ROUNDING, _FAR = 4e-3, 2.0**-20, 1e3
 far is far."""
 
 
-def _drawable(range: tuple[float, float] | None) -> tuple[float, float]:
+def drawable(range: tuple[float, float] | None) -> tuple[float, float]:
     """Finite limits to draw between."""
     if range is None:
         return -1.0, 1.0
@@ -164,28 +188,28 @@ def _drawable(range: tuple[float, float] | None) -> tuple[float, float]:
     return (high - 2.0, high) if math.isfinite(high) else (-1.0, 1.0)
 
 
-def _outside(signal: Signal) -> tuple[list[float], tuple[float, ...]]:
+def _outside(signal: Signal, dtype: DTypeLike) -> list[float]:
     """Values of every kind that is invalid: just and far outside the range, and no numbers."""
     far: list[float] = []
     if signal.range is not None:
         low, high = signal.range
-        limits = _drawable(signal.range)
+        limits = drawable(signal.range)
         away = _FAR * (1.0 + limits[1] - limits[0])
         if math.isfinite(high):
             far.append(high + away)
         if math.isfinite(low):
             far.append(low - away)
-    return [*_beside(signal), *far], (math.nan, math.inf, -math.inf)
+    return [*beside(signal.range, dtype), *far]
 
 
-def _beside(signal: Signal) -> list[float]:
-    """Just above and below the range, where it has these limits."""
-    if signal.range is None:
-        return []
-    low, high = signal.range
-    limits = _drawable(signal.range)
-    above = [_above(*limits)] if math.isfinite(high) else []
-    return [*above, *([_below(*limits)] if math.isfinite(low) else [])]
+_NO_NUMBERS = (math.nan, math.inf, -math.inf)
+
+
+def beside(range: tuple[float, float] | None, dtype: DTypeLike) -> list[float]:
+    """The next numbers above and below a range, where it has these limits."""
+    kind = np.dtype(dtype).type
+    ends = ((range[1], math.inf), (range[0], -math.inf)) if range is not None else ()
+    return [float(np.nextafter(kind(end), kind(far))) for end, far in ends if math.isfinite(end)]
 
 
 def _nearest(knots: Array, x: float, *, below: bool) -> float:

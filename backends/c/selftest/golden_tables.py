@@ -38,7 +38,7 @@ Array = NDArray[Any]
 Column = tuple[Field, Array]
 """A field with its values, one row a step or a run."""
 
-_STEP, _RUN = "step", "run"
+_STEP, _START = "step", "start"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +49,9 @@ class GoldenTables:
     number: CType
     unroll: int
     """Elements up to which loops are written out."""
-    runs: int
     starts: Sequence[Column]
+    """What each start gives to `reset`, those of runs first."""
+    start_status: Sequence[int]
     inputs: Sequence[Column]
     outputs: Sequence[Column]
     status: Sequence[int]
@@ -58,24 +59,25 @@ class GoldenTables:
     def functions(
         self, differs: Callable[[Expression, Expression, Array], Expression]
     ) -> tuple[Function, ...]:
-        """`<prefix>_load_start(x0, run)`, `_load_inputs(u, step)`, `_results_differ(status, y,
-        step)`.
+        """`<prefix>_load_start(x0, start)`, `_start_differs(status, start)`, `_load_inputs(u,
+        step)`, `_results_differ(status, y, step)`.
 
         `differs` compares a given with an expected element of a column with these values.
         """
         return (
-            self._loader("start", Argument("init", "x0"), self.starts, self.runs, _RUN),
-            self._loader("inputs", Argument("in", "u"), self.inputs, len(self.status), _STEP),
+            self._loader("start", Argument("init", "x0"), self.starts, _START),
+            self._start_comparison(),
+            self._loader("inputs", Argument("in", "u"), self.inputs, _STEP),
             self._comparison(differs),
         )
 
     def _loader(
-        self, name: str, struct: Argument, columns: Sequence[Column], rows: int, row_name: str
+        self, name: str, struct: Argument, columns: Sequence[Column], row_name: str
     ) -> Function:
         """Copies one row of the table `golden` into a struct."""
         scope = Scope(LocalNames(self.prefix))
         if columns:
-            scope.add(self._table(columns, rows))
+            scope.add(self._table(columns))
         else:
             scope.add(Discard(row_name))
             scope.assign(Member(struct.name, RESERVED), Unsigned(0))
@@ -89,6 +91,16 @@ class GoldenTables:
         body = tuple(scope.statements)
         return Function(f"{self.prefix}_load_{name}", "void", arguments, body, static=True)
 
+    def _start_comparison(self) -> Function:
+        bits = tuple(map(float, self.start_status))
+        expected = Element(Name("golden_status"), Name(_START))
+        body = (
+            Table("golden_status", bits, CType.UNSIGNED),
+            Return(Binary("!=", Name("status"), expected)),
+        )
+        arguments = (Argument(f"{self.prefix}_status_t", "status"), Argument("uint32_t", _START))
+        return Function(f"{self.prefix}_start_differs", "bool", arguments, body, static=True)
+
     def _comparison(
         self, differs: Callable[[Expression, Expression, Array], Expression]
     ) -> Function:
@@ -97,7 +109,7 @@ class GoldenTables:
         bits = tuple(float(status) for status in self.status)
         scope.add(Table("golden_status", bits, CType.UNSIGNED))
         if self.outputs:
-            scope.add(self._table(self.outputs, len(bits)))
+            scope.add(self._table(self.outputs))
         else:
             scope.add(Discard("y"))
         expected = Element(Name("golden_status"), Name(_STEP))
@@ -115,9 +127,9 @@ class GoldenTables:
         body = tuple(scope.statements)
         return Function(f"{prefix}_results_differ", "bool", arguments, body, static=True)
 
-    def _table(self, columns: Sequence[Column], rows: int) -> Table:
+    def _table(self, columns: Sequence[Column]) -> Table:
         """All fields of a step in one row, the rows one after the other."""
-        parts = [values.reshape(rows, field.size) for field, values in columns]
+        parts = [values.reshape(-1, field.size) for field, values in columns]
         numbers = np.concatenate(parts, axis=1).ravel().tolist()
         return Table("golden", tuple(numbers), self.number, hexadecimal=True)
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from backends.c.interface.interface import Interface
+from backends.c.selftest.golden_starts import GoldenStart
 from backends.c.selftest.golden_tables import DIFFER, Array, GoldenTables
 from backends.c.selftest.golden_vectors import GoldenVectors, joined
 from backends.c_language.helper_functions import is_nan
@@ -31,21 +32,31 @@ from backends.c_language.tree import (
 )
 
 
-def golden_functions(interface: Interface, runs: Sequence[GoldenVectors]) -> tuple[Function, ...]:
-    """What `GoldenTables` makes, after the function that compares two numbers."""
+def golden_functions(
+    interface: Interface, runs: Sequence[GoldenVectors], starts: Sequence[GoldenStart] = ()
+) -> tuple[Function, ...]:
+    """What `GoldenTables` makes, after the function that compares two numbers.
+
+    Behind the starts of the runs stand those that are judged by the status of `reset` alone.
+    """
     prefix = interface.prefix
     golden = joined(runs)
-    starts = [(f, np.stack([run.windows[f.name] for run in runs])) for f, _ in interface.windows]
-    starts += [(f, np.stack([run.supplied[f.name] for run in runs])) for f, _ in interface.supplied]
+    every = [*(run.start for run in runs), *starts]
+    given = [
+        (f, np.stack([start.windows[f.name] for start in every])) for f, _ in interface.windows
+    ]
+    given += [
+        (f, np.stack([start.supplied[f.name] for start in every])) for f, _ in interface.supplied
+    ]
     tables = GoldenTables(
         prefix,
         CType.REAL,
         interface.options.unroll,
-        len(runs),
-        starts,
-        [(input.field, golden.inputs[input.field.name]) for input in interface.inputs],
-        [(field, golden.outputs[field.name]) for field in interface.outputs],
-        [int(status) for status in golden.status],
+        starts=given,
+        start_status=[int(start.status) for start in every],
+        inputs=[(input.field, golden.inputs[input.field.name]) for input in interface.inputs],
+        outputs=[(field, golden.outputs[field.name]) for field in interface.outputs],
+        status=[int(status) for status in golden.status],
     )
 
     def differs(given: Expression, expected: Expression, values: Array) -> Expression:

@@ -10,19 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
-from backends.c.interface.state_checks import StateCheck
 from backends.c.interface.status import Status
-from backends.c.selftest.drawn_inputs import Outside, Place, drawn_log, drawn_series, knots_of
-from backends.c.selftest.matrix_checksums import checksums
-from backends.c.selftest.policy_reference import (
-    apply_policy,
-    apply_policy_to_window,
-    first_held,
+from backends.c.selftest.drawn_inputs import (
+    Outside,
+    Place,
+    drawn_record,
+    drawn_series,
+    knots_of,
 )
-from backends.c_language.literals import Dtype
+from backends.c.selftest.golden_starts import GoldenStart, golden_start
+from backends.c.selftest.policy_reference import apply_policy, first_held
+from backends.c.selftest.state_reference import (
+    equation_bits,
+    next_state_bits,
+    restarted,
+    saturation_bits,
+    with_checked,
+)
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Output, Program
-from compiler.ir.saturation import unsaturated
+from compiler.ir.program import Program
 from compiler.jacobian.interpret import JacobianInterpreter
 
 Array = NDArray[Any]
@@ -33,10 +39,8 @@ _ANYWHERE = Place()
 class GoldenVectors:
     """Values by name in the spec, in the type of the generated code; series are (steps, *shape)."""
 
-    windows: dict[str, Array]
-    """Raw samples that `reset` takes."""
-    supplied: dict[str, Array]
-    """States that `reset` takes."""
+    start: GoldenStart
+    """Before the first step."""
     inputs: dict[str, Array]
     """As given to the step, invalid ones among them."""
     seen: dict[str, Array]
@@ -68,17 +72,16 @@ def golden_vectors(
     """
     dtype = interface.options.dtype
     random = np.random.Generator(np.random.Philox(seed))
-    drawn, t0 = drawn_log(program, random, start or _ANYWHERE, dtype)
-    log = _checked_log(interface, drawn, t0)
+    record = drawn_record(program, random, start or _ANYWHERE, dtype, invalid=opening > 0)
     knots = knots_of(program, dtype)
     inputs = {
         input.field.name: drawn_series(input, steps, random, knots, opening)
         for input in interface.inputs
     }
-    interpreter = Interpreter(_with_checked(program), weights, dtype)
-    states = interpreter.start(log, t0)
+    interpreter = Interpreter(with_checked(program), weights, dtype)
+    begin = golden_start(interface, interpreter, record)
+    states = begin.states
     first = {s.name: states[s.name] for s in program.states if s.on_range == "reset"}
-    starts = {state.name: states[state.name][0] for _, state in interface.supplied}
     outputs = {f.name: np.empty((steps, *f.shape), dtype) for f in interface.outputs}
     status = np.zeros(steps, np.uint32)
     linearized = interface.jacobian and JacobianInterpreter(
@@ -109,23 +112,18 @@ def golden_vectors(
         result = interpreter.step(*_log_of_step(interface, seen), states, losses=False)
         for name, values in outputs.items():
             values[k] = result.outputs[name][0]
-        bits |= _equation_bits(program, result.outputs, dtype)
-        bits |= _saturation_bits(program, result.outputs)
-        status[k] = bits | _state_bits(interface, result.next_states)
-        states = result.next_states | _restarted(interface, result.next_states, first)
+        bits |= equation_bits(program, result.outputs, dtype)
+        bits |= saturation_bits(program, result.outputs)
+        status[k] = bits | next_state_bits(interface, result.next_states)
+        states = result.next_states | restarted(interface, result.next_states, first)
         following.append(states)
-    windows = {
-        field.name: _samples(drawn[field.name][t0 + port.first : t0 + port.last + 1], field.shape)
-        for field, port in interface.windows
-    }
     names = slopes[0] if slopes else ()
     matrices = {name: np.concatenate([step[name] for step in slopes]) for name in names}
     remembered = {
         s.name: np.concatenate([step[s.name] for step in following]) for s in program.states
     }
     return GoldenVectors(
-        windows=windows,
-        supplied=starts,
+        start=begin,
         inputs=inputs,
         seen=accepted,
         outputs=outputs,
@@ -146,17 +144,6 @@ def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
         status=np.concatenate([run.status for run in runs]),
         slopes=_one_after_the_other([run.slopes for run in runs]),
     )
-
-
-def _checked_log(interface: Interface, log: Mapping[str, Array], t0: int) -> dict[str, Array]:
-    """The record with the samples that `reset` takes as its checks leave them."""
-    checked = dict(log)
-    for field, port in interface.windows:
-        series = log[field.name].copy()
-        rows = slice(t0 + port.first, t0 + port.last + 1)
-        series[rows] = apply_policy_to_window(port.signal, series[rows], interface.options.dtype)
-        checked[field.name] = series
-    return checked
 
 
 def _one_after_the_other(series: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
@@ -193,44 +180,6 @@ def _unset(
     return filled
 
 
-def expected_text(interface: Interface, runs: Sequence[GoldenVectors]) -> str:
-    """One line a step: the status, then each output's bits, in hexadecimal digits; or `nan`.
-
-    With a Jacobian whose bits are promised a hash of them ends the line. There is an empty line
-    between two runs.
-    """
-    return "\n".join(_expected_run(interface, run) for run in runs)
-
-
-def _expected_run(interface: Interface, golden: GoldenVectors) -> str:
-    steps = len(golden.status)
-    parts = [golden.outputs[field.name].reshape(steps, -1) for field in interface.outputs]
-    rows = np.concatenate(parts, axis=1) if parts else np.empty((steps, 0), np.float32)
-    hashed = interface.jacobian is not None and interface.options.is_exact
-    hashes = checksums(golden.slopes) if hashed else []
-    digits = 2 * rows.itemsize
-    bits = rows.view(f"u{rows.itemsize}")
-    lines = [
-        " ".join(
-            [
-                f"{golden.status[k]:08x}",
-                *(
-                    "nan" if nan else f"{word:0{digits}x}"
-                    for word, nan in zip(bits[k].tolist(), np.isnan(rows[k]), strict=True)
-                ),
-                *([f"{hashes[k]:08x}"] if hashed else []),
-            ]
-        )
-        for k in range(steps)
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _samples(rows: Array, shape: tuple[int, ...]) -> Array:
-    """Rows of a log with time as their last axis."""
-    return np.moveaxis(rows, 0, -1).reshape(shape)
-
-
 def _log_of_step(interface: Interface, seen: Mapping[str, Array]) -> tuple[dict[str, Array], int]:
     """A log, and the row in it that sees exactly the samples of one step."""
     ports = {input.field.name: input.port for input in interface.inputs}
@@ -243,62 +192,3 @@ def _log_of_step(interface: Interface, seen: Mapping[str, Array]) -> tuple[dict[
         log[name] = np.zeros((rows, *samples.shape[1:]), values.dtype)
         log[name][row + port.first : row + port.last + 1] = samples
     return log, row
-
-
-_CHECKED = "checked {}"
-"""Names of the values whose ranges are checked, among outputs; no name of a spec has a space."""
-
-
-def _with_checked(program: Program) -> Program:
-    """The program without losses whose outputs have what the step checks among them."""
-    checked = [
-        Output(_CHECKED.format(number), entry.node) for number, entry in enumerate(program.expected)
-    ]
-    checked += [Output(_CHECKED.format(name), node) for name, node in unsaturated(program).items()]
-    return replace(program, losses=(), outputs=(*program.outputs, *checked))
-
-
-def _equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -> Status:
-    outside = [
-        _is_outside(values[_CHECKED.format(number)], entry.range, dtype)
-        for number, entry in enumerate(program.expected)
-    ]
-    return Status.EQUATION_OUT_OF_RANGE if any(outside) else Status(0)
-
-
-def _is_outside(values: Array, limits: tuple[float, float], dtype: Dtype) -> bool:
-    """Whether an element is outside, NaN too; limits are rounded to the type of the values."""
-    low, high = (np.dtype(dtype).type(limit) for limit in limits)
-    return not bool(np.all((values >= low) & (values <= high)))
-
-
-def _saturation_bits(program: Program, values: Mapping[str, Array]) -> Status:
-    """Whether a saturated state keeps its value because the next one is NaN."""
-    unordered = [np.isnan(values[_CHECKED.format(name)]).any() for name in unsaturated(program)]
-    return Status.STATE_OUT_OF_RANGE if any(unordered) else Status(0)
-
-
-def _state_bits(interface: Interface, states: Mapping[str, Array]) -> Status:
-    bits = Status(0)
-    for check in interface.checks:
-        state = check.memory.state
-        values = check.part(states[state.name])
-        if state.on_range != "saturate" and _is_left(interface, check, values):
-            bits |= check.bit
-    return bits
-
-
-def _restarted(
-    interface: Interface, states: Mapping[str, Array], first: Mapping[str, Array]
-) -> dict[str, Array]:
-    """States with `on_range: reset` that are outside, as they were before the first step."""
-    found: dict[str, Array] = {}
-    for check in interface.checks:
-        name = check.memory.state.name
-        if name in first and _is_left(interface, check, states[name]):
-            found[name] = first[name]
-    return found
-
-
-def _is_left(interface: Interface, check: StateCheck, values: Array) -> bool:
-    return _is_outside(values, check.limits, interface.options.dtype)

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from backends.c_language.literals import Dtype
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.kernels.branch_cover import branch_cover
 from compiler.kernels.evaluate import evaluate
 

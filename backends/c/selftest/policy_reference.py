@@ -41,13 +41,17 @@ def apply_policy(
             assert_never(signal.on_invalid)
 
 
-def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> Array:
-    """The samples (time, *shape) that `reset` takes; each can fall back to the one before it."""
-    checked = rows.copy()
+def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[Array, Status]:
+    """The samples (time, *shape) that `reset` takes, and the bits that it sets.
+
+    Each sample can fall back to the one before it.
+    """
+    checked, bits = rows.copy(), Status(0)
     before = first_held(signal, rows.shape[1:], dtype)
     for k in range(len(rows)):
-        before = checked[k] = apply_policy(signal, rows[k], before, dtype)[0]
-    return checked
+        before, said = apply_policy(signal, rows[k], before, dtype)
+        checked[k], bits = before, bits | said
+    return checked, bits
 
 
 def first_held(signal: Signal, shape: tuple[int, ...], dtype: Dtype) -> Array:

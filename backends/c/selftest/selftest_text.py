@@ -9,10 +9,12 @@ import numpy as np
 from backends.c.functions.function_writer import Weights
 from backends.c.interface.interface import Interface
 from backends.c.selftest.drawn_inputs import Outside, Place
+from backends.c.selftest.expected_text import expected_text
 from backends.c.selftest.golden_helpers import helper_functions, resumed_step
 from backends.c.selftest.golden_jacobian import slopes_function
+from backends.c.selftest.golden_starts import GoldenStart, golden_starts
 from backends.c.selftest.golden_text import differs_function, golden_functions, kernels_function
-from backends.c.selftest.golden_vectors import GoldenVectors, expected_text, golden_vectors
+from backends.c.selftest.golden_vectors import GoldenVectors, golden_vectors
 from backends.c.selftest.kernel_cases import kernel_cases
 from backends.c_language.literals import hex_literal, real_literal
 from backends.c_language.printer import Printer
@@ -51,7 +53,7 @@ _SELFTEST_OPENING = 2
 _TEST_STEPS = 16
 """Golden steps of each."""
 
-_SELFTEST_SEED, _TEST_SEED = 1, 2
+_SELFTEST_SEED, _TEST_SEED, _STARTS_SEED = 1, 2, 0
 
 
 def selftest_text(
@@ -117,14 +119,16 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         )
         for run, (start, opening) in enumerate(_RUNS)
     ]
+    starts = golden_starts(program, interface, weights, _STARTS_SEED)
     vectors = render(
         "vectors.h.j2",
         interface,
         "Golden vectors",
         guard=f"{prefix.upper()}_VECTORS_H",
-        functions=_golden(interface, runs),
+        functions=_golden(interface, runs, starts),
         runs=len(_RUNS),
         from_init=FROM_INIT,
+        starts=len(_RUNS) + len(starts),
     )
     main = render(
         "main.c.j2",
@@ -164,9 +168,11 @@ def _compares(interface: Interface) -> bool:
     return bool(interface.outputs) or interface.jacobian is not None
 
 
-def _golden(interface: Interface, runs: Sequence[GoldenVectors]) -> list[str]:
+def _golden(
+    interface: Interface, runs: Sequence[GoldenVectors], starts: Sequence[GoldenStart] = ()
+) -> list[str]:
     printer = Printer(interface.prefix, interface.options.dtype)
-    functions = [*golden_functions(interface, runs)]
+    functions = [*golden_functions(interface, runs, starts)]
     if interface.jacobian is not None:
         if not interface.outputs:
             functions.insert(0, differs_function(interface.prefix))

@@ -20,7 +20,7 @@ from backends.native.late_adjoints import Echo
 from backends.native.loop_splitting import ROW
 from backends.native.tiled_sums import HORIZON, TIME, Factor
 from compiler.differentiation.training_step import ADJOINT, SCALE, STORED
-from compiler.ir.ops import Contract, ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ir.ops import AnyRead, Contract, ReadLog, ReadParameter, ReadSignal, ReadState, Window
 from compiler.ir.program import Graph, Node, NodeId, State
 from compiler.ir.types import WINDOW, Type
 
@@ -57,7 +57,7 @@ class LaneWriter:
 
     # ---- surroundings of the lowering
 
-    def read(self, op: ReadParameter | ReadSignal | ReadLog | ReadState, type: Type) -> Place:
+    def read(self, op: AnyRead, type: Type) -> Place:
         match op:
             case ReadParameter(name):
                 return self._parameter(name, type)

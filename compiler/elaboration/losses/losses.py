@@ -14,6 +14,7 @@ from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names
 from spec_schema.expressions.language import LOSS_FUNCTIONS
 from spec_schema.expressions.tree import Call, Expression
@@ -84,6 +85,8 @@ def _measured(context: Context, function: str, call: Call) -> tuple[Measure, Nod
         zero = builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
         return _COMPARING[function], value, zero
     prediction, target = lower_all(context, call.arguments, _LOSS)
+    operands = zip(call.arguments, (prediction, target), strict=True)
+    warn_of_twin_axes(context, builder, function, call, operands)
     with aligning(context, function, call, call.arguments[0], call.arguments[1]):
         builder.subtract(prediction, target)  # compares the units of the two
         prediction, target, _ = builder.aligned(prediction, target)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping
-from typing import Any, cast
+from typing import Any
 
 from compiler.linking.connected import Connected
-from spec_schema.diagnostics.source import Span
-from spec_schema.expressions.tree import Expression, Member, Name
-from spec_schema.fields.entry import Entry
+from spec_schema.expressions.tree import Expression
+from spec_schema.sections.references import names_in
 from spec_schema.sections.spec import Spec
 
 
@@ -37,28 +34,3 @@ def needed_submodels(spec: Spec, expression: Expression) -> tuple[str, ...]:
             if name in spec.layers:
                 waiting.append(spec.layers[name])
     return tuple(found)
-
-
-def names_in(value: Any) -> Iterator[str]:
-    """Every name in an expression or in the expressions of an entry."""
-    match value:
-        case None | str() | int() | float() | Span():  # most of what there is
-            return
-        case Name(name=name):
-            yield name
-        case Member(base=base):
-            yield base
-        case Entry():
-            for field in type(value).model_fields:
-                yield from names_in(getattr(value, field))
-        case tuple():
-            for part in cast("tuple[Any, ...]", value):
-                yield from names_in(part)
-        case Mapping():
-            for part in cast("Mapping[str, Any]", value).values():
-                yield from names_in(part)
-        case _ if dataclasses.is_dataclass(value):
-            for field in dataclasses.fields(value):
-                yield from names_in(getattr(value, field.name))
-        case _:
-            return

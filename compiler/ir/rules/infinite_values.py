@@ -9,27 +9,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+from compiler.ir import ops
 from compiler.ir.node_store import NodeStore
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadParameter,
-    Reshape,
-    Select,
-    Slice,
-    Sum,
-)
 from compiler.ir.program import Node, NodeId
 
 
@@ -101,11 +82,11 @@ class InfiniteValues:
             made_of = any(self._made_of[arg] for arg in node.args)
             sign = _sign(node, [self._signs[arg] for arg in node.args])
             divisor_sign = _sign(node, [self._divisor_signs[arg] for arg in node.args])
-            fixed = isinstance(node.op, Constant | ReadParameter)
+            fixed = isinstance(node.op, ops.Constant | ops.ReadParameter)
             fixed = fixed or (bool(node.args) and all(self._fixed[arg] for arg in node.args))
             if fixed and divisor_sign is Sign.ANY:
                 divisor_sign = Sign.NOT_ZERO
-            if made_of and isinstance(node.op, Divide | Apply):
+            if made_of and isinstance(node.op, ops.Divide | ops.Apply):
                 sign = _WITH_ZERO.get(sign, sign)  # 1/∞ and exp(−∞) are 0
                 divisor_sign = _WITH_ZERO.get(divisor_sign, divisor_sign)
             self._signs.append(sign)
@@ -117,21 +98,21 @@ class InfiniteValues:
     def _when_infinite(self, node: Node) -> Infinite:
         of = [self._infinite[arg] for arg in node.args]
         match node.op:
-            case Compare():
+            case ops.Compare():
                 return Infinite.NEVER
-            case Apply(function) if function in _BOUNDED:
+            case ops.Apply(function) if function in _BOUNDED:
                 return Infinite.NEVER
-            case Clamp():
+            case ops.Clamp():
                 return max(of[1:])
             case _ if Infinite.ALONE in of:
                 return Infinite.ALONE
-            case Negate() | Broadcast() | Reshape() | Slice():
+            case ops.Negate() | ops.Broadcast() | ops.Reshape() | ops.Slice():
                 return of[0]
-            case Divide():
+            case ops.Divide():
                 return _BY_DIVISOR.get(self._divisor_signs[node.args[1]], Infinite.NEVER)
-            case Apply("log") if self._signs[node.args[0]] < Sign.NOT_ZERO:
+            case ops.Apply("log") if self._signs[node.args[0]] < Sign.NOT_ZERO:
                 return Infinite.WITH_MODEL
-            case Apply("pow") if self._signs[node.args[0]] < Sign.NOT_ZERO:
+            case ops.Apply("pow") if self._signs[node.args[0]] < Sign.NOT_ZERO:
                 return Infinite.ALONE
             case _:
                 return Infinite.NEVER
@@ -141,30 +122,30 @@ def _sign(node: Node, of: list[Sign]) -> Sign:
     """What is known of a value whose operands are such."""
     known = [sign for sign in of if sign in (Sign.NOT_NEGATIVE, Sign.POSITIVE)]
     match node.op:
-        case Constant(values) if node.type.kind == "real":
+        case ops.Constant(values) if node.type.kind == "real":
             return _of_numbers(values)
-        case Add():
+        case ops.Add():
             return max(of) if len(known) == len(of) else Sign.ANY
-        case Multiply() if node.args[0] == node.args[1]:
+        case ops.Multiply() if node.args[0] == node.args[1]:
             return Sign.POSITIVE if of[0] >= Sign.NOT_ZERO else Sign.NOT_NEGATIVE
-        case Multiply() | Divide():
+        case ops.Multiply() | ops.Divide():
             return _of_product(of[0], of[1])
-        case Negate():
+        case ops.Negate():
             return Sign.NOT_ZERO if of[0] >= Sign.NOT_ZERO else Sign.ANY
-        case Maximum():
+        case ops.Maximum():
             return max(known, default=_common(of))
-        case Clamp():
+        case ops.Clamp():
             return of[1] if of[1] in known else Sign.ANY
-        case Select():
+        case ops.Select():
             return _common(of[1:])
-        case Sum():
+        case ops.Sum():
             return of[0] if of[0] in known else Sign.ANY
-        case Contract():
+        case ops.Contract():
             product = _of_product(of[0], of[1])
             return product if product is not Sign.NOT_ZERO else Sign.ANY
-        case Apply(function):
+        case ops.Apply(function):
             return _sign_of_function(function, of)
-        case Minimum() | Broadcast() | Reshape() | Slice() | Concat():
+        case ops.Minimum() | ops.Broadcast() | ops.Reshape() | ops.Slice() | ops.Concat():
             return _common(of)
         case _:
             return Sign.ANY

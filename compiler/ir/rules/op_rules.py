@@ -7,34 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import assert_never
 
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Node
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import WINDOW, Axis, Type, describe_axes
 
 LARGEST_SIZE = 1 << 24
@@ -73,52 +48,46 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str
     if reason is not None:
         return reason
     match node.op:
-        case Constant(values):
+        case ops.Constant(values):
             if len(values) != type.size or not all(math.isfinite(value) for value in values):
                 return f"{len(values)} numbers for {describe_axes(axes)}, or one is not finite"
             return _real(type)
-        case ReadParameter(name):
+        case ops.ReadParameter(name):
             return _from(f"parameter `{name}`", sources.parameters.get(name), type)
-        case ReadState(name):
+        case ops.ReadState(name):
             return _from(f"state `{name}`", sources.states.get(name), type)
-        case ReadSignal(name, first, last) | ReadLog(name, first, last):
+        case ops.ReadSignal(name, first, last) | ops.ReadLog(name, first, last):
             return _read(sources.signals.get(name), name, first, last, type)
-        case Add() | Subtract() | Multiply() | Divide() | Negate() | Minimum() | Maximum():
-            return _elementwise(type, operands) or _real(type, *operands)
-        case Clamp():
-            return _elementwise(type, operands) or _real(type, *operands)
-        case Dropout(rate):
-            if not 0 <= rate < 1:
-                return f"a share of {rate} cannot be left out"
-            return _elementwise(type, operands) or _real(type, *operands)
-        case Apply(function):
-            if function not in SCALAR_FUNCTIONS:
-                return f"there is no function `{function}`"
-            return _elementwise(type, operands) or _real(type, *operands)
-        case Compare():
+        case ops.Dropout(rate) if not 0 <= rate < 1:
+            return f"a share of {rate} cannot be left out"
+        case ops.Apply(function) if function not in SCALAR_FUNCTIONS:
+            return f"there is no function `{function}`"
+        case ops.Compare():
             reason = _elementwise(type, operands) or _real(*operands)
             return reason or (None if type.kind == "bool" else "a comparison is a bool")
-        case Select():
+        case ops.Select():
             if operands[0].kind != "bool":
                 return "the condition is not a bool"
             return _elementwise(type, operands) or _real(type, *operands[1:])
-        case Broadcast():
+        case ops.Elementwise():
+            return _elementwise(type, operands) or _real(type, *operands)
+        case ops.Broadcast():
             fits = set(operands[0].axes) <= set(axes) and operands[0].kind == type.kind
             return None if fits else f"{describe_axes(operands[0].axes)} does not fit in the result"
-        case Reshape():
+        case ops.Reshape():
             fits = operands[0].size == type.size and operands[0].kind == type.kind
             return None if fits else f"{describe_axes(operands[0].axes)} has another size"
-        case Slice(axis, start, stop):
+        case ops.Slice(axis, start, stop):
             return _sliced(operands[0], axis, start, stop, type)
-        case Concat(axis):
+        case ops.Concat(axis):
             return _joined(operands, axis, type)
-        case Sum(axis):
+        case ops.Sum(axis):
             rest = tuple(a for a in operands[0].axes if a.name != axis)
             fits = operands[0].axis(axis) is not None and rest == axes
             return _real(type, *operands) or (None if fits else f"not the sum over `{axis}`")
-        case Contract(axis):
+        case ops.Contract(axis):
             return _real(type, *operands) or _contracted(operands[0], operands[1], axis, axes)
-        case Window(state):
+        case ops.Window(state):
             return _windowed(sources.states.get(state), operands[0], state, type)
         case _:
             assert_never(node.op)
@@ -135,23 +104,13 @@ class Sources:
 
 def _wrong_count(node: Node, operands: tuple[Type, ...]) -> str | None:
     match node.op:
-        case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState():
-            count = 0
-        case Negate() | Dropout() | Broadcast() | Reshape() | Slice() | Sum() | Window():
-            count = 1
-        case Add() | Subtract() | Multiply() | Divide() | Minimum() | Maximum() | Compare():
-            count = 2
-        case Contract():
-            count = 2
-        case Clamp() | Select():
-            count = 3
-        case Apply(function):
+        case ops.Apply(function):
             row = SCALAR_FUNCTIONS.get(function)
             count = row.arity if row is not None else len(operands)
-        case Concat():
+        case ops.Concat():
             count = max(len(operands), 1)
         case _:
-            assert_never(node.op)
+            count = node.op.arity
     return None if len(operands) == count else f"{len(operands)} operands, not {count}"
 
 

@@ -69,10 +69,12 @@ def read_elements(context: LayerContext, settings: Entry) -> Arguments:
     windows = {builder.type(node).window for node in nodes} - {None}
     if len(windows) > 1:
         found = " and ".join(f"{window} samples" for window in sorted(filter(None, windows)))
-        place = context.call.span
-        context.refuse(
-            shapes.wrong_axes(f"the windows of `{context.name}`", "equally long", found, place)
-        )
+        lengths = [builder.type(node).window for node in nodes]
+        first = next(filter(None, lengths))
+        odd = next(i for i, length in enumerate(lengths) if length not in (None, first))
+        place = context.call.arguments[odd].span
+        what, operand = f"the windows of `{context.name}`", f"{lengths[odd]} samples"
+        context.refuse(shapes.wrong_axes(what, "equally long", found, place, operand=operand))
     time_axis = tuple(Axis(WINDOW, window) for window in windows if window is not None)
     return (_joined(context, nodes, time_axis),)
 

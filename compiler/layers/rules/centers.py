@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compiler.ir.program import NodeId
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.lowering.constants import evaluate

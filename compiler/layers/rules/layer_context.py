@@ -13,7 +13,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.fit import Fit
 from compiler.ir.program import NodeId, Statistic
 from compiler.ir.rules.op_rules import LARGEST_SIZE
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.ir.types import WINDOW, Axis, describe_axes
 from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.arrays.initial_values import initial_values

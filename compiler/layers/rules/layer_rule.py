@@ -28,6 +28,9 @@ class LayerRule(Generic[S]):
     """The value of the layer, out of core operations."""
     members: Mapping[str, Expansion[S]] = field(default_factory=dict[str, "Expansion[S]"])
     """What is called as `NAME.member(expr)`."""
+    is_black_box: bool = False
+    """Whether its numbers mean nothing one by one: other numbers make the same function, or one
+    that no data tell from it."""
 
 
 AnyRule: TypeAlias = LayerRule[Any]

@@ -8,7 +8,7 @@ import numpy as np
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId, Parameter, Statistic
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis, Type
 from compiler.lowering.arrays.initial_values import initial_values
 from compiler.lowering.context import Context

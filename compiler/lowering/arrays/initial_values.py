@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis, describe_axes
 from compiler.lowering.arrays.named_draws import generator_of, uniform_draws
 from compiler.lowering.arrays.number_file import UnusableFileError, read_numbers

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compiler.ir.scalar_functions import Array
+from compiler.ir.scalars.table import Array
 
 LARGEST_FILE = 20_000_000
 """Bytes; as many numbers as an array of a program can have are a few times fewer."""

@@ -6,23 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import (
-    Add,
-    Broadcast,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Multiply,
-    Negate,
-    Relation,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-)
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.layers.rules.fuzzy_sets import FuzzySets, between, triangular
 from compiler.passes.fold_constants import folded
@@ -82,7 +67,7 @@ def active_sums(graph: Graph, support: list[dict[str, NodeId]]) -> dict[NodeId, 
     """Sums along the axis of compact sets whose terms are ±0 where the sets are, and the sets."""
     found: dict[NodeId, set[NodeId]] = {}
     for index, node in graph:
-        if isinstance(node.op, Sum | Contract):
+        if isinstance(node.op, ops.Reduction):
             for arg in node.args:
                 if node.op.axis in support[arg]:
                     found.setdefault(index, set()).add(support[arg][node.op.axis])
@@ -91,23 +76,23 @@ def active_sums(graph: Graph, support: list[dict[str, NodeId]]) -> dict[NodeId, 
 
 def is_positive_zero(graph: Graph, node: NodeId) -> bool:
     """Whether a value is the number +0, however often repeated."""
-    while isinstance(graph[node].op, Broadcast):
+    while isinstance(graph[node].op, ops.Broadcast):
         (node,) = graph[node].args
     op = graph[node].op
-    return isinstance(op, Constant) and {value.hex() for value in op.values} == {(0.0).hex()}
+    return isinstance(op, ops.Constant) and {value.hex() for value in op.values} == {(0.0).hex()}
 
 
 def _candidate(graph: Graph, node: Node) -> CompactSets | None:
     match node.op:
-        case Select():
-            return _compared(graph, node.args[0], Relation.LESS, "triangular")
-        case Subtract():
+        case ops.Select():
+            return _compared(graph, node.args[0], ops.Relation.LESS, "triangular")
+        case ops.Subtract():
             lower, upper = (graph[arg] for arg in node.args)
-            if isinstance(lower.op, Concat) and isinstance(upper.op, Concat):
+            if isinstance(lower.op, ops.Concat) and isinstance(upper.op, ops.Concat):
                 reached = graph[upper.args[0]]
-                if isinstance(reached.op, Select):
+                if isinstance(reached.op, ops.Select):
                     condition = reached.args[0]
-                    return _compared(graph, condition, Relation.GREATER_EQUAL, "rectangular")
+                    return _compared(graph, condition, ops.Relation.GREATER_EQUAL, "rectangular")
             return None
         case _:
             return None
@@ -116,15 +101,15 @@ def _candidate(graph: Graph, node: Node) -> CompactSets | None:
 def _compared(
     graph: Graph,
     condition: NodeId,
-    relation: Relation,
+    relation: ops.Relation,
     shape: Literal["triangular", "rectangular"],
 ) -> CompactSets | None:
     """Sets of the scalar that is compared with points along an axis."""
     node = graph[condition]
-    if node.op != Compare(relation):
+    if node.op != ops.Compare(relation):
         return None
     spread, points = node.args
-    if not isinstance(graph[spread].op, Broadcast) or len(graph[points].type.axes) != 1:
+    if not isinstance(graph[spread].op, ops.Broadcast) or len(graph[points].type.axes) != 1:
         return None
     (value,) = graph[spread].args
     return None if graph[value].type.axes else CompactSets(shape, value, points)
@@ -133,21 +118,21 @@ def _compared(
 def _support(graph: Graph, node: Node, known: list[dict[str, NodeId]]) -> dict[str, NodeId]:
     operands = [known[arg] for arg in node.args]
     match node.op:
-        case Multiply():
+        case ops.Multiply():
             return _both(*operands)
-        case Broadcast() | Negate():
+        case ops.Broadcast() | ops.Negate():
             return operands[0]
-        case Add() if is_positive_zero(graph, node.args[1]):
+        case ops.Add() if is_positive_zero(graph, node.args[1]):
             return operands[0]
-        case Reshape():
+        case ops.Reshape():
             old, new = graph[node.args[0]].type, node.type
             if old.shape != new.shape:
                 return {}
             names = dict(zip(old.axis_names, new.axis_names, strict=True))
             return {names[axis]: sets for axis, sets in operands[0].items()}
-        case Slice(axis) | Sum(axis):
+        case ops.Slice(axis) | ops.Sum(axis):
             return {name: sets for name, sets in operands[0].items() if name != axis}
-        case Contract(axis):
+        case ops.Contract(axis):
             return {n: sets for n, sets in _both(*operands).items() if n != axis}
         case _:
             return {}

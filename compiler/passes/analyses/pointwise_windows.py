@@ -5,34 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import assert_never
 
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW, Axis
 
@@ -65,16 +40,16 @@ def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Sa
     fixed: set[NodeId] = set()
     for index, node in graph:
         match node.op:
-            case Constant():
+            case ops.Constant():
                 fixed.add(index)
-            case ReadParameter():
+            case ops.ReadParameter():
                 if parameters:
                     fixed.add(index)
-            case Window(name) | ReadState(name):
+            case ops.Window(name) | ops.ReadState(name):
                 if name in buffers:
                     count = node.type.axes[-1].size
-                    sampled[index] = Sampled(name, 0, count, isinstance(node.op, Window))
-            case ReadSignal() | ReadLog():
+                    sampled[index] = Sampled(name, 0, count, isinstance(node.op, ops.Window))
+            case ops.ReadSamples():
                 pass
             case _ if all(arg in fixed for arg in node.args):
                 fixed.add(index)
@@ -108,11 +83,11 @@ def at_samples(
             repeated = found.type.window is not None
             fixed = _copied(builder, graph, found.args[0] if repeated else index, copies)
             made[index] = builder.broadcast(fixed, axes) if repeated else fixed
-        elif isinstance(found.op, Window | ReadState):
+        elif isinstance(found.op, ops.Window | ops.ReadState):
             made[index] = samples
-        elif isinstance(found.op, Slice) and found.op.axis == WINDOW:
+        elif isinstance(found.op, ops.Slice) and found.op.axis == WINDOW:
             made[index] = made[found.args[0]]
-        elif isinstance(found.op, Broadcast):
+        elif isinstance(found.op, ops.Broadcast):
             made[index] = builder.broadcast(made[found.args[0]], axes)
         else:
             with builder.at(found.span):
@@ -128,7 +103,7 @@ def _ancestors(graph: Graph, wanted: list[NodeId], work: Samplewise) -> list[Nod
         index = wanted.pop()
         if index not in found:
             found.add(index)
-            if index not in work.fixed and not isinstance(graph[index].op, Window):
+            if index not in work.fixed and not isinstance(graph[index].op, ops.Window):
                 wanted += graph[index].args
     return sorted(found)
 
@@ -153,32 +128,16 @@ def _sampled(
     graph: Graph, node: Node, sampled: dict[NodeId, Sampled], fixed: set[NodeId]
 ) -> Sampled | None:
     match node.op:
-        case Slice(axis, start, stop) if axis == WINDOW:
+        case ops.Slice(axis, start, stop) if axis == WINDOW:
             source = sampled.get(node.args[0])
             if source is None:
                 return None
             return replace(source, first=source.first + start, count=stop - start)
-        case (
-            Add()
-            | Subtract()
-            | Multiply()
-            | Divide()
-            | Negate()
-            | Minimum()
-            | Maximum()
-            | Clamp()
-            | Compare()
-            | Select()
-            | Apply()
-            | Dropout()
-            | Broadcast()
-        ):
+        case ops.Elementwise() | ops.Broadcast():
             return _of_operands(graph, node, sampled, fixed)
-        case Sum(axis) | Contract(axis):
+        case ops.Sum(axis) | ops.Contract(axis):
             return None if axis == WINDOW else _of_operands(graph, node, sampled, fixed)
-        case Slice() | Reshape() | Concat():
-            return None
-        case Constant() | ReadParameter() | ReadSignal() | ReadLog() | ReadState() | Window():
+        case ops.Leaf() | ops.Window() | ops.Structure():
             return None
         case _:
             assert_never(node.op)
@@ -193,7 +152,7 @@ def _of_operands(
     spans = {replace(operand, calls=False) for operand in found}
     if len(spans) != 1 or not all(arg in fixed and _repeated(graph, arg) for arg in others):
         return None
-    calls = isinstance(node.op, Apply) or any(operand.calls for operand in found)
+    calls = isinstance(node.op, ops.Apply) or any(operand.calls for operand in found)
     return replace(found[0], calls=calls)
 
 
@@ -202,4 +161,4 @@ def _repeated(graph: Graph, index: NodeId) -> bool:
     node = graph[index]
     if node.type.window is None:
         return True
-    return isinstance(node.op, Broadcast) and graph[node.args[0]].type.window is None
+    return isinstance(node.op, ops.Broadcast) and graph[node.args[0]].type.window is None

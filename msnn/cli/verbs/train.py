@@ -74,6 +74,7 @@ def train(
         stages_table,
         training_record,
     )
+    from msnn.training.black_boxes import black_boxes
     from msnn.training.parameter_warnings import parameter_warnings
     from msnn.training.records.progress import Lines
     from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
@@ -116,7 +117,8 @@ def train(
         note(f"this goes on: {command}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None
     errors = found.standard_errors
-    report(parameter_warnings(model.program, found.weights, errors), model.sources)
+    said = parameter_warnings(model.program, found.weights, errors, black_boxes(model.spec))
+    report(said, model.sources)
     record = training_record(model.program, found.weights, progress, errors)
     if format is ResultFormat.JSON:
         json_result("train", {**record, "folder": str(found.folder)})

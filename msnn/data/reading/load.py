@@ -170,7 +170,7 @@ def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: F
             continue
         low, high = signal.range
         excess = 0.0
-        worst, count, file = 0.0, 0, ""
+        worst, count, place = 0.0, 0, ""
         for part in parts:
             values = part.series[signal.name]
             beyond = np.fmax(low - values, values - high)
@@ -178,8 +178,10 @@ def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: F
             most = float(np.nanmax(beyond, initial=0.0)) if beyond.size else 0.0
             if most > excess:
                 excess = most
-                worst = float(values.ravel()[np.nanargmax(beyond)])
-                file = part.file.shown
+                index = int(np.nanargmax(beyond))
+                worst = float(values.ravel()[index])
+                row = index * len(values) // values.size
+                place = Record(part.file.shown, 0, len(values), part.pieces).place(row)
         if count:
             unit = f" {signal.unit.text}" if signal.unit else ""
             findings.report(
@@ -190,7 +192,7 @@ def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: F
                     low=low,
                     high=high,
                     unit=unit,
-                    file=file,
+                    place=place,
                 )
             )
 

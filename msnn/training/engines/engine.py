@@ -78,6 +78,12 @@ class Engine(Protocol):
         """
         ...
 
+    left_out: int
+    """Batches of the last call without a step, as their slopes are infinite (decision 0184)."""
+
+    has_left_out: bool
+    """Whether anything has had no share in a step so far, as its slopes are infinite."""
+
     finished: str | None
     """Why further batches would change nothing; None as long as they may."""
 

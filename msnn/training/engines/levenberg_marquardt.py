@@ -4,11 +4,12 @@ A step δ of the raw variables solves (A + μD)δ = −g, where 2g is the slope 
 and 2A its curvature without second derivatives of residuals. D is the largest diagonal of A so far
 (Moré 1978), so that units do not matter; μ follows the gain of the last step (Nielsen 1999). A step
 is taken where it lowers the total and slopes are finite there: the next one is made of these.
+Residuals whose slopes are infinite have no share in A and g, but one in F.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +53,8 @@ class LevenbergMarquardtEngine:
     """Trains the parameters `plan.trained` of one stage; the others keep their values."""
 
     batches_a_call = 1
+    left_out = 0
+    has_left_out = False
 
     def __init__(
         self,
@@ -108,7 +111,9 @@ class LevenbergMarquardtEngine:
         products = self._products(in_order)
         if not self._is_finite(products):
             raise NonFiniteLossError(runs, self._without_slopes(products))
-        self._descend(in_order, self._model(products))
+        self._note_left_out(products)
+        if not self.left_out:
+            self._descend(in_order, self._model(products))
         return loss_sums_of(products)
 
     def order(self, count: int, key: int) -> IntArray:
@@ -149,6 +154,10 @@ class LevenbergMarquardtEngine:
             return self._ahead[1]
         return self._squares.products(runs, self.weights())
 
+    def _is_model(self, products: Mapping[str, Products]) -> bool:
+        """Whether a next step follows from these."""
+        return self._is_finite(products) and not _nothing_left(self._counting(products))
+
     def _is_finite(self, products: Mapping[str, Products]) -> bool:
         """Whether a step can be made of these; rows of losses that do not count may be anything."""
         return all(
@@ -157,6 +166,11 @@ class LevenbergMarquardtEngine:
             and np.isfinite(one.curvature).all()
             for one in self._counting(products)
         )
+
+    def _note_left_out(self, products: Mapping[str, Products]) -> None:
+        counting = self._counting(products)
+        self.has_left_out = self.has_left_out or any(one.left_out for one in counting)
+        self.left_out = int(bool(counting) and _nothing_left(counting))
 
     def _without_slopes(self, products: Mapping[str, Products]) -> tuple[str, ...]:
         """The parameters in which a loss has no finite slope though its value is one."""
@@ -205,7 +219,7 @@ class LevenbergMarquardtEngine:
                 if total < model.total
                 else None
             )
-            if ahead is not None and self._is_finite(ahead):
+            if ahead is not None and self._is_model(ahead):
                 gain = (model.total - total) / fall
                 self._raw, self._ahead = trial, (runs, ahead)
                 self._damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
@@ -253,6 +267,11 @@ class LevenbergMarquardtEngine:
             (parameter, part.reshape(shape))
             for parameter, part, shape in zip(self._parameters, parts, shapes, strict=True)
         ]
+
+
+def _nothing_left(products: Sequence[Products]) -> bool:
+    """Whether the slopes of everything that is scored are infinite."""
+    return all(one.left_out == one.count for one in products)
 
 
 def _same(one: Runs, other: Runs) -> bool:

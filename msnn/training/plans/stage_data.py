@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import assert_never
 
 import numpy as np
 
-from compiler.ir.liveness import needed_over_time
-from compiler.ir.program import Declared, History, Memory, Program, State, Tape
+from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, Dataset
-from msnn.data.reads import reads
 from msnn.data.scored import scored_rows
 from msnn.data.starts import Runs, reach
-from msnn.errors import training
 from msnn.simulation.rollout_plan import set_rollouts
+from msnn.training.plans.fixed_starts import fixed_starts
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Findings
 
@@ -61,7 +58,8 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
             lessons.append(Lesson(phase.until, runs))
     if train is None or watched is None:
         return None
-    _warn_of_fixed_starts(plan, data, train, findings)
+    if _starts_inside(rollout.program, data, train):
+        findings.report(*fixed_starts(plan))
     whole = rollout.horizon == "record"
     return StageData(
         train,
@@ -73,36 +71,8 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
     )
 
 
-def _warn_of_fixed_starts(plan: StagePlan, data: Dataset, runs: Runs, findings: Findings) -> None:
-    """Rule R7: an `init` that reads no log is the value at the first row of a record.
-
-    What says only of the run that it begins is right everywhere, and so is what only losses need:
-    an integral in a loss is that of the rollout.
-    """
-    program = plan.rollout.program
+def _starts_inside(program: Program, data: Dataset, runs: Runs) -> bool:
+    """Whether a rollout starts at another row than the first of its record that can be one."""
     far = reach(program)
     first = np.array([record.start + far.back for record in data.records])
-    if np.isin(runs.t0, first).all():
-        return
-    following = {state.name: state.next for state in program.states}
-    outputs = [output.node for output in program.outputs]
-    _, deployed = needed_over_time(program.step, following, outputs)
-    for state in program.states:
-        match state.origin:
-            case Declared():
-                fixed = True
-            case Memory(of_run):
-                fixed = not of_run and state.name in deployed
-            case History() | Tape():
-                fixed = False
-            case _:
-                assert_never(state.origin)
-        if fixed and not _reads_log(program, state):
-            of_call = isinstance(state.origin, Memory)
-            findings.report(
-                training.starts_elsewhere(plan.name, state.name, state.span, of_call=of_call)
-            )
-
-
-def _reads_log(program: Program, state: State) -> bool:
-    return bool(reads(program.start, [state.start]))
+    return not np.isin(runs.t0, first).all()

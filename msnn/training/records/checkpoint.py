@@ -21,7 +21,7 @@ from msnn.training.plans.learning_rate import Reductions
 from msnn.training.plans.stage_result import StageResult
 from spec_schema.diagnostics.diagnostic import SpecError
 
-_FORMAT = 2
+_FORMAT = 3
 _RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 
@@ -35,6 +35,8 @@ class Place:
     """Batches of the next epoch that are done."""
     sums: LossSums
     """Losses of these batches."""
+    left_out: int
+    """Of these batches the ones without a step, as their slopes are infinite."""
     best_value: float
     best_epoch: int
     best: Mapping[str, FloatArray]
@@ -85,6 +87,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
             "epoch": place.epoch,
             "batch": place.batch,
             "sums": {name: [s.total, s.count] for name, s in place.sums.items()},
+            "left_out": place.left_out,
             "best_value": place.best_value,
             "best_epoch": place.best_epoch,
             "engine": place.engine.structure,
@@ -125,6 +128,7 @@ def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Place
         epoch=int(record["epoch"]),
         batch=int(record["batch"]),
         sums={name: LossSum(float(t), int(n)) for name, (t, n) in record["sums"].items()},
+        left_out=int(record["left_out"]),
         best_value=float(record["best_value"]),
         best_epoch=int(record["best_epoch"]),
         best=_below("best", arrays),

@@ -31,6 +31,8 @@ class TrainingOptions:
     """The values that `--set` has replaced in it."""
     parts: tuple[Part, ...] = ()
     """Its sub-models, to be kept with it."""
+    black_boxes: frozenset[str] = frozenset()
+    """Its layers whose numbers mean nothing one by one."""
     device: Device = CPU
     """Where torch computes."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None

@@ -18,8 +18,8 @@ def differences(model: ExportedC, answer: str) -> list[str]:
     found: list[str] = []
     if int(summary[2], 16) != 0:
         found.append(f"the self-test returned 0x{summary[2]}")
-    if int(summary[1], 16) != 0:
-        found.append(f"{int(summary[1], 16)} golden steps differ by more than the export promises")
+    if (count := int(summary[1], 16)) != 0:
+        found.append(f"{count} golden steps or starts differ by more than the export promises")
     if model.exact:
         answered = lines[: len(model.expected)]
         for step, (got, wanted) in enumerate(zip(answered, model.expected, strict=False)):

@@ -69,6 +69,10 @@ class Column(Entry):
     shorthand: ClassVar[str | None] = "column"
 
     column: Annotated[tuple[ColumnField, ...], Gathering(_expanded, schema=one_or_many)]
+    """Name or index of the column, a list of them, or a pattern `tau{1..6}`."""
     unit: UnitField | None = None
+    """Unit of the column, converted to that of the signal."""
     scale: Annotated[float, number()] = 1.0
+    """Factor of the cells."""
     offset: Annotated[float, number()] = 0.0
+    """Added after the factor."""

@@ -32,10 +32,15 @@ class Csv(Entry):
     noun: ClassVar[str] = "csv"
 
     delimiter: Character | None = None
+    """Character between cells; a comma, or a tab in .tsv files."""
     decimal: Character = "."
+    """Decimal point or comma."""
     comment: Character | None = None
+    """Lines that start with it are passed over."""
     header: Switch = True
+    """Whether the first line names the columns."""
     skip: NonNegativeCount = 0
+    """Lines before the header."""
 
 
 class TimeColumn(Entry):
@@ -45,7 +50,9 @@ class TimeColumn(Entry):
     shorthand: ClassVar[str | None] = "column"
 
     column: ColumnField
+    """Name or index of the column."""
     unit: UnitField | None = None
+    """Unit of time; s by default."""
 
     @property
     def seconds(self) -> float:
@@ -71,11 +78,17 @@ class Layout(Entry):
     """
 
     first: LengthField | None = Field(default=None, alias="from")
+    """First row (from 0) or time that is used."""
     last: LengthField | None = Field(default=None, alias="to")
+    """Last row or time that is used."""
     every: PositiveCount | None = None
+    """Use one row in so many."""
     columns: BySignal[Column] = Field(default_factory=dict[str, Column])
+    """Signal on the left, column on the right; by default they have one name."""
     time: TimeColumn | None = None
+    """Column of the times."""
     csv: Csv | None = None
+    """How the text files are laid out."""
     resample: (
         Annotated[
             Literal["error", "none", "linear", "nearest"],
@@ -83,8 +96,11 @@ class Layout(Entry):
         ]
         | None
     ) = None
+    """What becomes of rows that are not one sample time apart."""
     join: Switch | None = None
+    """Whether files that follow each other in time are one record."""
     filter: ConditionField | None = None
+    """Rows that are kept: those for which a comparison of signals holds."""
 
 
 class Source(Layout):
@@ -94,6 +110,7 @@ class Source(Layout):
     shorthand: ClassVar[str | None] = "files"
 
     files: ManyOf[LocatedText]
+    """Globs or names, relative to the spec."""
 
 
 class Data(Layout):
@@ -102,5 +119,8 @@ class Data(Layout):
     noun: ClassVar[str] = "data"
 
     source: Named[Source]
+    """Files of each set: globs, relative to the spec."""
     split: Split | None = None
+    """How records are divided into train, val and test."""
     nan: Annotated[Literal["error", "drop", "split"], choice("error", "drop", "split")] = "error"
+    """What becomes of records with missing inputs."""

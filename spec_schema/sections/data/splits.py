@@ -90,12 +90,19 @@ class Split(Entry):
         Literal["file", "block", "fraction", "time", "kfold"],
         choice("file", "block", "fraction", "time", "kfold"),
     ] = "file"
+    """What is divided: files, blocks of rows, each record in time, or folds."""
     train: Share | None = None
+    """Fraction, or numbers of blocks; by default what the others leave."""
     val: Share | None = None
+    """Fraction, or numbers of blocks: they decide which weights are best."""
     test: Share | None = None
+    """Fraction, or numbers of blocks: they are only measured on."""
     blocks: PositiveCount | None = None
+    """How many blocks a record is cut into."""
     k: PositiveCount | None = None
+    """How many folds are made."""
     fold: PositiveCount = 1
+    """Number of the fold that is val, from 1."""
 
     @property
     def shares(self) -> tuple[Fraction | Blocks | TimeRange, ...]:

@@ -28,9 +28,13 @@ class Adam(Entry):
     noun: ClassVar[str] = "the adam optimizer"
 
     lr: PositiveNumber = 1e-3
+    """Step length of the optimiser."""
     beta1: _BelowOne = 0.9
+    """Decay of the mean."""
     beta2: _BelowOne = 0.999
+    """Decay of the square."""
     eps: PositiveNumber = 1e-8
+    """Least divisor."""
 
 
 class AdamW(Entry):
@@ -39,9 +43,13 @@ class AdamW(Entry):
     noun: ClassVar[str] = "the adamw optimizer"
 
     lr: PositiveNumber = 1e-3
+    """Step length of the optimiser."""
     beta1: _BelowOne = 0.9
+    """Decay of the mean."""
     beta2: _BelowOne = 0.999
+    """Decay of the square."""
     eps: PositiveNumber = 1e-8
+    """Least divisor."""
 
 
 class Sgd(Entry):
@@ -50,7 +58,9 @@ class Sgd(Entry):
     noun: ClassVar[str] = "the sgd optimizer"
 
     lr: PositiveNumber = 1e-2
+    """Step length of the optimiser."""
     momentum: _BelowOne = 0.0
+    """How much of the last step is kept."""
 
 
 class Lbfgs(Entry):
@@ -59,8 +69,11 @@ class Lbfgs(Entry):
     noun: ClassVar[str] = "the lbfgs optimizer"
 
     lr: PositiveNumber = 1.0
+    """Step length of the optimiser."""
     history: PositiveCount = 10
+    """Steps from which the curvature is estimated."""
     iterations: PositiveCount = 20
+    """Steps an epoch."""
 
 
 OptionValue: TypeAlias = bool | int | float | str | tuple[bool | int | float | str | None, ...]
@@ -94,7 +107,9 @@ class TorchOptimizer(Entry):
     shorthand: ClassVar[str | None] = "name"
 
     name: LocatedText
+    """Class of torch.optim, such as `RAdam`."""
     options: Keyed[_Option] = Field(default_factory=dict[str, Located[OptionValue]])
+    """Arguments of the class."""
 
 
 class LevenbergMarquardt(Entry):
@@ -108,7 +123,9 @@ class LevenbergMarquardt(Entry):
     noun: ClassVar[str] = "the levenberg_marquardt optimizer"
 
     damping: PositiveNumber = 1e-3
+    """Of the first step, relative to the curvature in each parameter."""
     tolerance: PositiveNumber = 1e-9
+    """Relative change of the total at which the stage ends."""
 
 
 OptimizerChoice: TypeAlias = Adam | AdamW | Sgd | Lbfgs | TorchOptimizer | LevenbergMarquardt

@@ -15,6 +15,7 @@ class Cosine(Entry):
     noun: ClassVar[str] = "the cosine schedule"
 
     to: _Share = 0.0
+    """Share of the rate that is left at the end."""
 
 
 class Exponential(Entry):
@@ -23,6 +24,7 @@ class Exponential(Entry):
     noun: ClassVar[str] = "the exponential schedule"
 
     factor: _Factor = 0.99
+    """What the rate is multiplied by."""
 
 
 class Step(Entry):
@@ -31,7 +33,9 @@ class Step(Entry):
     noun: ClassVar[str] = "the step schedule"
 
     every: PositiveCount
+    """Epochs between two reductions."""
     factor: _Factor = 0.1
+    """What the rate is multiplied by."""
 
 
 class Plateau(Entry):
@@ -42,8 +46,11 @@ class Plateau(Entry):
     noun: ClassVar[str] = "the plateau schedule"
 
     patience: PositiveCount = 10
+    """Epochs without a better monitor."""
     factor: _Factor = 0.1
+    """What the rate is multiplied by."""
     least: _Share = 0.0
+    """Share of the rate below which it never goes."""
 
 
 class Schedule(Variant):
@@ -52,9 +59,13 @@ class Schedule(Variant):
     noun: ClassVar[str] = "schedule"
 
     cosine: Cosine | None = None
+    """Half a cosine."""
     exponential: Exponential | None = None
+    """The same factor after each epoch."""
     step: Step | None = None
+    """A factor after each so many epochs."""
     plateau: Plateau | None = None
+    """A factor when the monitor gets no better."""
 
     @property
     def choice(self) -> Cosine | Exponential | Step | Plateau:

@@ -62,10 +62,15 @@ class Rollout(Entry):
     shorthand: ClassVar[str | None] = "horizon"
 
     horizon: Annotated[Length | Whole, reads(_read_horizon, _HORIZON)]
+    """Steps or duration of a run, `episode` or `record`."""
     stride: PositiveLength | None = None
+    """Distance of the starts."""
     skip: LengthField | None = None
+    """First part that is not scored."""
     close: References | None = None
+    """Inputs that are fed back; all that can be by default."""
     curriculum: CurriculumField | None = None
+    """Shorter horizons, each up to the end of an epoch."""
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
@@ -83,7 +88,9 @@ class EarlyStop(Entry):
     noun: ClassVar[str] = "early_stop"
 
     monitor: Reference | None = None
+    """Loss that is watched; the total by default."""
     patience: PositiveCount = 10
+    """Epochs without a better value."""
 
 
 EngineName: TypeAlias = Annotated[
@@ -97,23 +104,41 @@ class Stage(Entry):
     noun: ClassVar[str] = "a training stage"
 
     name: NewName | None = None
+    """Name of the stage in reports."""
     epochs: PositiveCount = 100
+    """Most passes over the data."""
     batch: PositiveCount = 128
+    """Rollouts a step."""
     optimizer: Optimizer
+    """The optimiser; `adam` by default."""
     losses: Keyed[Weight] = Field(default_factory=dict[str, Located[float]])
+    """Weights of losses in this stage."""
     freeze: ManyOf[LocatedText] = ()
+    """Parameters that keep their values; `*` stands for any text."""
     lr: Keyed[Weight] = Field(default_factory=dict[str, Located[float]])
+    """Factors of the step length of single parameters."""
     schedule: Schedule | None = None
+    """How the learning rate goes down."""
     clip: PositiveNumber | None = None
+    """Longest gradient."""
     rollout: Rollout | None = None
+    """How far predictions are fed back; one step by default."""
     early_stop: EarlyStop | None = None
+    """When to end before all epochs."""
     seed: NonNegativeCount = 0
+    """Seed of the shuffling."""
     dtype: Dtype = "float32"
+    """Precision of the arithmetic."""
     engine: EngineName = "auto"
+    """What computes: native kernels or torch."""
     threads: PositiveCount = 1
+    """Threads of the native engine; any number gives the same bits."""
     reproducible: Switch = False
+    """Insists on kernels with the same bits on every processor."""
     starts: PositiveCount = 1
+    """Runs from different initial values, of which the best goes on."""
     weight_decay: NonNegativeNumber = 0.0
+    """Pull of the weights towards 0."""
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:

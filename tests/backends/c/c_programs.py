@@ -48,7 +48,7 @@ def golden(program: Program, options: COptions, steps: int, seed: int) -> Golden
 
 def replay(step: CStep, vectors: GoldenVectors) -> tuple[dict[str, NDArray[Any]], NDArray[Any]]:
     """What the C answers to golden vectors."""
-    step.reset({**vectors.windows, **vectors.supplied})
+    step.reset({**vectors.start.windows, **vectors.start.supplied})
     return step.run(vectors.inputs, len(vectors.status))
 
 

@@ -17,8 +17,11 @@ from compiler.ir.program import Program
 from compiler.passes.analyses.compact_sets import active_sums, compact_sets, supports
 from compiler.passes.settle_zeros import settle_zeros
 from compiler.passes.to_step_form import to_step_form
+from msnn.model.load import load_model
 from tests.backends.c.c_programs import assert_same_bits, built
 from tests.language.compiled import compiled
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 HEAD = """
 inputs:
@@ -176,3 +179,20 @@ def test_even_points_are_found_by_one_product(count: int) -> None:
 
 def test_uneven_points_are_searched() -> None:
     assert even_points([0.0, 1.0, 3.0], "float32") is None
+
+
+@pytest.mark.parametrize(
+    ("spec", "sets"),
+    [
+        ("gallery/battery.msnn.yaml", 1),
+        ("gallery/engine_map.msnn.yaml", 2),
+        ("gallery/lane_keeper.msnn.yaml", 2),
+        ("gallery/reference.msnn.yaml", 1),
+        ("gallery/arm_friction.msnn.yaml", 0),  # gaussian sets are nowhere 0
+        ("steering/vehicle.msnn.yaml", 2),
+    ],
+)
+def test_compact_sets_of_the_examples_are_found_after_all_passes(spec: str, sets: int) -> None:
+    """A pass that rewrites a formula of `fuzzy_sets` would hide them from `compact_sets`."""
+    program = to_step_form(load_model(EXAMPLES / spec).program)
+    assert len(compact_sets(program.step)) == sets

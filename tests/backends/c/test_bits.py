@@ -105,7 +105,7 @@ def test_two_instances_do_not_touch_each_other(tmp_path: Path) -> None:
     vectors = [golden(program, options, 100, seed) for seed in (7, 8)]
     alone = [replay(step, v)[0] for step, v in zip((first, second), vectors, strict=True)]
     for step, v in zip((first, second), vectors, strict=True):
-        step.reset(v.windows)
+        step.reset(v.start.windows)
     together: list[list[float]] = [[], []]
     for k in range(100):
         for number, step in enumerate((first, second)):

@@ -116,7 +116,7 @@ def test_the_code_can_be_called_from_python_alone(tmp_path: Path) -> None:
     vectors = golden(program, COptions(), 20, seed=3)
     built(program, tmp_path, COptions())
     calls = {
-        "reset": {name: value.tolist() for name, value in vectors.windows.items()},
+        "reset": {name: value.tolist() for name, value in vectors.start.windows.items()},
         "steps": [{"road": row.tolist()} for row in vectors.inputs["road"][:-1]],
     }
     script = """
@@ -147,7 +147,7 @@ def test_many_steps_run_from_python_in_one_call(tmp_path: Path) -> None:
     program = closed_sample("preview_driver")
     vectors = golden(program, COptions(), 20, seed=3)
     write_c(program, {}, tmp_path)
-    windows = json.dumps({name: value.tolist() for name, value in vectors.windows.items()})
+    windows = json.dumps({name: value.tolist() for name, value in vectors.start.windows.items()})
     np.save(tmp_path / "road.npy", vectors.inputs["road"])
     script = """
 import json, sys

@@ -52,7 +52,7 @@ def test_slopes_are_the_interpreters(name: str, option: str, tmp_path: Path) -> 
     step = built(program, tmp_path, options, [compiler])
     assert step.selftest() == 0
     vectors = golden(program, options, STEPS, seed=3)
-    step.reset({**vectors.windows, **vectors.supplied})
+    step.reset({**vectors.start.windows, **vectors.start.supplied})
     numbers = sum(int(np.prod([a.size for a in state.axes])) for state in program.states)
     for k in range(STEPS):
         inputs = {name: values[k] for name, values in vectors.inputs.items()}
@@ -101,7 +101,7 @@ def test_the_jacobian_of_declared_states_is_a_part_of_the_whole(tmp_path: Path) 
     step = built(program, tmp_path, options)
     assert step.selftest() == 0
     vectors = golden(program, options, STEPS, seed=3)
-    step.reset({**vectors.windows, **vectors.supplied})
+    step.reset({**vectors.start.windows, **vectors.start.supplied})
     full = golden(program, COptions(extras=("jacobian",)), STEPS, seed=3)
     for k in range(STEPS):
         inputs = {name: values[k] for name, values in vectors.inputs.items()}

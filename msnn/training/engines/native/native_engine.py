@@ -39,6 +39,8 @@ class NativeEngine:
 
     batches_a_call = BATCHES_A_CALL
     finished: str | None = None
+    left_out = 0
+    has_left_out = False
 
     def __init__(
         self,
@@ -97,9 +99,13 @@ class NativeEngine:
         earlier = [(before or {}).get(n, LossSum(0.0, 0)) for n in self._kernel.source.losses]
         sums = np.array([each.total for each in earlier], float)
         counts = np.array([each.count for each in earlier], float)
+        optimizer = self._variables.optimizer
+        optimizer.left_out = 0
         done, sums, counts = self._kernel.train(
             self._train, groups, bounds, self._variables, self._loss_weights, (sums, counts)
         )
+        self.left_out = int(optimizer.left_out)
+        self.has_left_out = self.has_left_out or self.left_out > 0
         if done < len(bounds) - 1:
             order = np.arange(len(runs)) if members is None else members
             raise NonFiniteLossError(runs.take(order[done * size : (done + 1) * size]))

@@ -12,6 +12,7 @@ from torch import Tensor
 from backends.native.kernel import Kernel
 from backends.native.kernel_data import Data
 from backends.torch_module.module import TorchModel
+from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Measure
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
@@ -35,6 +36,9 @@ class Scored:
 
 class Objective(Protocol):
     """The losses of one stage as a function of a model's raw variables."""
+
+    has_infinite_slopes: bool
+    """Whether slopes of the total can be infinite where it is finite."""
 
     def check(self, runs: Runs) -> None:
         """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
@@ -65,6 +69,7 @@ class TorchObjective:
         evaluation_rows: RowsByLoss | None,
     ) -> None:
         self._model, self._plan = model, plan
+        self.has_infinite_slopes = training_step(plan.program).has_infinite_slopes
         series = with_all_kept(series, plan.masks)
         own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
         self._train = scoring(model, own, plan.rollout.skip, train_rows)
@@ -109,6 +114,7 @@ class KernelObjective:
         series = with_all_kept(series, plan.masks)
         self._model, self._plan, self._series = model, plan, series
         self._kernel = Kernel(plan.program, plan.dtype, plan.threads)
+        self.has_infinite_slopes = self._kernel.source.has_infinite_slopes
         own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
         self._train = self._kernel.data(own, plan.rollout.skip, train_rows)
         self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)

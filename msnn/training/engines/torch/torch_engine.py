@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from backends.torch_module.module import build_module
+from compiler.ir.scalars.slope_products import LARGEST_SLOPE
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.dropout_masks import factors_of
@@ -32,11 +33,17 @@ _DTYPES = {"float32": torch.float32, "float64": torch.float64}
 _WALL = 1e6
 
 
+class _NoStep(Exception):  # noqa: N818  (an event, no error)
+    """The slopes of a batch are infinite."""
+
+
 class TorchEngine:
     """Trains the parameters `plan.trained` of one stage; the others keep their values."""
 
     batches_a_call = 1
     finished: str | None = None
+    left_out = 0
+    has_left_out = False
 
     def __init__(
         self,
@@ -95,6 +102,7 @@ class TorchEngine:
         """One optimiser step on each batch; the losses before it. Raises NonFiniteLossError."""
         runs = runs if members is None else runs.take(members)
         sums = dict(before or {})
+        self.left_out = 0
         for batch in batches_of(runs, size):
             for name, value in self._train_batch(batch).items():
                 sums[name] = sums[name] + value if name in sums else value
@@ -110,7 +118,8 @@ class TorchEngine:
             found = self._objective.scored(runs)
             total = found.total
             finite = math.isfinite(total.item())
-            if not before:
+            is_first = not before
+            if is_first:
                 if not finite:
                     raise NonFiniteLossError(runs)
                 before, height = found.losses, _WALL * (1.0 + abs(total.item()))
@@ -118,14 +127,31 @@ class TorchEngine:
                 return total.new_tensor(height)
             if total.requires_grad:
                 total.backward()
+            if self._is_steep():
+                if is_first:
+                    raise _NoStep
+                self._optimizer.zero_grad()
+                return total.new_tensor(height)
             if self._plan.clip is not None:
                 torch.nn.utils.clip_grad_norm_(self._variables.values(), self._plan.clip)
             return total
 
         with _one_thread():
-            # its annotation says float, its code takes the tensor
-            self._optimizer.step(closure)  # pyright: ignore[reportArgumentType, reportCallIssue]
+            try:
+                # its annotation says float, its code takes the tensor
+                self._optimizer.step(closure)  # pyright: ignore[reportArgumentType, reportCallIssue]
+            except _NoStep:  # an optimiser asks for slopes before it changes anything
+                self.left_out += 1
+                self.has_left_out = True
         return before
+
+    def _is_steep(self) -> bool:
+        """Whether a slope is infinite, of those that can be."""
+        if not self._objective.has_infinite_slopes:
+            return False
+        slopes = [raw.grad for raw in self._variables.values() if raw.grad is not None]
+        squares = sum(float(slope.double().square().sum()) for slope in slopes)
+        return not squares <= LARGEST_SLOPE * LARGEST_SLOPE  # true of NaN
 
     def order(self, count: int, key: int) -> IntArray:
         """As `epoch_order.shuffled`."""

@@ -12,8 +12,10 @@ from torch import Tensor
 
 from backends.gauss_newton_products import Products
 from backends.torch_module.module import build_module
+from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.ir.program import Loss, Measure
+from compiler.ir.scalars.slope_products import LARGEST_SLOPE
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import LossSums, batches_of
@@ -45,6 +47,11 @@ class TorchSquares:
         program = with_compared_squares(plan.rollout.program)
         self._losses = {loss.name: loss for loss in program.losses}
         self._trained = plan.trained
+        self._steep = {
+            one.loss.name: one.left_out is not None
+            for one in sensitivities(program, plan.trained).residuals
+        }
+        """Whether a residual of the loss can have an infinite slope."""
         self._model = build_module(program, torch.float64, plan.device).requires_grad_(False)
         skip = plan.rollout.skip
         self._train = scoring(self._model, series, skip, train_rows)
@@ -84,7 +91,7 @@ class TorchSquares:
             warnings.simplefilter("ignore", FutureWarning)
             slopes, residuals = forward(learned)
         return {
-            name: _products(loss, residuals[name], slopes[name])
+            name: _products(loss, residuals[name], slopes[name], steep=self._steep.get(name, False))
             for name, loss in self._losses.items()
         }
 
@@ -110,16 +117,25 @@ class TorchSquares:
         return evaluated(self._model, data, runs, self._model.frame_of(values))
 
 
-def _products(loss: Loss, error: Tensor, slopes: Tensor) -> Products:
-    """Products of one batch; huber by the weight that gives the square its slope."""
+def _products(loss: Loss, error: Tensor, slopes: Tensor, *, steep: bool) -> Products:
+    """Products of one batch, without slopes that are infinite where one can be so.
+
+    Huber by the weight that gives the square its slope.
+    """
     total = cost(loss.measure, error, None).sum().item()
     if loss.measure is Measure.HUBER:
         factor = torch.sqrt(0.5 / error.abs().clamp(min=1.0))
         error, slopes = factor * error, factor[:, None] * slopes
+    left_out = 0
+    if steep:
+        finite = slopes.abs().sum(1) <= LARGEST_SLOPE  # false for NaN
+        left_out = int((~finite).sum())
+        error, slopes = torch.where(finite, error, 0.0), torch.where(finite[:, None], slopes, 0.0)
     return Products(
         (slopes.T @ slopes).cpu().numpy(),
         (slopes.T @ error).cpu().numpy(),
         float(error @ error),
         total,
         len(error),
+        left_out,
     )

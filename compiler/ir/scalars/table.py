@@ -10,15 +10,15 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.ir.arithmetic import Arithmetic, V
-from compiler.ir.scalar_formulas import (
+from compiler.ir.scalars.arithmetic import Arithmetic, V
+from compiler.ir.scalars.formulas import (
     hyperbolic_cosine,
     hyperbolic_sine,
     logistic,
     soft_plus,
     tangent,
 )
-from compiler.ir.slopes import (
+from compiler.ir.scalars.slopes import (
     slope_of_angle_in_x,
     slope_of_angle_in_y,
     slope_of_arc_cosine,

@@ -5,7 +5,11 @@ See decisions/0184.
 
 from __future__ import annotations
 
-from compiler.ir.arithmetic import Arithmetic, V
+from compiler.ir.scalars.arithmetic import Arithmetic, V
+
+LARGEST_SLOPE = 1e20
+"""Training takes what is larger, or NaN, for infinite where a slope can be so. It lies below what
+stands for an infinite slope in libraries that differentiate by themselves."""
 
 
 def slope_product(b: Arithmetic[V], first: V, second: V) -> V:

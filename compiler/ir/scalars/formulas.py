@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from compiler.ir.arithmetic import Arithmetic, V
+from compiler.ir.scalars.arithmetic import Arithmetic, V
 
 
 def tangent(b: Arithmetic[V], a: tuple[V, ...]) -> V:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from compiler.ir.arithmetic import Arithmetic, V
-from compiler.ir.scalar_formulas import (
+from compiler.ir.scalars.arithmetic import Arithmetic, V
+from compiler.ir.scalars.formulas import (
     inverse,
     one_minus_square,
     one_plus_square,
     sum_of_squares,
 )
-from compiler.ir.slope_products import slope_product
+from compiler.ir.scalars.slope_products import slope_product
 
 
 def slope_of_sine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from spec_schema.expressions.language import (
     BUILTINS,
     LOSS_FUNCTIONS,

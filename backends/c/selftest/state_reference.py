@@ -1,0 +1,88 @@
+"""What the checks of states and equations mean, in numpy: the judge of those in generated C."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Interface
+from backends.c.interface.state_checks import StateCheck
+from backends.c.interface.status import Status
+from backends.c_language.literals import Dtype
+from compiler.ir.program import Output, Program
+from compiler.ir.saturation import unsaturated
+
+Array = NDArray[Any]
+
+_CHECKED = "checked {}"
+"""Names of the values whose ranges are checked, among outputs; no name of a spec has a space."""
+
+
+def with_checked(program: Program) -> Program:
+    """The program without losses whose outputs have what the step checks among them."""
+    checked = [
+        Output(_CHECKED.format(number), entry.node) for number, entry in enumerate(program.expected)
+    ]
+    checked += [Output(_CHECKED.format(name), node) for name, node in unsaturated(program).items()]
+    return replace(program, losses=(), outputs=(*program.outputs, *checked))
+
+
+def equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -> Status:
+    """What a step says of equations; `values` are the outputs of `with_checked`."""
+    outside = [
+        _is_outside(values[_CHECKED.format(number)], entry.range, dtype)
+        for number, entry in enumerate(program.expected)
+    ]
+    return Status.EQUATION_OUT_OF_RANGE if any(outside) else Status(0)
+
+
+def saturation_bits(program: Program, values: Mapping[str, Array]) -> Status:
+    """Whether a saturated state keeps its value because the next one is NaN."""
+    unordered = [np.isnan(values[_CHECKED.format(name)]).any() for name in unsaturated(program)]
+    return Status.STATE_OUT_OF_RANGE if any(unordered) else Status(0)
+
+
+def first_state_bits(interface: Interface, states: Mapping[str, Array]) -> Status:
+    """What `reset` says of the states that it set, with all their samples."""
+    bits = Status(0)
+    for check in interface.checks:
+        if _is_left(interface, check, states[check.memory.state.name]):
+            bits |= check.bit
+    return bits
+
+
+def next_state_bits(interface: Interface, states: Mapping[str, Array]) -> Status:
+    """What a step says of the states that it leaves, of buffers of their newest sample."""
+    bits = Status(0)
+    for check in interface.checks:
+        state = check.memory.state
+        values = check.part(states[state.name])
+        if state.on_range != "saturate" and _is_left(interface, check, values):
+            bits |= check.bit
+    return bits
+
+
+def restarted(
+    interface: Interface, states: Mapping[str, Array], first: Mapping[str, Array]
+) -> dict[str, Array]:
+    """States with `on_range: reset` that are outside, as they were before the first step."""
+    found: dict[str, Array] = {}
+    for check in interface.checks:
+        name = check.memory.state.name
+        if name in first and _is_left(interface, check, states[name]):
+            found[name] = first[name]
+    return found
+
+
+def _is_left(interface: Interface, check: StateCheck, values: Array) -> bool:
+    return _is_outside(values, check.limits, interface.options.dtype)
+
+
+def _is_outside(values: Array, limits: tuple[float, float], dtype: Dtype) -> bool:
+    """Whether an element is outside, NaN too; limits are rounded to the type of the values."""
+    low, high = (np.dtype(dtype).type(limit) for limit in limits)
+    return not bool(np.all((values >= low) & (values <= high)))

@@ -1,0 +1,1 @@
+"""Scalar functions: the table of them, their formulas, slopes and signatures."""

@@ -1,0 +1,68 @@
+"""Reports a value with axes that its place does not have, at the operand that brings them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from compiler.ir.program import NodeId
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.types import Axis, describe_axes
+from compiler.lowering.context import Context
+from compiler.lowering.environment import Environment
+from compiler.lowering.expressions import lower
+from spec_schema.errors import shapes
+from spec_schema.expressions.tree import Binary, Call, Compare, Expression, Name, Negate, Operator
+
+_ELEMENTWISE = frozenset(
+    {*SCALAR_FUNCTIONS, "min", "max", "clip", "where", "relu", "elu", "sech", "smooth_sign"}
+)
+
+
+def report_surplus(
+    context: Context,
+    what: str,
+    node: NodeId,
+    wanted: Sequence[Axis],
+    expression: Expression,
+    environment: Environment,
+) -> None:
+    """Says that the expression, whose value the node is, has axes beside those that are wanted.
+
+    Of a sum such as `bias + sum(q) + q` that is the last term: operands are looked through as long
+    as one of them alone brings such an axis.
+    """
+    builder = context.builder(environment)
+    found = describe_axes(builder.type(node).axes)
+    place, operand = expression, found
+    while True:
+        bringing = [
+            (one, axes)
+            for one in _operands(context, place)
+            if not set(axes := _axes(context, one, environment)) <= set(wanted)
+        ]
+        if len(bringing) != 1:
+            break
+        place, operand = bringing[0][0], describe_axes(bringing[0][1])
+    context.findings.report(
+        shapes.wrong_axes(what, describe_axes(tuple(wanted)), found, place.span, operand=operand)
+    )
+
+
+def _operands(context: Context, expression: Expression) -> tuple[Expression, ...]:
+    """What an elementwise operation takes; nothing of others."""
+    match expression:
+        case Negate(operand=operand):
+            return (operand,)
+        case Binary(operator=operator, left=left, right=right):
+            return () if operator is Operator.CONTRACT else (left, right)
+        case Compare(left=left, right=right):
+            return left, right
+        case Call(function=Name(name=name), arguments=arguments):
+            return arguments if name in _ELEMENTWISE and name not in context.scope else ()
+        case _:
+            return ()
+
+
+def _axes(context: Context, operand: Expression, environment: Environment) -> tuple[Axis, ...]:
+    node = context.names.tried(lambda: lower(context, operand, environment))
+    return () if node is None else context.builder(environment).type(node).axes

@@ -1,0 +1,19 @@
+"""Finds the layers of a spec whose numbers nobody reads one by one."""
+
+from __future__ import annotations
+
+from compiler.elaboration.layer_calls import rule_of
+from spec_schema.sections.layers.layer import Layer, LocalModel
+from spec_schema.sections.spec import Spec
+
+
+def black_boxes(spec: Spec) -> frozenset[str]:
+    """Full names of the layers that are a black box, or local models of such cells."""
+    return frozenset(name for name, layer in spec.layers.items() if _is_one(layer))
+
+
+def _is_one(layer: Layer) -> bool:
+    settings = layer.chosen()
+    return rule_of(
+        settings.cell.chosen() if isinstance(settings, LocalModel) else settings
+    ).is_black_box
