@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from backends.c_language.helper_functions import HELPERS
-from backends.c_language.literals import Dtype
+from backends.c_language.literals import Dtype, suffix
 from backends.c_language.tree import Call, Conditional, Expression, Function
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Kind
@@ -39,7 +39,7 @@ class FunctionNames:
 
     def library(self, function: str) -> str:
         """The name in the C library, of the program's type."""
-        return _EXACT.get(function, function) + ("f" if self.dtype == "float32" else "")
+        return _EXACT.get(function, function) + suffix(self.dtype)
 
 
 class FunctionTable:

@@ -19,7 +19,7 @@ def real_literal(value: float, dtype: Dtype) -> str:
     text = str(rounded)
     if not any(mark in text for mark in ".e"):
         text += ".0"
-    return text + _suffix(dtype)
+    return text + suffix(dtype)
 
 
 def hex_literal(value: float, dtype: Dtype) -> str:
@@ -31,7 +31,19 @@ def hex_literal(value: float, dtype: Dtype) -> str:
     mantissa, exponent = rounded.hex().split("p")
     if "." in mantissa:
         mantissa = mantissa.rstrip("0").rstrip(".")
-    return f"{mantissa}p{exponent}{_suffix(dtype)}"
+    return f"{mantissa}p{exponent}{suffix(dtype)}"
+
+
+def exact_literal(value: float, dtype: Dtype) -> str:
+    """A number of dtype as it is: short ones in decimals, others in hexadecimal."""
+    if abs(value) < 1000 and value == int(value * 64) / 64:
+        return f"{value!r}{suffix(dtype)}"
+    return hex_literal(value, dtype)
+
+
+def suffix(dtype: Dtype) -> str:
+    """Ends a literal, and the name of a function in the C library, of that type."""
+    return "f" if dtype == "float32" else ""
 
 
 def _rounded(value: float, dtype: Dtype) -> np.floating[Any]:
@@ -47,7 +59,3 @@ def _special(value: float, dtype: Dtype) -> str | None:
     if math.isinf(value):
         return f"{'-' if value < 0 else ''}{cast}INFINITY"
     return None
-
-
-def _suffix(dtype: Dtype) -> str:
-    return "f" if dtype == "float32" else ""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, assert_never
+from typing import ClassVar, Literal, assert_never
 
 from backends.c_language.comments import comment_text
 from backends.c_language.layout import WIDTH, comment, wrapped
-from backends.c_language.literals import Dtype, hex_literal, real_literal
+from backends.c_language.literals import Dtype, exact_literal, hex_literal, real_literal
 from backends.c_language.tree import (
     Argument,
     Assign,
@@ -52,6 +52,9 @@ class Printer:
     sum_bits: Literal[32, 64] = 32
     """Size of a sum in fixed point."""
 
+    exact: ClassVar[bool] = False
+    """Writes numbers in hexadecimal where they are long."""
+
     @property
     def real(self) -> str:
         return f"{self.prefix}_real"
@@ -64,7 +67,7 @@ class Printer:
                 return f"{self.prefix}_{type.value}_t"
             case CType.BITS:
                 return f"uint{self.sum_bits}_t"
-            case CType.BOOL | CType.UNSIGNED:
+            case CType.BOOL | CType.UNSIGNED | CType.WIDE:
                 return type.value
             case _:
                 assert_never(type)
@@ -92,11 +95,12 @@ class Printer:
             case Name(text):
                 return text
             case Real(value):
-                return real_literal(value, self.dtype)
+                return self.number(value)
             case Integer(value):
                 return str(value) if self.sum_bits == 32 else _wide_literal(value)
-            case Unsigned(value):
-                return f"{value}U"
+            case Unsigned(value, wide):
+                digits = f"0x{value:X}" if self.exact and value >= 1000 else str(value)
+                return f"{digits}{'ULL' if wide else 'U'}"
             case Truth(value):
                 return "true" if value else "false"
             case Member(base, field, pointer):
@@ -117,6 +121,10 @@ class Printer:
             case _:
                 assert_never(expression)
 
+    def number(self, value: float) -> str:
+        """The literal of a real."""
+        return (exact_literal if self.exact else real_literal)(value, self.dtype)
+
     def operand(self, expression: Expression) -> str:
         """The expression as a part of another one: in parentheses unless it holds together."""
         text = self.expression(expression)
@@ -131,11 +139,12 @@ class Printer:
     def table(self, table: Table) -> str:
         """The definition of a constant array, several numbers a line."""
         if table.type is CType.REAL:
-            literal = hex_literal if table.hexadecimal else real_literal
-            numbers = [literal(value, self.dtype) for value in table.values]
+            bits = table.hexadecimal
+            numbers = [hex_literal(x, self.dtype) if bits else self.number(x) for x in table.values]
+        elif table.type is CType.UNSIGNED:
+            numbers = [self.expression(Unsigned(int(value))) for value in table.values]
         else:
-            ending = "U" if table.type is CType.UNSIGNED else ""
-            numbers = [f"{int(value)}{ending}" for value in table.values]
+            numbers = [str(int(value)) for value in table.values]
         head = f"static const {self.type(table.type)} {table.name}[{len(numbers)}]"
         return f"{head} = {self.braced(numbers)};"
 
@@ -159,11 +168,13 @@ class Printer:
     def statement(self, statement: Statement) -> Iterable[str]:
         """The lines of a statement."""
         match statement:
-            case Declare(type, name, value, size, constant, volatile):
+            case Declare(type, name, value, size, elements, constant, volatile):
                 words = f"{'const ' if constant else ''}{'volatile ' if volatile else ''}"
                 head = f"{words}{self.type(type)} {name}"
                 if size is not None:
                     head = f"{head}[{size}]"
+                if elements:
+                    head = f"{head} = {{{', '.join(map(self.expression, elements))}}}"
                 yield f"{head};" if value is None else f"{head} = {self.expression(value)};"
             case Table():
                 yield from self.table(statement).split("\n")

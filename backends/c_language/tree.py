@@ -17,6 +17,7 @@ class CType(Enum):
     REAL = "real"
     BOOL = "bool"
     UNSIGNED = "uint32_t"
+    WIDE = "uint64_t"
     STATUS = "status"
     WORD = "word"
     SUM = "sum"
@@ -49,9 +50,10 @@ class Integer:
 
 @dataclass(frozen=True, slots=True)
 class Unsigned:
-    """A literal like `5U`."""
+    """A literal like `5U`, or `5ULL` where it is wide."""
 
     value: int
+    wide: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,12 +143,13 @@ Expression = (
 
 @dataclass(frozen=True, slots=True)
 class Declare:
-    """A local scalar (`size` None) with its value, or an array without one."""
+    """A local scalar (`size` None) with its value, or an array, perhaps with its elements."""
 
     type: CType
     name: str
     value: Expression | None = None
     size: int | None = None
+    elements: tuple[Expression, ...] = ()
     constant: bool = False
     volatile: bool = False
 

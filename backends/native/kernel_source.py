@@ -8,6 +8,7 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from backends.c_kernels.sources import c_definitions
 from backends.c_language.functions import FunctionNames, FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.tree import Call, Expression
@@ -19,7 +20,6 @@ from backends.native.lanes.lane_printer import LanePrinter
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir.scalars.slope_products import LARGEST_SLOPE
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
-from compiler.kernels.c_sources import c_definitions
 from compiler.kernels.tables.formats import DOUBLE, FLOAT
 
 _TEMPLATES = Path(__file__).resolve().parents[2] / "templates" / "native"

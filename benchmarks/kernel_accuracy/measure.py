@@ -16,8 +16,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from backends.c_kernels.sources import c_sources
 from benchmarks.kernel_accuracy.report import Measurement, keep, write_report
-from compiler.kernels.c_sources import c_sources
 from compiler.kernels.table import KERNELS
 
 HERE = Path(__file__).parent

@@ -1,7 +1,7 @@
 """Puts faults into the C of models, one at a time, and counts those that verification sees.
 
-`run.py [--every N] [--kinds KIND,…] [--jobs N] [NAME…]`: specs of the gallery, all without a name, exported
-with their Jacobian. Needs gcc.
+`run.py [--every N] [--kinds KIND,…] [--jobs N] [NAME…]`: specs of the gallery, all without a name,
+exported with their Jacobian. Needs gcc.
 """
 
 from __future__ import annotations

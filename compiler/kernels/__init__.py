@@ -1,7 +1,6 @@
 """The project's own scalar functions: the same bits from numpy and from the generated C.
 
-`table.KERNELS` lists them, `evaluate` computes one on numpy arrays, `c_sources` writes the C
-of those that a model uses, `evaluate.routine` gives the statements that both follow. They are
-built from + − × ÷ √, comparisons, selections, conversions and small tables, each exact or correctly
-rounded.
+`table.KERNELS` lists them, `evaluate` computes one on numpy arrays, `evaluate.routine` gives the
+statements that numpy and the C of `backends/c_kernels` follow. They are built from + − × ÷ √,
+comparisons, selections, conversions and small tables, each exact or correctly rounded.
 """

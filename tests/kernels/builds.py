@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.kernels.c_sources import c_sources
+from backends.c_kernels.sources import c_sources
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import FORMATS, RealName
 

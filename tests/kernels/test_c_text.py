@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from compiler.kernels.c_sources import c_sources
+from backends.c_kernels.sources import c_sources
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import FORMATS, RealName
 from tests.conditions import require_tool

@@ -15,6 +15,7 @@ from backends.c.functions.step import step_function
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.layout_metadata import layout_metadata
 from backends.c.selftest.selftest_text import SELFTEST_STEPS, selftest_text, test_texts
+from backends.c_kernels.sources import c_sources
 from backends.c_language.comments import comment_text
 from backends.c_language.functions import FunctionNames, FunctionTable
 from backends.c_language.literals import Dtype, real_literal
@@ -23,7 +24,6 @@ from backends.c_language.rendering import render
 from backends.c_language.tree import Function
 from backends.ports.metadata import metadata_text
 from compiler.ir.program import Program
-from compiler.kernels.c_sources import c_sources
 
 
 def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:

@@ -55,8 +55,9 @@ def _block(statements: tuple[Statement, ...]) -> tuple[Statement, ...]:
 
 def _statement(statement: Statement) -> Statement:
     match statement:
-        case Declare(value=value):
-            return statement if value is None else replace(statement, value=_expression(value))
+        case Declare(value=value, elements=elements):
+            value = None if value is None else _expression(value)
+            return replace(statement, value=value, elements=tuple(map(_expression, elements)))
         case Assign() | Evaluate() | Return():
             return replace(statement, value=_expression(statement.value))
         case Loop():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from backends.c_language.literals import real_literal
 from backends.c_language.printer import Printer
 from backends.c_language.tree import (
     Conditional,
@@ -34,13 +33,13 @@ class LanePrinter(Printer):
                 return "mask"
             case CType.UNSIGNED | CType.STATUS:
                 return "uint32_t"
-            case CType.WORD | CType.SUM | CType.BITS:
+            case CType.WIDE | CType.WORD | CType.SUM | CType.BITS:
                 return super().type(type)
 
     def expression(self, expression: Expression) -> str:
         match expression:
             case Real(value):
-                return f"splat({real_literal(value, self.dtype)})"
+                return f"splat({self.number(value)})"
             case Truth(value):
                 return "every_lane" if value else "no_lane"
             case Conditional(condition, then, otherwise):
@@ -76,6 +75,6 @@ class LanePrinter(Printer):
 
     def table(self, table: Table) -> str:
         """A constant array, every number in all lanes."""
-        numbers = [f"all({real_literal(value, self.dtype)})" for value in table.values]
+        numbers = [f"all({self.number(value)})" for value in table.values]
         head = f"static const lanes {table.name}[{len(numbers)}]"
         return f"{head} = {self.braced(numbers)};"

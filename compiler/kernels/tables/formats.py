@@ -16,7 +16,6 @@ class Format:
     smallest positive value 2^`smallest_exponent`."""
 
     c_type: RealName
-    c_suffix: str
     dtype: np.dtype[Any]
     digits: int
     overflow_exponent: int
@@ -28,7 +27,7 @@ class Format:
         return (2.0 - 2.0 ** (1 - self.digits)) * 2.0 ** (self.overflow_exponent - 1)
 
 
-FLOAT = Format("float", "f", np.dtype(np.float32), 24, 128, -149)
-DOUBLE = Format("double", "", np.dtype(np.float64), 53, 1024, -1074)
+FLOAT = Format("float", np.dtype(np.float32), 24, 128, -149)
+DOUBLE = Format("double", np.dtype(np.float64), 53, 1024, -1074)
 
 FORMATS: dict[RealName, Format] = {"float": FLOAT, "double": DOUBLE}

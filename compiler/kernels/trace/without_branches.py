@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import assert_never
 
-from compiler.kernels.trace.operand_uses import locals_within
 from compiler.kernels.trace.statements import (
     Assign,
     Binary,
@@ -44,7 +44,7 @@ def without_branches(routine: Routine) -> Routine:
 class _Flattening:
     def __init__(self, routine: Routine) -> None:
         self._routine = routine
-        self._count = max(local.index for local in locals_within(routine))
+        self._count = max(local.index for local in _locals_within(routine))
         self._statements: list[Statement] = []
 
     def result(self) -> Routine:
@@ -107,6 +107,27 @@ class _Flattening:
         target = Local(self._count, kind, "")
         self._statements.append(Assign(target, operation))
         return target
+
+
+def _locals_within(routine: Routine) -> Iterator[Local]:
+    """The parameters of a routine and every local that it assigns."""
+    yield from routine.parameters
+    yield from _assigned(routine.body)
+
+
+def _assigned(block: Block) -> Iterator[Local]:
+    for statement in block.statements:
+        match statement:
+            case Assign(target, _):
+                yield target
+            case Call(targets, _, _):
+                yield from targets
+            case Branch(targets, _, then, otherwise):
+                yield from targets
+                yield from _assigned(then)
+                yield from _assigned(otherwise)
+            case _:
+                assert_never(statement)
 
 
 _ZERO, _ONE = Constant(Kind.REAL, 0.0), Constant(Kind.REAL, 1.0)

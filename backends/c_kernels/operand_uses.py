@@ -1,4 +1,4 @@
-"""Where the operands of a traced routine are used, which decides how the C text writes them."""
+"""Finds where the operands of a traced routine are used, which decides how C text writes them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from compiler.kernels.trace.statements import (
     Branch,
     Call,
     Convert,
-    Local,
     Operand,
-    Routine,
     Select,
     operation_operands,
 )
@@ -59,24 +57,3 @@ def plain_operands(block: Block) -> Iterator[Operand]:
                 yield from plain_operands(otherwise)
             case _:
                 pass
-
-
-def locals_within(routine: Routine) -> Iterator[Local]:
-    """The parameters of a routine and every local that it assigns."""
-    yield from routine.parameters
-    yield from _assigned(routine.body)
-
-
-def _assigned(block: Block) -> Iterator[Local]:
-    for statement in block.statements:
-        match statement:
-            case Assign(target, _):
-                yield target
-            case Call(targets, _, _):
-                yield from targets
-            case Branch(targets, _, then, otherwise):
-                yield from targets
-                yield from _assigned(then)
-                yield from _assigned(otherwise)
-            case _:
-                assert_never(statement)

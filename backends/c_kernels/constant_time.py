@@ -1,0 +1,107 @@
+"""Lowers choices to functions: what a compiler could turn into a branch is not written.
+
+Where both values of `c ? a : b` are computed, compilers may still move the work into the arms. An
+element of an array at a place that depends on c is read in the same instructions for every c. They
+may also write the code behind a comparison twice, once for each result. So a truth value is an
+integer here, 0 or 1, and has been in a volatile object, about which nothing is known.
+"""
+
+from __future__ import annotations
+
+from backends.c_kernels.routine import RoutineLowering
+from backends.c_language import tree as c
+from backends.c_language.printer import Printer
+from compiler.kernels.trace.statements import COMPARISONS, Kind, Operand, Operator
+
+_SELECT = {
+    Kind.REAL: "select_real",
+    Kind.UNSIGNED: "select_word",
+    Kind.WIDE: "select_wide",
+    Kind.TRUTH: "select_word",
+}
+"""What stands for `condition ? then : otherwise`, by the kind of its value."""
+
+_COMBINE = {Operator.BOTH: "&", Operator.EITHER: "|"}
+"""What stands for `&&` and `||`, which leave out their second operand."""
+
+_TRUTH = "truth_word"
+"""What stands around a comparison."""
+
+
+class ConstantTimeLowering(RoutineLowering):
+    """Lowers a routine without branches; `choices` has the names of the functions it calls."""
+
+    def type(self, kind: Kind) -> c.CType:
+        return super().type(Kind.UNSIGNED if kind is Kind.TRUTH else kind)
+
+    def constant(self, kind: Kind, value: float) -> c.Expression:
+        return super().constant(Kind.UNSIGNED if kind is Kind.TRUTH else kind, value)
+
+    def opposite(self, condition: c.Expression) -> c.Expression:
+        return c.Binary("^", condition, c.Unsigned(1))
+
+    def binary(self, operator: Operator, left: Operand, right: Operand) -> c.Expression:
+        if operator in _COMBINE:
+            return c.Binary(_COMBINE[operator], self.operand(left), self.operand(right))
+        result = super().binary(operator, left, right)
+        return self._helper(_TRUTH, result) if operator in COMPARISONS else result
+
+    def select(
+        self, kind: Kind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
+    ) -> c.Expression:
+        return self._helper(_SELECT[kind], condition, then, otherwise)
+
+    def _helper(self, function: str, *arguments: c.Expression) -> c.Expression:
+        self.choices.add(function)
+        return c.Call(f"{self.printer.prefix}_{function}", arguments)
+
+
+def choice_functions(names: set[str], printer: Printer) -> list[c.Function]:
+    """Definitions of the functions named, in a fixed order."""
+    types = {"real": c.CType.REAL, "word": c.CType.UNSIGNED, "wide": c.CType.WIDE}
+    truth = [_truth(printer)] if _TRUTH in names else []
+    return truth + [
+        _selecting(f"select_{kind}", type, printer)
+        for kind, type in types.items()
+        if f"select_{kind}" in names
+    ]
+
+
+def _truth(printer: Printer) -> c.Function:
+    condition, yes, no, known = map(c.Name, ("condition", "yes", "no", "known"))
+    word = c.CType.UNSIGNED
+    value = c.Conditional(condition, yes, no)
+    return c.Function(
+        f"{printer.prefix}_{_TRUTH}",
+        printer.type(word),
+        (c.Argument("bool", condition.text),),
+        (
+            c.Declare(word, yes.text, c.Unsigned(1), constant=True),
+            c.Declare(word, no.text, c.Unsigned(0), constant=True),
+            c.Declare(word, known.text, value, constant=True, volatile=True),
+            c.Return(known),
+        ),
+        static=True,
+        inline=True,
+    )
+
+
+def _selecting(name: str, type: c.CType, printer: Printer) -> c.Function:
+    truth, then, otherwise, both = map(c.Name, ("truth", "then", "otherwise", "both"))
+    written = printer.type(type)
+    values = (otherwise, then)
+    return c.Function(
+        f"{printer.prefix}_{name}",
+        written,
+        (
+            c.Argument(printer.type(c.CType.UNSIGNED), truth.text),
+            c.Argument(written, then.text),
+            c.Argument(written, otherwise.text),
+        ),
+        (
+            c.Declare(type, both.text, size=len(values), elements=values, constant=True),
+            c.Return(c.Element(both, truth)),
+        ),
+        static=True,
+        inline=True,
+    )

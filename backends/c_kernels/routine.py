@@ -1,0 +1,268 @@
+"""Lowers a traced routine to a C function: names every value that is read more than once.
+
+A value that is read once stands where it is used. The text keeps to what strict warnings and MISRA
+checkers ask for: one declaration and one statement a line, no nested ?:, no implicit conversions,
+casts of plain variables only, unsigned literals with U, complete else branches, one exit.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import assert_never
+
+from backends.c_kernels.operand_uses import branch_values, operands, plain_operands
+from backends.c_language import tree as c
+from backends.c_language.literals import suffix
+from backends.c_language.printer import Printer
+from compiler.kernels.trace.statements import (
+    Assign,
+    Binary,
+    Block,
+    Branch,
+    Call,
+    Constant,
+    Convert,
+    Function,
+    Kind,
+    Local,
+    Lookup,
+    Operand,
+    Operation,
+    Operator,
+    Routine,
+    Select,
+    Statement,
+    Table,
+    Unary,
+)
+
+INLINE_LENGTH = 50
+"""Longest text of a value that is written where it is used, in characters."""
+
+_TYPES = {
+    Kind.REAL: c.CType.REAL,
+    Kind.UNSIGNED: c.CType.UNSIGNED,
+    Kind.WIDE: c.CType.WIDE,
+    Kind.TRUTH: c.CType.BOOL,
+}
+
+
+class RoutineLowering:
+    """One routine for one printer; what it found out while `function` was made.
+
+    `needs_math` tells whether it calls <math.h>, `choices` which functions of `constant_time`.
+    """
+
+    def __init__(self, routine: Routine, printer: Printer) -> None:
+        self.routine = routine
+        self.printer = printer
+        self.needs_math = False
+        self.choices: set[str] = set()
+        self.uses = Counter(operands(routine.body))
+        self._plain = set(plain_operands(routine.body))
+        self._whole = set(branch_values(routine.body))
+        self._names = {local.index: local.hint for local in routine.parameters}
+        self._taken = set(self._names.values())
+        if len(routine.results) > 1:
+            self._taken |= set(routine.results)
+        self._inlined: dict[int, c.Expression] = {}
+        self._tables: dict[str, c.Table] = {}
+
+    def function(self, *, public: bool = False) -> c.Function:
+        """The definition, a static function unless it is public."""
+        routine, type = self.routine, self.printer.type
+        body, values = self.block(routine.body)
+        kinds = [self.type(value.kind) for value in routine.body.values]
+        arguments = [c.Argument(type(c.CType.REAL), self.name(x)) for x in routine.parameters]
+        if len(values) == 1:
+            result = type(kinds[0])
+            body.append(c.Return(values[0]))
+        else:
+            result = "void"
+            named = list(zip(routine.results, kinds, strict=True))
+            arguments += [c.Argument(f"{type(kind)} *", name) for name, kind in named]
+            targets = [c.Unary("*", c.Name(name)) for name in routine.results]
+            body += [c.Assign(target, value) for target, value in zip(targets, values, strict=True)]
+        return c.Function(
+            self._called(routine),
+            result,
+            tuple(arguments),
+            (*self._tables.values(), *body),
+            routine.doc,
+            static=not public,
+        )
+
+    def block(self, block: Block) -> tuple[list[c.Statement], list[c.Expression]]:
+        """The statements of a block, and its values after them."""
+        body = [made for statement in block.statements for made in self._statement(statement)]
+        return body, [self.operand(value) for value in block.values]
+
+    def _statement(self, statement: Statement) -> list[c.Statement]:
+        match statement:
+            case Assign(target, operation):
+                return self._assign(target, operation)
+            case Call(targets, routine, arguments):
+                return self._call(targets, routine, [self.operand(each) for each in arguments])
+            case Branch():
+                return self.branch(statement)
+            case _:
+                assert_never(statement)
+
+    def _assign(self, target: Local, operation: Operation) -> list[c.Statement]:
+        value = self._operation(operation, target.kind)
+        if self.inlines(target, operation, value):
+            self._inlined[target.index] = value
+            return []
+        return [self._declared(target, value)]
+
+    def inlines(self, target: Local, operation: Operation, value: c.Expression) -> bool:
+        """Whether the value is written where it is used."""
+        if target.hint or self.uses[target] != 1:
+            return False
+        if target in self._plain and not isinstance(operation, Unary):
+            return False
+        if target in self._whole:
+            return True
+        short = len(self.printer.operand(value)) <= INLINE_LENGTH
+        return short and not isinstance(operation, Select | Lookup)
+
+    def _declared(self, target: Local, value: c.Expression) -> c.Statement:
+        return c.Declare(self.type(target.kind), self.name(target), value, constant=True)
+
+    def _call(
+        self, targets: tuple[Local, ...], routine: Routine, arguments: list[c.Expression]
+    ) -> list[c.Statement]:
+        name = self._called(routine)
+        if len(targets) == 1:
+            return [self._declared(targets[0], c.Call(name, tuple(arguments)))]
+        declared = [c.Declare(self.type(target.kind), self.name(target)) for target in targets]
+        results = [c.Unary("&", c.Name(self.name(target))) for target in targets]
+        return [*declared, c.Evaluate(c.Call(name, (*arguments, *results)))]
+
+    def _called(self, routine: Routine) -> str:
+        return f"{self.printer.prefix}_{routine.name}"
+
+    def branch(self, branch: Branch) -> list[c.Statement]:
+        """Variables without a value, and the blocks that assign them."""
+        declared = [c.Declare(self.type(x.kind), self.name(x)) for x in branch.targets]
+        return [*declared, self._choice(branch)]
+
+    def _choice(self, branch: Branch) -> c.If:
+        condition = self.operand(branch.condition)
+        then = self._arm(branch.then, branch.targets)
+        return c.If(condition, then, self._arm(branch.otherwise, branch.targets))
+
+    def _arm(self, block: Block, targets: tuple[Local, ...]) -> tuple[c.Statement, ...]:
+        """A block of a branch; another branch at its end assigns the outer one's variables."""
+        last = block.statements[-1] if block.statements else None
+        if isinstance(last, Branch) and last.targets == block.values:
+            body, _ = self.block(Block(block.statements[:-1], ()))
+            for inner, outer in zip(last.targets, targets, strict=True):
+                self._names[inner.index] = self.name(outer)
+            return (*body, self._choice(last))
+        body, values = self.block(block)
+        names = (c.Name(self.name(target)) for target in targets)
+        return (*body, *(c.Assign(name, x) for name, x in zip(names, values, strict=True)))
+
+    def name(self, local: Local) -> str:
+        """The name of a variable."""
+        if local.index not in self._names:
+            base, number = local.hint or "t", 1
+            name = local.hint or "t1"
+            while name in self._taken:
+                number += 1
+                name = f"{base}_{number}" if local.hint else f"t{number}"
+            self._taken.add(name)
+            self._names[local.index] = name
+        return self._names[local.index]
+
+    def type(self, kind: Kind) -> c.CType:
+        """The type of a value of that kind."""
+        return _TYPES[kind]
+
+    def operand(self, operand: Operand) -> c.Expression:
+        """The operand within an expression."""
+        match operand:
+            case Local(index):
+                return self._inlined.get(index) or c.Name(self.name(operand))
+            case Constant(kind, value):
+                return self.constant(kind, value)
+            case _:
+                assert_never(operand)
+
+    def constant(self, kind: Kind, value: float) -> c.Expression:
+        match kind:
+            case Kind.REAL:
+                return c.Real(float(value))
+            case Kind.UNSIGNED | Kind.WIDE:
+                return c.Unsigned(int(value), wide=kind is Kind.WIDE)
+            case Kind.TRUTH:
+                return c.Truth(bool(value))
+            case _:
+                assert_never(kind)
+
+    def _operation(self, operation: Operation, kind: Kind) -> c.Expression:
+        match operation:
+            case Unary(function, operand):
+                return self._unary(function, self.operand(operand))
+            case Binary(operator, left, right):
+                return self.binary(operator, left, right)
+            case Select(condition, then, otherwise):
+                return self.select(kind, *map(self.operand, (condition, then, otherwise)))
+            case Convert(operand):
+                return c.Convert(self.type(kind), self.operand(operand))
+            case Lookup(table, index):
+                return self._look_up(table, self.operand(index))
+            case _:
+                assert_never(operation)
+
+    def _unary(self, function: Function, operand: c.Expression) -> c.Expression:
+        match function:
+            case Function.NEGATE:
+                return c.Unary("-", operand)
+            case Function.NOT:
+                return self.opposite(operand)
+            case Function.MAGNITUDE:
+                return self.library("abs", operand)
+            case Function.SQUARE_ROOT:
+                return self.library("sqrt", operand)
+            case _:
+                assert_never(function)
+
+    def opposite(self, condition: c.Expression) -> c.Expression:
+        return c.Unary("!", condition)
+
+    def library(self, function: str, operand: c.Expression) -> c.Expression:
+        """A function of <math.h>."""
+        self.needs_math = True
+        name = {"abs": "fabs"}.get(function, function)
+        return c.Call(f"{name}{suffix(self.printer.dtype)}", (operand,))
+
+    def binary(self, operator: Operator, left: Operand, right: Operand) -> c.Expression:
+        first = self.operand(left)
+        match operator, left, right:
+            case Operator.ADD, _, Constant(Kind.REAL, value) if value < 0.0:
+                return c.Binary("-", first, c.Real(-value))
+            case Operator.SUBTRACT, _, Constant(Kind.REAL, value) if value < 0.0:
+                return c.Binary("+", first, c.Real(-value))
+            case Operator.SHIFT_LEFT, Constant(Kind.UNSIGNED, _), _:
+                # a literal alone would have 16 bits where int has
+                first = c.Convert(c.CType.UNSIGNED, first)
+            case _:
+                pass
+        return c.Binary(operator.value, first, self.operand(right))
+
+    def select(
+        self, kind: Kind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
+    ) -> c.Expression:
+        """One of two values of that kind that are both computed."""
+        return c.Conditional(condition, then, otherwise)
+
+    def _look_up(self, table: Table, index: c.Expression) -> c.Expression:
+        made = c.Table(table.name, table.values, self.type(table.kind))
+        self._tables[table.name] = made
+        return self.entry(made, index)
+
+    def entry(self, table: c.Table, index: c.Expression) -> c.Expression:
+        """The number of a table at a place."""
+        return c.Element(c.Name(table.name), index)
