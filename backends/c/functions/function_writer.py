@@ -18,7 +18,7 @@ from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState
 from compiler.ir.ops import AnyRead, ReadLog, ReadParameter, ReadSignal, ReadState, Window
-from compiler.ir.program import Graph
+from compiler.ir.program import Formula, Graph
 from compiler.ir.types import Type
 
 _BLOCK = 6
@@ -37,6 +37,7 @@ class Model:
     interface: Interface
     weights: Weights
     functions: FunctionTable
+    formulas: tuple[Formula, ...] = ()
 
 
 class FunctionWriter:
@@ -48,7 +49,13 @@ class FunctionWriter:
         self.unroll = model.interface.options.unroll
         self.scope = Scope(LocalNames(model.interface.prefix))
         block = _BLOCK if self.unroll >= _FEWEST_WRITTEN_OUT else self.unroll
-        self.locals = LocalValues(model.functions, SpecNotes(graph), self.unroll, block=block)
+        self.locals = LocalValues(
+            model.functions,
+            SpecNotes(graph, model.formulas),
+            self.unroll,
+            block=block,
+            names_constants=True,
+        )
         self.inputs: dict[str, Place] = {}
         """Where the step finds its checked inputs."""
         self.checked_windows: dict[str, Place] = {}
@@ -111,7 +118,8 @@ class FunctionWriter:
         if self.interface.takes_parameters:
             arguments.append(Argument(f"const {prefix}_params_t *", "p"))
             unused += [] if self._reads_parameters else [Discard("p")]
-        body = (*unused, *self.locals.tables, *self.scope.statements)
+        statements = self.scope.statements
+        body = (*unused, *self.locals.constants(statements), *statements)
         return Function(f"{prefix}_{name}", result, (*arguments, *structs), body, doc)
 
     def _parameter(self, field: Field, type: Type) -> Place:
