@@ -80,7 +80,7 @@ class FixedFunctions:
         self._set_held(scope, state.held)
         ready = _INITIALISED + (_FILLS if self._fills else 0) + (_WAITS if self._waits else 0)
         scope.assign(self._ready, Unsigned(ready))
-        doc = "Before the first step, where no past is known."
+        doc = "Initialises the state without history."
         return self._function("init", "void", (), scope, doc)
 
     def _reset(self) -> Function:
@@ -110,7 +110,7 @@ class FixedFunctions:
         scope.add(Return(Name("status")))
         prefix = self._names.prefix
         arguments = (Argument(f"const {prefix}_init_t *", "x0"),)
-        doc = "Before the first step, from a known past; returns what was out of order."
+        doc = "Initialises the state from a known past; returns what was out of order."
         return self._function("reset", f"{prefix}_status_t", arguments, scope, doc)
 
     def _step(self) -> Function:
@@ -154,7 +154,7 @@ class FixedFunctions:
         scope.add(Return(Name("status")))
         prefix = names.prefix
         arguments = (Argument(f"const {prefix}_in_t *", "u"), Argument(f"{prefix}_out_t *", "y"))
-        doc = "One step: outputs of sample t, then the states of sample t+1."
+        doc = "Computes the outputs of sample t, then the states of sample t+1."
         return self._function("step", f"{prefix}_status_t", arguments, scope, doc)
 
     def _first_step(self, scope: Scope) -> None:

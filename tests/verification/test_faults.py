@@ -122,7 +122,7 @@ def test_the_test_program_sees(fault: str, heater: Path, tmp_path: Path) -> None
 def test_two_instances_show_a_state_that_they_share(heater: Path, tmp_path: Path) -> None:
     text = (heater / "src" / "heater.c").read_text(encoding="utf-8")
     shared = "static heater_state_t shared;\n"
-    first = text.index("/* Before the first step, where no past is known. */")
+    first = text.index("/* Initialises the state without history. */")
     copy = tmp_path / "heater.c"
     text = text[:first] + shared + text[first:].replace("s->error_sum", "shared.error_sum")
     copy.write_text(text, encoding="utf-8")

@@ -47,7 +47,7 @@ def linearize_function(model: Model, interface: JacobianInterface) -> Function:
         Argument(f"const {prefix}_in_t *", "u"),
         Argument(f"{prefix}_jacobian_t *", OUT),
     )
-    doc = "Slopes of one step in its states and inputs."
+    doc = "Computes the slopes of one step in its states and inputs."
     return writer.finished("linearize", f"{prefix}_status_t", structs, doc, reads_only=True)
 
 

@@ -46,7 +46,7 @@ def init_function(program: Program, model: Model) -> Function:
     ready |= BUFFERS_EMPTY if interface.filled_by_first else 0
     ready |= STATES_UNSET if interface.from_record - interface.filled_by_first else 0
     writer.finish_states(ready)
-    return writer.finished("init", "void", (), "Before the first step, where no past is known.")
+    return writer.finished("init", "void", (), "Initialises the state without history.")
 
 
 def reset_function(program: Program, model: Model) -> Function:
@@ -68,7 +68,7 @@ def reset_function(program: Program, model: Model) -> Function:
     writer.scope.add(Return(Name("status")))
     prefix = interface.prefix
     structs = (Argument(f"const {prefix}_init_t *", "x0"),)
-    doc = "Before the first step, from a known past; returns what was out of order."
+    doc = "Initialises the state from a known past; returns what was out of order."
     return writer.finished("reset", f"{prefix}_status_t", structs, doc)
 
 
@@ -79,7 +79,7 @@ def restart_functions(program: Program, model: Model) -> tuple[Function, ...]:
         if memory.state.on_range == "reset":
             writer = _StartWriter(model, program.start)
             writer.set_states(program, {memory.state.name: None})
-            doc = f"Takes {memory.state.name} back to what it is before the first step."
+            doc = f"Resets {memory.state.name} to what it is before the first step."
             function = writer.finished(f"restart_{memory.identifier}", "void", (), doc)
             found.append(replace(function, static=True))
     return tuple(found)

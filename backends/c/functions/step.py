@@ -63,7 +63,7 @@ def step_function(program: Program, model: Model) -> Function:
         Argument(f"const {prefix}_in_t *", "u"),
         Argument(f"{prefix}_out_t *", "y"),
     )
-    doc = "One step: outputs of sample t, then the states of sample t+1."
+    doc = "Computes the outputs of sample t, then the states of sample t+1."
     return writer.finished("step", f"{prefix}_status_t", structs, doc)
 
 

@@ -143,7 +143,11 @@ def test_the_step_is_the_same_with_and_without(name: str, tmp_path: Path) -> Non
     for options, folder in ((plain, tmp_path / "plain"), (extended, tmp_path / "extended")):
         write_c(program, {}, folder, options)
         source = (folder / "src" / "m.c").read_text(encoding="utf-8")
-        functions.append(source[source.index("/* Before the first step") :].split("/* Slopes")[0])
+        functions.append(
+            source[source.index("/* Initialises the state without") :].split(
+                "/* Computes the slopes"
+            )[0]
+        )
     assert functions[0].rstrip() == functions[1].rstrip()
     assert "jacobian" not in "".join(p.read_text() for p in (tmp_path / "plain").rglob("*.[ch]"))
 
@@ -180,7 +184,7 @@ def test_the_code_is_as_accepted(name: str, tmp_path: Path, accept: bool) -> Non
     source = (tmp_path / "src" / f"{name}.c").read_text(encoding="utf-8")
     expected = Path(__file__).parents[2] / "golden" / f"c_jacobian_{name}"
     assert_golden(
-        expected / f"{name}_linearize.c", source[source.index("/* Slopes") :], accept=accept
+        expected / f"{name}_linearize.c", source[source.index("/* Computes the slopes") :], accept=accept
     )
     header = (tmp_path / "include" / f"{name}.h").read_text(encoding="utf-8")
     shown = re.search(r"/\* x: .*?(?=\n/\* Inputs of a step\. \*/)", header, re.DOTALL)

@@ -31,7 +31,7 @@ static inline void fir_closed_loop_flagged(
     }
 }
 
-/* Before the first step, where no past is known. */
+/* Initialises the state without history. */
 void fir_closed_loop_init(fir_closed_loop_state_t *s, const fir_closed_loop_params_t *p)
 {
     (void)p;
@@ -41,7 +41,7 @@ void fir_closed_loop_init(fir_closed_loop_state_t *s, const fir_closed_loop_para
     s->ready = 6U;
 }
 
-/* Before the first step, from a known past; returns what was out of order. */
+/* Initialises the state from a known past; returns what was out of order. */
 fir_closed_loop_status_t fir_closed_loop_reset(
     fir_closed_loop_state_t *s,
     const fir_closed_loop_params_t *p,
@@ -66,7 +66,7 @@ fir_closed_loop_status_t fir_closed_loop_reset(
     return status;
 }
 
-/* One step: outputs of sample t, then the states of sample t+1. */
+/* Computes the outputs of sample t, then the states of sample t+1. */
 fir_closed_loop_status_t fir_closed_loop_step(
     fir_closed_loop_state_t *s,
     const fir_closed_loop_params_t *p,

@@ -1,4 +1,4 @@
-/* Slopes of one step in its states and inputs. */
+/* Computes the slopes of one step in its states and inputs. */
 fir_closed_loop_status_t fir_closed_loop_linearize(
     const fir_closed_loop_state_t *s,
     const fir_closed_loop_params_t *p,

@@ -1,4 +1,4 @@
-/* Slopes of one step in its states and inputs. */
+/* Computes the slopes of one step in its states and inputs. */
 spring_damper_rk4_status_t spring_damper_rk4_linearize(
     const spring_damper_rk4_state_t *s,
     const spring_damper_rk4_params_t *p,

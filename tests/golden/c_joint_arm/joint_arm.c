@@ -33,7 +33,7 @@ static inline void joint_arm_flagged(
     }
 }
 
-/* Before the first step, where no past is known. */
+/* Initialises the state without history. */
 void joint_arm_init(joint_arm_state_t *s, const joint_arm_params_t *p)
 {
     (void)p;
@@ -45,7 +45,7 @@ void joint_arm_init(joint_arm_state_t *s, const joint_arm_params_t *p)
     s->ready = 6U;
 }
 
-/* Before the first step, from a known past; returns what was out of order. */
+/* Initialises the state from a known past; returns what was out of order. */
 joint_arm_status_t joint_arm_reset(
     joint_arm_state_t *s,
     const joint_arm_params_t *p,
@@ -76,7 +76,7 @@ joint_arm_status_t joint_arm_reset(
     return status;
 }
 
-/* One step: outputs of sample t, then the states of sample t+1. */
+/* Computes the outputs of sample t, then the states of sample t+1. */
 joint_arm_status_t joint_arm_step(
     joint_arm_state_t *s,
     const joint_arm_params_t *p,

@@ -31,7 +31,7 @@ static inline void spring_damper_rk4_flagged(
     }
 }
 
-/* Before the first step, where no past is known. */
+/* Initialises the state without history. */
 void spring_damper_rk4_init(spring_damper_rk4_state_t *s, const spring_damper_rk4_params_t *p)
 {
     s->v = p->v_start;
@@ -39,7 +39,7 @@ void spring_damper_rk4_init(spring_damper_rk4_state_t *s, const spring_damper_rk
     s->ready = 6U;
 }
 
-/* Before the first step, from a known past; returns what was out of order. */
+/* Initialises the state from a known past; returns what was out of order. */
 spring_damper_rk4_status_t spring_damper_rk4_reset(
     spring_damper_rk4_state_t *s,
     const spring_damper_rk4_params_t *p,
@@ -61,7 +61,7 @@ spring_damper_rk4_status_t spring_damper_rk4_reset(
     return status;
 }
 
-/* One step: outputs of sample t, then the states of sample t+1. */
+/* Computes the outputs of sample t, then the states of sample t+1. */
 spring_damper_rk4_status_t spring_damper_rk4_step(
     spring_damper_rk4_state_t *s,
     const spring_damper_rk4_params_t *p,
