@@ -1,7 +1,7 @@
 """Puts faults into the C of models, one at a time, and counts those that verification sees.
 
-`run.py [--every N] [--kinds KIND,…] [--jobs N] [NAME…]`: specs of the gallery, all without a name, exported
-with their Jacobian. Needs gcc.
+`run.py [--every N] [--kinds KIND,…] [--jobs N] [NAME…]`: specs of the gallery, all without a name,
+exported with their Jacobian. Needs gcc.
 """
 
 from __future__ import annotations
@@ -75,7 +75,8 @@ def _show(name: str, score: Score) -> None:
         line = f"{name}, {kind}: {len(of.seen)} of {of.total} seen, {len(of.missed)} missed"
         print(f"{line}, {len(of.equivalent)} equivalent", flush=True)
     for mutant in score.missed:
-        print(f"  missed: {mutant.kind}: {mutant.file}: {mutant.change}: {mutant.line}", flush=True)
+        place = f"{mutant.file}: {mutant.function}: {mutant.change}: {mutant.line}"
+        print(f"  missed: {mutant.kind}: {place}", flush=True)
 
 
 def export_with_drawn_weights(name: str, folder: Path, extras: Collection[str] = ()) -> None:

@@ -76,7 +76,7 @@ def selftest_text(
     )
     functions = _golden(interface, [golden])
     jacobian, sample_time = interface.jacobian, program.sample_time
-    if (kernels or sample_time is not None) and not _compares(interface):
+    if (kernels or sample_time is not None or jacobian) and not _compares(interface):
         functions.append(printer.function(differs_function(prefix)))
     if kernels:
         check = kernels_function(prefix, kernel_cases(kernels, dtype))
@@ -94,6 +94,7 @@ def selftest_text(
         functions=functions,
         kernels=bool(kernels),
         jacobian=jacobian is not None,
+        hashes=_hashes(interface),
         letters=letters,
         sample_time=None if sample_time is None else real_literal(sample_time, dtype),
         resumed=resumed_step(interface, golden) if _moves_all(interface) else None,
@@ -119,6 +120,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         "Golden vectors",
         guard=f"{prefix.upper()}_VECTORS_H",
         functions=_golden(interface, runs, starts),
+        hashes=_hashes(interface),
         runs=len(runs),
         from_init=FROM_INIT,
         written=sum(bool(run.written) for run in runs),
@@ -189,7 +191,14 @@ def _moves_all(interface: Interface) -> bool:
 
 def _compares(interface: Interface) -> bool:
     """Whether golden steps need the function that compares two numbers."""
-    return bool(interface.outputs) or interface.jacobian is not None
+    slopes = interface.jacobian is not None and not interface.options.is_exact
+    return bool(interface.outputs) or slopes
+
+
+def _hashes(interface: Interface) -> bool:
+    """Whether hashes of slopes are compared."""
+    jacobian = interface.jacobian
+    return jacobian is not None and bool(jacobian.fields) and interface.options.is_exact
 
 
 def _golden(
@@ -198,7 +207,7 @@ def _golden(
     printer = Printer(interface.prefix, interface.options.dtype)
     functions = [*golden_functions(interface, runs, starts)]
     if interface.jacobian is not None:
-        if not interface.outputs:
+        if not interface.outputs and _compares(interface):
             functions.insert(0, differs_function(interface.prefix))
         functions.append(slopes_function(interface, interface.jacobian, runs))
     return [printer.function(function) for function in functions]
