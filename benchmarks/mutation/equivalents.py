@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from benchmarks.mutation.mutants import Mutant
-from tests.verification.test_coverage import UNREACHED
+from tests.verification.unreached import UNREACHED
 
 _FILLED = "the first step fills the samples anew"
 _TIMES_ZERO = "what is changed is multiplied by 0"
 _LOWER = "the valid number nearest to 0, which is there already, is the lower limit of every input"
 _AGAIN = "the entry is written again below"
 _SAME = "the entry is that number already"
+_TOGETHER = "it is infinite or NaN together with another element, which sets the same bit"
 _PUT_RIGHT = "an interval that is one too high is put right by the comparison that follows"
 
 _SETS_PLACE = "const reference_real sets_place = (s->v + 45.0f) * 0.06666667f;"
@@ -91,11 +92,23 @@ jac->D[0U] = anticipated_part_5[2U];
 """By model: the line and the change. Equal lines share an entry: `_FILLED` is of that in init."""
 
 
+_COUPLED = {
+    "battery_step": ("if (!(fabsf(s->polarisation_state[1U]) <= 3.4028235e+38f)) {",),
+    "heater_step": tuple(
+        f"if (!(fabsf(s->element_state[{i}U]) <= 3.4028235e+38f)) {{" for i in range(3)
+    ),
+}
+"""Checks of elements of a filter's memory: the second sample of a filter was the first before, and
+keeps it infinite; each element of a state space depends on all."""
+
+
 def reason(prefix: str, mutant: Mutant) -> str | None:
     """Why a change changes no answer; None where it is not known to be so."""
     if mutant.line == "s->reserved = 0U;":
         return "nothing reads the field that an empty struct has"
     condition, bit, rest = mutant.line.partition(" status |= ")
+    if mutant.kind == "deleted" and condition in _COUPLED.get(mutant.function, ()):
+        return _TOGETHER
     if mutant.kind == "deleted" and bit:
         unreached, where = UNREACHED.get(prefix, {}), mutant.function
         if f"{where}: line not reached: status |= {rest}" in unreached:
