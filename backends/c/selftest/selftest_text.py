@@ -39,12 +39,9 @@ _STARTS: tuple[Place | Outside, ...] = (
     "far above",
     "nan",
 )
-_AFTER_RESET: tuple[tuple[Place | Outside, int], ...] = (
-    *((start, 0) for start in _STARTS),
-    *((Place(part, _PARTS), opening) for part, opening in ((1, 1), (3, 3), (5, 5))),
-)
-"""Where golden runs of the test program begin, and after how many invalid samples the first valid
-one comes."""
+_OPENINGS = ((1, 1, 0), (3, 3, 1), (5, 5, 4))
+"""Runs that begin with invalid samples: in which part of the ranges, how many, and with which kind
+those of the past begin: above the range, below, NaN."""
 
 _AFTER_INIT = (0, 2, 4)
 """After how many invalid samples in runs without a past, which stand last."""
@@ -73,6 +70,7 @@ def selftest_text(
         SELFTEST_STEPS,
         _SELFTEST_SEED,
         opening=_SELFTEST_OPENING,
+        invalid=0,
     )
     functions = _golden(interface, [golden])
     jacobian, sample_time = interface.jacobian, program.sample_time
@@ -146,9 +144,11 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
     """Runs from `reset`, the last of them with a written state, then runs from `init`."""
-    begun: list[_Run] = [_Run(start, opening) for start, opening in _AFTER_RESET]
+    begun = [_Run(start) for start in _STARTS]
+    for part, opening, invalid in _OPENINGS:
+        begun.append(_Run(Place(part, _PARTS), opening, invalid))
     for number, written in enumerate(written_states(interface)):
-        begun.append(_Run(Place(number % _PARTS, _PARTS), 0, written))
+        begun.append(_Run(Place(number % _PARTS, _PARTS), invalid=number, written=written))
     begun += [_Run(None, opening) for opening in _AFTER_INIT]
     return [
         golden_vectors(
@@ -159,6 +159,7 @@ def _golden_runs(program: Program, interface: Interface, weights: Weights) -> li
             _TEST_SEED + number,
             start=run.start,
             opening=run.opening,
+            invalid=run.invalid,
             written=run.written,
         )
         for number, run in enumerate(begun)
@@ -170,7 +171,8 @@ class _Run:
     """How a golden run begins."""
 
     start: Place | Outside | None
-    opening: int
+    opening: int = 0
+    invalid: int | None = None
     written: Written | None = None
 
 
