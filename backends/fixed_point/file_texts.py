@@ -163,6 +163,7 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
         from_init=1,
         starts=_RUNS + len(starts),
         written=0,
+        hashes=False,
     )
     return {
         f"test/{prefix}_vectors.h": vectors,

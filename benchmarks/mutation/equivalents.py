@@ -3,16 +3,77 @@
 from __future__ import annotations
 
 from benchmarks.mutation.mutants import Mutant
+from tests.verification.unreached import UNREACHED
 
 _FILLED = "the first step fills the samples anew"
 _TIMES_ZERO = "what is changed is multiplied by 0"
+_LOWER = "the valid number nearest to 0, which is there already, is the lower limit of every input"
+_AGAIN = "the entry is written again below"
+_SAME = "the entry is that number already"
+_TOGETHER = "it is infinite or NaN together with another element, which sets the same bit"
 _PUT_RIGHT = "an interval that is one too high is put right by the comparison that follows"
 
 _SETS_PLACE = "const reference_real sets_place = (s->v + 45.0f) * 0.06666667f;"
 _BELOW = "sets_here = ((s->v + 45.0f) * 0.0f) + 1.0f;"
 _ABOVE = "sets_next = ((s->v - 45.0f) * 0.0f) + 1.0f;"
 
+_CLAMPED_LOW = {("result = low;", "result = low; -> ;"): _LOWER}
+
+
+def _stores(places: str, why: str) -> dict[tuple[str, str], str]:
+    """Deleted stores to entries of the Jacobian, one a line."""
+    return {(line, f"{line} -> ;"): why for line in places.strip().splitlines()}
+
+
 EQUIVALENTS: dict[str, dict[tuple[str, str], str]] = {
+    "arm_friction": _stores(
+        """
+jac->A[i + 60U] = part_36[i];
+jac->A[64U] = part_33;
+jac->A[i + 140U] = part_48[i];
+jac->A[144U] = part_45;
+jac->A[i + 220U] = part_60[i];
+jac->A[224U] = part_57;
+jac->C[i] = part_36[i];
+jac->C[4U] = part_33;
+jac->C[i + 20U] = part_48[i];
+jac->C[24U] = part_45;
+jac->C[i + 40U] = part_60[i];
+jac->C[44U] = part_57;
+""",
+        _AGAIN,
+    )
+    | _stores(
+        """
+jac->A[60U] = part_62;
+jac->A[140U] = part_67;
+jac->A[220U] = part_72;
+jac->C[0U] = part_62;
+jac->C[20U] = part_67;
+jac->C[40U] = part_72;
+""",
+        _SAME,
+    ),
+    "battery": _CLAMPED_LOW,
+    "engine_map": _CLAMPED_LOW,
+    "heater": _CLAMPED_LOW,
+    "lane_keeper": _stores(
+        """
+jac->A[41U] = anticipated_part_6[0U];
+jac->A[42U] = anticipated_part_6[1U];
+jac->B[40U] = part_26;
+jac->D[0U] = part_26;
+""",
+        _SAME,
+    )
+    | _stores(
+        """
+jac->B[40U] = anticipated_part_5[2U];
+jac->D[0U] = anticipated_part_5[2U];
+""",
+        _AGAIN,
+    ),
+    "two_tanks": _CLAMPED_LOW,
     "reference": {
         ("for (uint32_t i = 0U; i < 24U; i++) {", "24 -> 23"): _FILLED,
         ("s->u_history[i] = 0.0f;", "0.0f -> 0.001f"): _FILLED,
@@ -26,11 +87,31 @@ EQUIVALENTS: dict[str, dict[tuple[str, str], str]] = {
         ("const reference_real v_next_part_2 = (v_next_part + 0.0f)", "+ -> -"): (
             "only the sign of a zero differs, and the next sum adds a number to it"
         ),
-    }
+    },
 }
 """By model: the line and the change. Equal lines share an entry: `_FILLED` is of that in init."""
 
 
+_COUPLED = {
+    "battery_step": ("if (!(fabsf(s->polarisation_state[1U]) <= 3.4028235e+38f)) {",),
+    "heater_step": tuple(
+        f"if (!(fabsf(s->element_state[{i}U]) <= 3.4028235e+38f)) {{" for i in range(3)
+    ),
+}
+"""Checks of elements of a filter's memory: the second sample of a filter was the first before, and
+keeps it infinite; each element of a state space depends on all."""
+
+
 def reason(prefix: str, mutant: Mutant) -> str | None:
     """Why a change changes no answer; None where it is not known to be so."""
+    if mutant.line == "s->reserved = 0U;":
+        return "nothing reads the field that an empty struct has"
+    condition, bit, rest = mutant.line.partition(" status |= ")
+    if mutant.kind == "deleted" and condition in _COUPLED.get(mutant.function, ()):
+        return _TOGETHER
+    if mutant.kind == "deleted" and bit:
+        unreached, where = UNREACHED.get(prefix, {}), mutant.function
+        if f"{where}: line not reached: status |= {rest}" in unreached:
+            return unreached.get(f"{where}: 1 branch not reached: {condition}")
+        return None
     return EQUIVALENTS.get(prefix, {}).get((mutant.line, mutant.change))

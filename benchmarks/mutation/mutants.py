@@ -21,6 +21,7 @@ _COMPARISONS = {"<": ">=", ">": "<=", "<=": ">", ">=": "<"}
 _COMPARISON = re.compile(r" (<=|>=|<|>) (?!\d+U; )")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _BODY = re.compile(r"^[^\n#/{}]*\([^;{}]*\)\n\{\n(.*?)^\}", re.DOTALL | re.MULTILINE)
+_HEADER = re.compile(r"^[^\n#/{} ][^\n#/{}(]*?(\w+)\([^;{}]*\)\n\{", re.MULTILINE)
 _DEFINITION = re.compile(r"^const \w+_real \w+_sample_time = (.*?)f?;", re.MULTILINE)
 
 
@@ -30,8 +31,11 @@ class Mutant:
 
     kind: str
     file: str
+    function: str
+    """In which the change begins; empty outside of all."""
     text: str
     line: str
+    """Where a bit of the status is set, with its condition."""
     change: str
 
 
@@ -51,12 +55,20 @@ def _mutants(
     code = _COMMENT.sub(lambda comment: re.sub(r"[^\n]", " ", comment[0]), source)
     for places in sorted(set(changes(code))):
         begin, end, instead = places[0]
-        line = source[source.rfind("\n", 0, begin) + 1 : source.find("\n", begin)].strip()
+        here = source.rfind("\n", 0, begin)
+        line = source[here + 1 : source.find("\n", begin)].strip()
+        if line.startswith("status |= "):
+            line = f"{source[source.rfind(chr(10), 0, here) + 1 : here].strip()} {line}"
         text = source
         for first, last, other in sorted(places, reverse=True):
             text = text[:first] + other + text[last:]
         change = f"{source[begin:end].strip()} -> {instead.strip()}"
-        yield Mutant(kind, file, text, line, " ".join(change.split()))
+        yield Mutant(kind, file, _function(code, begin), text, line, " ".join(change.split()))
+
+
+def _function(code: str, place: int) -> str:
+    names = [match[1] for match in _HEADER.finditer(code, 0, place)]
+    return names[-1] if names else ""
 
 
 def _values(code: str) -> Iterator[tuple[Change, ...]]:

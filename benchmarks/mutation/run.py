@@ -75,7 +75,8 @@ def _show(name: str, score: Score) -> None:
         line = f"{name}, {kind}: {len(of.seen)} of {of.total} seen, {len(of.missed)} missed"
         print(f"{line}, {len(of.equivalent)} equivalent", flush=True)
     for mutant in score.missed:
-        print(f"  missed: {mutant.kind}: {mutant.file}: {mutant.change}: {mutant.line}", flush=True)
+        place = f"{mutant.file}: {mutant.function}: {mutant.change}: {mutant.line}"
+        print(f"  missed: {mutant.kind}: {place}", flush=True)
 
 
 def export_with_drawn_weights(name: str, folder: Path, extras: Collection[str] = ()) -> None:

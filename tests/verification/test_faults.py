@@ -42,6 +42,11 @@ FAULTS = {
         "x0->duty <= 1.0f",
         "x0->duty <= 1.002f",
     ),
+    "reset moves a sample to another limit": (
+        "heater.c",
+        "heater_clamped(x0->duty, 0.0f,",
+        "heater_clamped(x0->duty, 0.001f,",
+    ),
     "step does not see that one state is NaN": (
         "heater.c",
         "!(fabsf(s->error_sum) <= 500.0f)",

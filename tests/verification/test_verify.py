@@ -20,6 +20,7 @@ from msnn.verification.tools import (
     CPPCHECK,
     FRAMA_C,
     GCC,
+    GCOV,
     LIBFUZZER,
     RISCV_GCC,
     RISCV_QEMU,
@@ -27,8 +28,9 @@ from msnn.verification.tools import (
 )
 from tests.conditions import miss
 from tests.examples.gallery import GALLERY, NAMES, spec_of
+from tests.verification.unreached import UNREACHED
 
-HOST = (GCC, CLANG, CPPCHECK, FRAMA_C)
+HOST = (GCC, GCOV, CLANG, CPPCHECK, FRAMA_C)
 BOARDS = (ARM_GCC, ARM_QEMU, RISCV_GCC, RISCV_QEMU)
 
 PLANT = """
@@ -61,6 +63,13 @@ def verified(
     return code, json.loads(capsys.readouterr().out)
 
 
+def unreached(said: dict[str, Any]) -> set[str]:
+    """What golden steps and self-test do not reach, without the names of files."""
+    (coverage,) = [result for result in said["results"] if result["check"] == "coverage"]
+    assert coverage["detail"]
+    return {note.split(": ", 1)[1] for note in coverage["notes"]}
+
+
 def test_the_reference_model_on_every_target(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -68,6 +77,7 @@ def test_the_reference_model_on_every_target(
     folder = exported(spec_of(GALLERY, "reference"), tmp_path)
     code, said = verified(capsys, folder, "--targets", "all", "--proof", "--misra")
     assert code == 0, said
+    assert unreached(said) == set(UNREACHED.get("reference", {}))
     figures = {r["target"]: r["figures"][0] for r in said["results"] if r["figures"]}
     assert len(figures) == 10
     for board in figures.values():
@@ -85,13 +95,14 @@ def test_the_reference_model_on_every_target(
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "reference"])
-def test_the_gallery_has_nothing_to_find(
+def test_the_gallery_has_nothing_to_find_and_is_reached_but_for_what_has_a_reason(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     require(*HOST)
     folder = exported(spec_of(GALLERY, name), tmp_path)
     code, said = verified(capsys, folder, "--proof", "--misra")
     assert code == 0, said
+    assert unreached(said) == set(UNREACHED.get(name, {}))
 
 
 @pytest.mark.parametrize("name", ["reference", "tyre", "two_tanks"])

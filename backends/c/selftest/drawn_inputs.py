@@ -51,12 +51,12 @@ def drawn_record(
     start: Place | Outside,
     dtype: Dtype,
     *,
-    invalid: bool = False,
+    invalid: int | None = None,
 ) -> Record:
     """A record as long as the start graph needs.
 
     With `invalid` the first samples, and of the others every second or so, are invalid where the
-    policy replaces them.
+    policy replaces them: by turns of each kind, beginning with that one.
     """
     knots = knots_of(program, dtype)
     reads = extents(program.start, log=True)
@@ -74,10 +74,11 @@ def drawn_record(
         if isinstance(start, Place) and start.knot is not None and knots.size:
             low = high = _nearest(knots, (low + high) / 2.0, below=start.knot == "below")
         log[name] = (low + (high - low) * random.random((rows, *shape))).astype(dtype)
-        if invalid and signal.on_invalid in ("clamp", "hold"):
+        if invalid is not None and signal.on_invalid in ("clamp", "hold"):
             chosen = random.random(log[name].shape) < 0.5
             chosen[: t0 + reads[name].first + 1] = True
-            log[name][chosen] = np.resize([*_invalid(signal, dtype), *_NO_NUMBERS], chosen.sum())
+            kinds = np.roll([*_invalid(signal, dtype), *_NO_NUMBERS], -invalid)
+            log[name][chosen] = np.resize(kinds, chosen.sum())
     return Record(log, t0)
 
 
@@ -94,8 +95,8 @@ def drawn_series(
 ) -> Array:
     """Values of an input, (steps, *shape), within its range or [-1, 1] but for invalid ones.
 
-    Some lie at one of the knots or at a limit, and some just below; the last but one are 0 where
-    that is valid. Some values come twice in a row.
+    Some lie at one of the knots or at a limit, some just below, some a little above; the last but
+    one are 0 where that is valid. Some values come twice in a row.
 
     Where the policy replaces invalid values there are some of each kind; where it flags them, one
     is the next number above the range and one far above it, and below, and one is NaN in the last
@@ -120,7 +121,8 @@ def drawn_series(
         at = np.arange(0, steps, _SPECIAL_EVERY)
         chosen = random.choice(inside, len(at))
         below = np.nextafter(chosen, knots.dtype.type(low))
-        put(at, np.where(random.random(len(at)) < 0.5, chosen, below))
+        above = np.minimum(chosen + _NEAR * random.random(len(at)) * np.abs(chosen), high)
+        put(at, np.choose(random.integers(3, size=len(at)), [chosen, below, above]))
     if steps > 1 and low <= 0.0 <= high:
         rows[-2] = 0.0
     invalid, last = _invalid(signal, knots.dtype), np.array([steps - 1])
@@ -178,9 +180,9 @@ def _little(width: float, limit: float) -> float:
     return max(width * _BESIDE, abs(limit) * _ROUNDING)
 
 
-_BESIDE, _ROUNDING, _FAR = 4e-3, 2.0**-20, 1e3
-"""How far just outside is, of the range and of its limit: more than float32 rounds away; and how
-far is far."""
+_BESIDE, _ROUNDING, _FAR, _NEAR = 4e-3, 2.0**-20, 1e3, 1e-2
+"""How far just outside is, of the range and of its limit: more than float32 rounds away; how far
+is far, and how much of a knot is a little."""
 
 
 def drawable(range: tuple[float, float] | None) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Golden Jacobians as C: compares every entry with what the interpreter says it is."""
+"""Golden Jacobians as C: compares the entries with what the interpreter says they are."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from backends.c.interface.jacobian_interface import OUT, JacobianInterface, Matr
 from backends.c.interface.status import Status
 from backends.c.selftest.golden_text import tolerance
 from backends.c.selftest.golden_vectors import GoldenVectors, joined
+from backends.c.selftest.matrix_checksums import START, checksums
 from backends.c_language.places import variable
 from backends.c_language.scope import LocalNames, Scope
 from backends.c_language.tree import (
@@ -41,7 +42,8 @@ def slopes_function(
 ) -> Function:
     """`<prefix>_slopes_differ(status, jac, step)`: whether linearize answered something else.
 
-    Where there are many numbers, those of every n-th step are compared.
+    Where bits are promised a hash of all entries is compared. Else numbers are, where there are
+    many of them those of every n-th step.
     """
     golden, prefix = joined(runs), interface.prefix
     scope = Scope(LocalNames(prefix))
@@ -55,17 +57,12 @@ def slopes_function(
     scope.add(Table("golden_status", tuple(bits), CType.UNSIGNED))
     expected = Element(Name("golden_status"), Name("step"))
     scope.add(Declare(CType.BOOL, "differ", Binary("!=", Name("status"), expected)))
-    scope.reserve(_ROW)
     if not jacobian.fields:
         scope.add(Discard(OUT))
-    every = _distance(jacobian, len(bits))
-    inner = scope.inner()
-    for field in jacobian.fields:
-        _compare(interface, field, golden.slopes[field.matrix.name][::every], inner)
-    row = Binary("/", Name("step"), Unsigned(every))
-    scope.add(Declare(CType.UNSIGNED, _ROW, row, constant=True))
-    chosen = Binary("==", Binary("*", Name(_ROW), Unsigned(every)), Name("step"))
-    scope.add(If(chosen, tuple(inner.statements)))
+    elif interface.options.is_exact:
+        _compare_hashes(prefix, jacobian, golden, scope)
+    else:
+        _compare_numbers(interface, jacobian, golden, scope)
     scope.add(Return(Name("differ")))
     arguments = (
         Argument(f"{prefix}_status_t", "status"),
@@ -74,6 +71,34 @@ def slopes_function(
     )
     body = tuple(scope.statements)
     return Function(f"{prefix}_slopes_differ", "bool", arguments, body, static=True)
+
+
+def _compare_hashes(
+    prefix: str, jacobian: JacobianInterface, golden: GoldenVectors, scope: Scope
+) -> None:
+    hash = Name(scope.fresh("hash"))
+    scope.add(Table("golden_hash", tuple(map(float, checksums(golden.slopes))), CType.UNSIGNED))
+    scope.add(Declare(CType.UNSIGNED, hash.text, Unsigned(START)))
+    for field in jacobian.fields:
+        with scope.loop(field.matrix.size) as (index, inner):
+            number = field.place.element([index])
+            inner.add(Assign(hash, Call(f"{prefix}_hashed", (hash, number))))
+    expected = Element(Name("golden_hash"), Name("step"))
+    scope.add(If(Binary("!=", hash, expected), (Assign(Name("differ"), Truth(True)),)))
+
+
+def _compare_numbers(
+    interface: Interface, jacobian: JacobianInterface, golden: GoldenVectors, scope: Scope
+) -> None:
+    scope.reserve(_ROW)
+    every = _distance(jacobian, len(golden.status))
+    inner = scope.inner()
+    for field in jacobian.fields:
+        _compare(interface, field, golden.slopes[field.matrix.name][::every], inner)
+    row = Binary("/", Name("step"), Unsigned(every))
+    scope.add(Declare(CType.UNSIGNED, _ROW, row, constant=True))
+    chosen = Binary("==", Binary("*", Name(_ROW), Unsigned(every)), Name("step"))
+    scope.add(If(chosen, tuple(inner.statements)))
 
 
 def _infinite(jacobian: JacobianInterface, slopes: Mapping[str, NDArray[Any]]) -> NDArray[Any]:

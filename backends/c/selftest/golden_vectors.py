@@ -65,19 +65,21 @@ def golden_vectors(
     *,
     start: Place | Outside | None = _ANYWHERE,
     opening: int = 0,
+    invalid: int | None = None,
     written: Written | None = None,
 ) -> GoldenVectors:
     """`steps` steps from a drawn past, each from the states that the one before left.
 
     `start` says where in their ranges, or beyond, the states begin; with None they begin without a
-    past, as after `init`. The first samples of each input, `opening` of them, are invalid. What is
+    past, as after `init`. The first samples of each input, `opening` of them, are invalid; with
+    `invalid` those of the past are, too, beginning with that kind (`drawn_record`). What is
     `written` stands in the struct before the first step.
 
     The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
     """
     dtype = interface.options.dtype
     random = np.random.Generator(np.random.Philox(seed))
-    record = drawn_record(program, random, start or _ANYWHERE, dtype, invalid=opening > 0)
+    record = drawn_record(program, random, start or _ANYWHERE, dtype, invalid=invalid)
     knots = knots_of(program, dtype)
     inputs = {
         input.field.name: drawn_series(input, steps, random, knots, opening)

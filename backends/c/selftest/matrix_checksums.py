@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_START, _FACTOR = 2166136261, 16777619
+START, _FACTOR = 2166136261, 16777619
 """Of FNV-1a in 32 bits (Fowler, Noll, Vo 1991)."""
 
 
@@ -21,7 +21,7 @@ def checksums(matrices: Mapping[str, NDArray[Any]]) -> list[int]:
     parts = [matrix.reshape(steps, -1) for matrix in matrices.values()]
     entries = np.concatenate(parts, axis=1).astype(np.float32)
     entries[np.isnan(entries)] = np.float32(np.nan)
-    hashes = np.full(steps, _START, np.uint64)
+    hashes = np.full(steps, START, np.uint64)
     for word in entries.view(np.uint32).astype(np.uint64).T:
         hashes = ((hashes ^ word) * np.uint64(_FACTOR)) & np.uint64(0xFFFFFFFF)
     return [int(value) for value in hashes]

@@ -39,12 +39,9 @@ _STARTS: tuple[Place | Outside, ...] = (
     "far above",
     "nan",
 )
-_AFTER_RESET: tuple[tuple[Place | Outside, int], ...] = (
-    *((start, 0) for start in _STARTS),
-    *((Place(part, _PARTS), opening) for part, opening in ((1, 1), (3, 3), (5, 5))),
-)
-"""Where golden runs of the test program begin, and after how many invalid samples the first valid
-one comes."""
+_OPENINGS = ((1, 1, 0), (3, 3, 1), (5, 5, 4))
+"""Runs that begin with invalid samples: in which part of the ranges, how many, and with which kind
+those of the past begin: above the range, below, NaN."""
 
 _AFTER_INIT = (0, 2, 4)
 """After how many invalid samples in runs without a past, which stand last."""
@@ -73,10 +70,11 @@ def selftest_text(
         SELFTEST_STEPS,
         _SELFTEST_SEED,
         opening=_SELFTEST_OPENING,
+        invalid=0,
     )
     functions = _golden(interface, [golden])
     jacobian, sample_time = interface.jacobian, program.sample_time
-    if (kernels or sample_time is not None) and not _compares(interface):
+    if (kernels or sample_time is not None or jacobian) and not _compares(interface):
         functions.append(printer.function(differs_function(prefix)))
     if kernels:
         check = kernels_function(prefix, kernel_cases(kernels, dtype))
@@ -94,6 +92,7 @@ def selftest_text(
         functions=functions,
         kernels=bool(kernels),
         jacobian=jacobian is not None,
+        hashes=_hashes(interface),
         letters=letters,
         sample_time=None if sample_time is None else real_literal(sample_time, dtype),
         resumed=resumed_step(interface, golden) if _moves_all(interface) else None,
@@ -119,6 +118,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         "Golden vectors",
         guard=f"{prefix.upper()}_VECTORS_H",
         functions=_golden(interface, runs, starts),
+        hashes=_hashes(interface),
         runs=len(runs),
         from_init=FROM_INIT,
         written=sum(bool(run.written) for run in runs),
@@ -144,9 +144,11 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
     """Runs from `reset`, the last of them with a written state, then runs from `init`."""
-    begun: list[_Run] = [_Run(start, opening) for start, opening in _AFTER_RESET]
+    begun = [_Run(start) for start in _STARTS]
+    for part, opening, invalid in _OPENINGS:
+        begun.append(_Run(Place(part, _PARTS), opening, invalid))
     for number, written in enumerate(written_states(interface)):
-        begun.append(_Run(Place(number % _PARTS, _PARTS), 0, written))
+        begun.append(_Run(Place(number % _PARTS, _PARTS), invalid=number, written=written))
     begun += [_Run(None, opening) for opening in _AFTER_INIT]
     return [
         golden_vectors(
@@ -157,6 +159,7 @@ def _golden_runs(program: Program, interface: Interface, weights: Weights) -> li
             _TEST_SEED + number,
             start=run.start,
             opening=run.opening,
+            invalid=run.invalid,
             written=run.written,
         )
         for number, run in enumerate(begun)
@@ -168,7 +171,8 @@ class _Run:
     """How a golden run begins."""
 
     start: Place | Outside | None
-    opening: int
+    opening: int = 0
+    invalid: int | None = None
     written: Written | None = None
 
 
@@ -189,7 +193,14 @@ def _moves_all(interface: Interface) -> bool:
 
 def _compares(interface: Interface) -> bool:
     """Whether golden steps need the function that compares two numbers."""
-    return bool(interface.outputs) or interface.jacobian is not None
+    slopes = interface.jacobian is not None and not interface.options.is_exact
+    return bool(interface.outputs) or slopes
+
+
+def _hashes(interface: Interface) -> bool:
+    """Whether hashes of slopes are compared."""
+    jacobian = interface.jacobian
+    return jacobian is not None and bool(jacobian.fields) and interface.options.is_exact
 
 
 def _golden(
@@ -198,7 +209,7 @@ def _golden(
     printer = Printer(interface.prefix, interface.options.dtype)
     functions = [*golden_functions(interface, runs, starts)]
     if interface.jacobian is not None:
-        if not interface.outputs:
+        if not interface.outputs and _compares(interface):
             functions.insert(0, differs_function(interface.prefix))
         functions.append(slopes_function(interface, interface.jacobian, runs))
     return [printer.function(function) for function in functions]

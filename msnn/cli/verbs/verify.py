@@ -20,7 +20,10 @@ def verify(
         typer.Option(metavar="TARGET,…", help="host, m4, m7, m0, rv32 or all; boards run in QEMU."),
     ] = "host",
     proof: Annotated[
-        bool, typer.Option("--proof", help="Prove that no step has a run-time error (Frama-C).")
+        bool,
+        typer.Option(
+            "--proof", help="Prove that no step has a run-time error for inputs but NaN (Frama-C)."
+        ),
     ] = False,
     misra: Annotated[
         bool, typer.Option("--misra", help="Run the MISRA addon of cppcheck.")
