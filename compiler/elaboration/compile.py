@@ -26,6 +26,7 @@ from compiler.lowering.predictions import as_predicted, prediction_of
 from compiler.lowering.ranges import expected_values, signal_ranges
 from compiler.lowering.scope import owner_of
 from compiler.passes import run_passes
+from compiler.passes.analyses.infinite_slopes import infinite_slopes
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.errors import states as state_errors
 from spec_schema.errors import time as times
@@ -113,7 +114,8 @@ def compile_linked(
         spec_hash=spec_hash,
     )
     program = run_passes(program)
-    return Compiled(program, spec, (*diagnostics, *never_finite(program)))
+    found = (*never_finite(program), *infinite_slopes(program))
+    return Compiled(program, spec, (*diagnostics, *found))
 
 
 def in_own_files(

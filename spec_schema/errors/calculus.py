@@ -1,8 +1,8 @@
-"""E0711-E0719: integrals, derivatives and gradients."""
+"""E0711-E0719, W0743: integrals, derivatives and gradients."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
-from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
@@ -73,3 +73,35 @@ def too_large_to_solve(found: int, limit: int, span: Span) -> Diagnostic:
     )
     repair = "use `semi_implicit` or `rk4`, or more of its substeps"
     return error("E0718", span, message, f"{found} numbers in all", help=repair)
+
+
+_AWAY = {
+    "/": "divide by what cannot be 0 (`x / (1e-6 + abs(y))`), guard it by `where`",
+    "log": "keep its argument above 0 (`log(max(x, 1e-6))`)",
+    "sqrt": "keep its argument above 0 (`sqrt(x + 1e-6)`)",
+    "pow": "keep its base above 0 (`(x + 1e-6) ** y`)",
+    "asin": "keep its argument inside (`asin(clip(x, -0.999, 0.999))`)",
+    "acos": "keep its argument inside (`acos(clip(x, -0.999, 0.999))`)",
+}
+
+
+def steep_within_ranges(
+    operation: str,
+    at: Sequence[float],
+    declared: Mapping[str, tuple[float, float]],
+    reached: tuple[float, float],
+    span: Span,
+) -> Diagnostic:
+    """W0743: an operation whose slope is infinite somewhere inside the declared ranges."""
+    what = {"/": "the divisor", "pow": "the base"}.get(operation, "the argument")
+    where = " or ".join(f"{value:g}" for value in at)
+    ranges = " and ".join(f"`{n}` in [{low:g}, {high:g}]" for n, (low, high) in declared.items())
+    message = f"the slope is infinite where {what} is {where}, which declared ranges allow"
+    return warning(
+        "W0743",
+        span,
+        message,
+        f"{what} can be {where}",
+        notes=(f"with {ranges} it is in [{reached[0]:.4g}, {reached[1]:.4g}]",),
+        help=f"{_AWAY[operation]}, or declare a range in which it does not happen",
+    )

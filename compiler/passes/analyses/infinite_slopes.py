@@ -1,0 +1,152 @@
+"""Finds operations that are infinitely steep somewhere inside the ranges that a spec declares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Concat,
+    Constant,
+    Divide,
+    Multiply,
+    Reshape,
+    Select,
+    Slice,
+    Sum,
+)
+from compiler.ir.program import Graph, Node, NodeId, Program
+from compiler.passes.analyses.intervals import Interval
+from compiler.passes.analyses.value_ranges import ValueRanges, holding
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import calculus as errors
+
+_Guard = tuple[NodeId, bool]
+"""A condition, and whether it holds."""
+
+
+def infinite_slopes(program: Program) -> list[Diagnostic]:
+    """W0743 for each operation; the program is in window form.
+
+    Silent where the argument follows from no declared range, and where its own slope is 0 there:
+    the product is 0. What an integrator computes several times is looked at where its states are
+    as declared: a place warns if every computation of it does.
+    """
+    graph = program.step
+    places: dict[Span, list[_Singular | None]] = {}
+    ranges = ValueRanges(program)
+    guards: dict[NodeId, frozenset[_Guard]] | None = None
+    for node, made in graph:
+        for argument, at in _arguments(graph, made, ranges):
+            if made.span is None:
+                continue
+            guards = _guards(program) if guards is None else guards
+            reached = _reached(graph, argument, at, ranges, guards[node])
+            found = None if reached is None else _Singular(made, at, reached)
+            places.setdefault(made.span, []).append(found)
+    warned: list[Diagnostic] = []
+    for span, all_found in places.items():
+        found = [one for one in all_found if one is not None]
+        if len(found) == len(all_found):
+            warned.append(_said(found[0], program, span))
+    return warned
+
+
+@dataclass(frozen=True, slots=True)
+class _Singular:
+    """An operation, the values of its argument at which it is steep, and what that can be."""
+
+    node: Node
+    at: tuple[float, ...]
+    reached: Interval
+
+
+def _arguments(
+    graph: Graph, node: Node, ranges: ValueRanges
+) -> Iterator[tuple[NodeId, tuple[float, ...]]]:
+    """The argument whose slope can be infinite, and where."""
+    match node.op:
+        case Divide():
+            yield node.args[1], (0.0,)
+        case Apply("log"):
+            yield node.args[0], (0.0,)
+        case Apply("sqrt") if not _is_flat(graph, node.args[0]):
+            yield node.args[0], (0.0,)
+        case Apply("pow") if not _is_flat(graph, node.args[0]):
+            exponent = ranges.of(node.args[1])
+            if exponent.low < 1.0 and (exponent.low, exponent.high) != (0.0, 0.0):
+                yield node.args[0], (0.0,)
+        # what is clipped to where they are defined stands on the bound by chance alone
+        case Apply("asin" | "acos") if not isinstance(graph[node.args[0]].op, Clamp):
+            yield node.args[0], (-1.0, 1.0)
+        case _:
+            pass
+
+
+def _is_flat(graph: Graph, node: NodeId) -> bool:
+    """Whether a value has slope 0 wherever it is 0: squares, magnitudes, and sums of these."""
+    made = graph[node]
+    match made.op:
+        case Apply("abs"):
+            return True
+        case Constant(values):
+            return min(values, default=0.0) >= 0.0
+        case Multiply():
+            left, right = made.args
+            scaled = any(isinstance(graph[arg].op, Constant) for arg in made.args)
+            return left == right or (scaled and _is_flat(graph, left) and _is_flat(graph, right))
+        case Add() | Concat():
+            return all(_is_flat(graph, arg) for arg in made.args)
+        case Sum() | Broadcast() | Reshape() | Slice():
+            return _is_flat(graph, made.args[0])
+        case _:
+            return False
+
+
+def _reached(
+    graph: Graph,
+    argument: NodeId,
+    at: tuple[float, ...],
+    ranges: ValueRanges,
+    guards: Iterable[_Guard],
+) -> Interval | None:
+    """What the argument can be, if that has a singular value and follows from declared ranges."""
+    found = ranges.of(argument)
+    if not found.of or not any(map(found.has, at)):
+        return None
+    given: dict[NodeId, Interval] = {}
+    for condition, holds in guards:
+        for node, known in holding(graph, condition, ranges, holds=holds).items():
+            given[node] = known.within(given[node]) if node in given else known
+    found = ranges.of(argument, given)
+    return found if any(map(found.has, at)) else None
+
+
+def _guards(program: Program) -> dict[NodeId, frozenset[_Guard]]:
+    """For each node the conditions without which nobody uses its value."""
+    graph = program.step
+    results = [one.node for one in program.outputs] + [one.next for one in program.states]
+    for loss in program.losses:
+        results += [loss.prediction] if loss.target is None else [loss.prediction, loss.target]
+    found = dict.fromkeys(results, frozenset[_Guard]())
+    for node in reversed(range(len(graph))):
+        made, own = graph[node], found.setdefault(node, frozenset())
+        for position, arg in enumerate(made.args):
+            chosen = isinstance(made.op, Select) and position > 0
+            here = own | {(made.args[0], position == 1)} if chosen else own
+            found[arg] = found[arg] & here if arg in found else here
+    return found
+
+
+def _said(one: _Singular, program: Program, span: Span) -> Diagnostic:
+    entries = (*program.signals, *program.states, *program.expected)
+    ranges = {entry.name: entry.range for entry in entries}
+    declared = {name: limits for name in sorted(one.reached.of) if (limits := ranges[name])}
+    name = one.node.op.function if isinstance(one.node.op, Apply) else "/"
+    at = [value for value in one.at if one.reached.has(value)]
+    return errors.steep_within_ranges(name, at, declared, (one.reached.low, one.reached.high), span)

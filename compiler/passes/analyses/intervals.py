@@ -1,0 +1,177 @@
+"""Computes with intervals that hold every element of a value, and with whose ranges they come from.
+
+Of what nothing is known the interval has infinite ends and follows from nobody's range.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """low ≤ x ≤ high for every element."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    of: frozenset[str] = frozenset()
+    """The names whose declared ranges it follows from."""
+    nonzero: bool = False
+    """Whether no element is 0 though 0 may be inside."""
+
+    def has(self, value: float) -> bool:
+        """Whether an element can be this number."""
+        return self.low <= value <= self.high and not (value == 0 and self.nonzero)
+
+    def within(self, other: Interval) -> Interval:
+        """What is known where both hold."""
+        low, high = max(self.low, other.low), min(self.high, other.high)
+        if low > high:  # nothing is in both: the declared ranges do not fit each other
+            return self
+        return Interval(low, high, self.of | other.of, self.nonzero or other.nonzero)
+
+
+ANYTHING = Interval()
+
+
+def union(parts: Sequence[Interval]) -> Interval:
+    """What holds of elements of any of them."""
+    ends = [end for one in parts for end in (one.low, one.high)]
+    return replace(_between(ends, *parts), nonzero=not any(one.has(0.0) for one in parts))
+
+
+def negative(x: Interval) -> Interval:
+    return replace(x, low=-x.high, high=-x.low)
+
+
+def total(a: Interval, b: Interval) -> Interval:
+    return _between([a.low + b.low, a.high + b.high], a, b)
+
+
+def product(a: Interval, b: Interval) -> Interval:
+    ends = [_times(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
+    found = _between(ends, a, b)
+    # however large a factor can be: where the other one is 0 the product is
+    zero = _of([one for one in (a, b) if one.has(0.0)])
+    nonzero = not a.has(0.0) and not b.has(0.0)
+    return replace(found, of=found.of or zero, nonzero=nonzero)
+
+
+def square(x: Interval) -> Interval:
+    return product(magnitude(x), magnitude(x))
+
+
+def quotient(a: Interval, b: Interval) -> Interval:
+    if b.low <= 0.0 <= b.high:
+        return ANYTHING
+    return product(a, _between([1.0 / b.low, 1.0 / b.high], b))
+
+
+def magnitude(x: Interval) -> Interval:
+    ends = (abs(x.low), abs(x.high))
+    low = 0.0 if x.low <= 0.0 <= x.high else min(ends)
+    return replace(_between([low, max(ends)], x), nonzero=x.nonzero)
+
+
+def least(a: Interval, b: Interval) -> Interval:
+    return _between([min(a.low, b.low), min(a.high, b.high)], a, b)
+
+
+def largest(a: Interval, b: Interval) -> Interval:
+    return _between([max(a.low, b.low), max(a.high, b.high)], a, b)
+
+
+def clamped(x: Interval, low: Interval, high: Interval) -> Interval:
+    return least(largest(x, low), high)
+
+
+def repeated(x: Interval, count: int) -> Interval:
+    """The sum of so many numbers in the interval."""
+    return _between([_times(count, x.low), _times(count, x.high)], x)
+
+
+def of_function(function: str, x: Sequence[Interval]) -> Interval:
+    """The values of a scalar function."""
+    if function == "abs":
+        return magnitude(x[0])
+    if function == "pow":
+        return _power(*x)
+    if function in _MONOTONE:
+        low, high = _MONOTONE[function]
+        meaning = SCALAR_FUNCTIONS[function].numpy
+        inside = [min(max(end, low), high) for end in (x[0].low, x[0].high)]
+        with np.errstate(all="ignore"):
+            ends = [float(meaning(np.float64(end))) for end in inside]
+        return _between(ends, x[0])
+    if function in _PEAKS:
+        return _wave(function, x[0])
+    return _between(_BOUNDED.get(function, (-math.inf, math.inf)), *x)
+
+
+def _wave(function: str, x: Interval) -> Interval:
+    """Of sine and cosine: their ends, and the extrema between them."""
+    if not math.isfinite(x.high - x.low):
+        return Interval(-1.0, 1.0)
+    ends = [float(SCALAR_FUNCTIONS[function].numpy(np.float64(end))) for end in (x.low, x.high)]
+    for peak, value in ((_PEAKS[function], 1.0), (_PEAKS[function] + math.pi, -1.0)):
+        next_one = peak + math.ceil((x.low - peak) / (2.0 * math.pi)) * 2.0 * math.pi
+        ends += [value] if next_one <= x.high else []
+    return _between(ends, x)
+
+
+_PEAKS = {"sin": math.pi / 2.0, "cos": 0.0}
+"""Where they are 1; half a turn on they are −1."""
+
+
+_MONOTONE = {
+    "exp": (-math.inf, math.inf),
+    "sinh": (-math.inf, math.inf),
+    "tanh": (-math.inf, math.inf),
+    "atan": (-math.inf, math.inf),
+    "sigmoid": (-math.inf, math.inf),
+    "softplus": (-math.inf, math.inf),
+    "sign": (-math.inf, math.inf),
+    "sqrt": (0.0, math.inf),
+    "log": (0.0, math.inf),
+    "asin": (-1.0, 1.0),
+    "acos": (-1.0, 1.0),
+}
+"""Functions that rise, or fall, all along, and where they are defined."""
+
+_BOUNDED = {"atan2": (-math.pi, math.pi), "cosh": (1.0, math.inf)}
+
+
+def _power(base: Interval, exponent: Interval) -> Interval:
+    if exponent.low != exponent.high:
+        return Interval(low=0.0) if base.low >= 0.0 else ANYTHING
+    y = exponent.low
+    if base.low < 0.0:
+        even = y > 0.0 and y % 2.0 == 0.0
+        return _power(magnitude(base), exponent) if even else ANYTHING
+    with np.errstate(all="ignore"):
+        ends = [float(np.float64(end) ** y) for end in (base.low, base.high)]
+    return _between(ends, base)
+
+
+def _times(a: float, b: float) -> float:
+    """0 times whatever is 0: infinite ends stand for large numbers."""
+    return 0.0 if a == 0.0 or b == 0.0 else a * b
+
+
+def _between(ends: Sequence[float], *made_of: Interval) -> Interval:
+    """From the least end to the largest; a value without end follows from nobody's range."""
+    if any(math.isnan(end) for end in ends):
+        return ANYTHING
+    low, high = min(ends), max(ends)
+    bounded = math.isfinite(low) and math.isfinite(high)
+    return Interval(low, high, _of(made_of) if bounded else frozenset())
+
+
+def _of(parts: Sequence[Interval]) -> frozenset[str]:
+    return frozenset[str]().union(*(one.of for one in parts))

@@ -1,0 +1,209 @@
+"""Bounds the values of a step by the ranges that the spec declares for inputs and states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import assert_never
+
+import numpy as np
+
+from compiler.ir.ops import (
+    Add,
+    Apply,
+    Broadcast,
+    Clamp,
+    Compare,
+    Concat,
+    Constant,
+    Contract,
+    Divide,
+    Dropout,
+    Maximum,
+    Minimum,
+    Multiply,
+    Negate,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    Relation,
+    Reshape,
+    Select,
+    Slice,
+    Subtract,
+    Sum,
+    Window,
+)
+from compiler.ir.program import Graph, History, Node, NodeId, Parameter, Program, Tape
+from compiler.passes.analyses import intervals
+from compiler.passes.analyses.intervals import ANYTHING, Interval
+
+_OPEN = 1e-9
+"""Bounds of learned parameters are not reached: they end so far before, relatively."""
+
+
+class ValueRanges:
+    """The intervals of the nodes of a program's step, in window form, each looked at once."""
+
+    def __init__(self, program: Program) -> None:
+        self._graph = program.step
+        self._signals = _declared(program)
+        self._buffers = {state.name: _source(state.name, state.origin) for state in program.states}
+        self._parameters = {p.name: _of_parameter(p) for p in program.parameters}
+        self._expected = {one.node: _of_range(one.name, one.range) for one in program.expected}
+        self._known: dict[NodeId, Interval] = {}
+
+    def of(self, node: NodeId, given: Mapping[NodeId, Interval] | None = None) -> Interval:
+        """The interval of a node; where something else is `given`, as by a `where`, with that."""
+        known = self._known if not given else {}
+        return self._found(node, given or {}, known)
+
+    def _found(
+        self, wanted: NodeId, given: Mapping[NodeId, Interval], known: dict[NodeId, Interval]
+    ) -> Interval:
+        waiting = [wanted]
+        while waiting:
+            node = waiting[-1]
+            missing = [arg for arg in self._graph[node].args if arg not in known]
+            if node not in known and not missing:
+                made = self._graph[node]
+                found = self._interval(made, [known[arg] for arg in made.args])
+                for limit in (self._expected.get(node), given.get(node)):
+                    found = found if limit is None else found.within(limit)
+                known[node] = found
+            if node in known:
+                waiting.pop()
+            else:
+                waiting += missing
+        return known[wanted]
+
+    def _interval(self, node: Node, of: list[Interval]) -> Interval:
+        match node.op:
+            case Constant(values):
+                return _of_numbers(values)
+            case ReadParameter(name):
+                return self._parameters[name]
+            case ReadSignal(name) | ReadLog(name):
+                return self._signals.get(name, ANYTHING)
+            case ReadState(name):
+                return self._signals.get(self._buffers[name], ANYTHING)
+            case Window(name):
+                past = self._signals.get(self._buffers[name], ANYTHING)
+                return intervals.union([past, of[0]])
+            case Add():
+                return intervals.total(of[0], of[1])
+            case Subtract():
+                return intervals.total(of[0], intervals.negative(of[1]))
+            case Multiply() if node.args[0] == node.args[1]:
+                return intervals.square(of[0])
+            case Multiply():
+                return intervals.product(of[0], of[1])
+            case Divide():
+                return intervals.quotient(of[0], of[1])
+            case Negate():
+                return intervals.negative(of[0])
+            case Minimum():
+                return intervals.least(of[0], of[1])
+            case Maximum():
+                return intervals.largest(of[0], of[1])
+            case Clamp():
+                return intervals.clamped(of[0], of[1], of[2])
+            case Select():
+                return intervals.union(of[1:])
+            case Apply(function):
+                return intervals.of_function(function, of)
+            case Broadcast() | Reshape() | Slice() | Dropout():
+                return of[0]
+            case Concat():
+                return intervals.union(of)
+            case Sum(axis=axis):
+                return intervals.repeated(of[0], self._length(node.args[0], axis))
+            case Contract(axis=axis):
+                length = self._length(node.args[0], axis)
+                return intervals.repeated(intervals.product(of[0], of[1]), length)
+            case Compare():
+                return ANYTHING
+            case _:
+                assert_never(node.op)
+
+    def _length(self, node: NodeId, axis: str) -> int:
+        found = self._graph[node].type.axis(axis)
+        assert found is not None, "a sum runs over an axis of its operand"
+        return found.size
+
+
+def holding(
+    graph: Graph, condition: NodeId, ranges: ValueRanges, *, holds: bool
+) -> dict[NodeId, Interval]:
+    """What is known of the operands of a comparison where it holds, or where it does not."""
+    node = graph[condition]
+    while isinstance(node.op, Broadcast):
+        node = graph[node.args[0]]
+    if not isinstance(node.op, Compare):
+        return {}
+    left, right = node.args
+    relation = node.op.relation if holds else _OTHERWISE[node.op.relation]
+    if relation in (Relation.GREATER, Relation.GREATER_EQUAL):
+        left, right = right, left
+    strict = relation in (Relation.LESS, Relation.GREATER)
+    most, fewest = ranges.of(right).high, ranges.of(left).low
+    found: dict[NodeId, Interval] = {}
+    _add(graph, found, left, Interval(high=math.nextafter(most, -math.inf) if strict else most))
+    _add(graph, found, right, Interval(low=math.nextafter(fewest, math.inf) if strict else fewest))
+    return found
+
+
+_OTHERWISE = {
+    Relation.LESS: Relation.GREATER_EQUAL,
+    Relation.LESS_EQUAL: Relation.GREATER,
+    Relation.GREATER: Relation.LESS_EQUAL,
+    Relation.GREATER_EQUAL: Relation.LESS,
+}
+"""Where a relation of numbers does not hold the other one does."""
+
+
+def _add(graph: Graph, found: dict[NodeId, Interval], node: NodeId, known: Interval) -> None:
+    """Of what is repeated the same holds; what has a magnitude above 0 is not 0."""
+    found[node] = known.within(found.get(node, ANYTHING))
+    made = graph[node]
+    if isinstance(made.op, Broadcast):
+        _add(graph, found, made.args[0], known)
+    even = isinstance(made.op, Multiply) and made.args[0] == made.args[1]
+    if known.low > 0.0 and (made.op == Apply("abs") or even):
+        _add(graph, found, made.args[0], Interval(nonzero=True))
+
+
+def _declared(program: Program) -> dict[str, Interval]:
+    entries = (*program.signals, *program.states, *program.expected)
+    return {one.name: _of_range(one.name, one.range) for one in entries if one.range is not None}
+
+
+def _of_range(name: str, range: tuple[float, float]) -> Interval:
+    return Interval(range[0], range[1], frozenset([name]))
+
+
+def _source(name: str, origin: object) -> str:
+    """Whose samples a state keeps."""
+    match origin:
+        case History(source) | Tape(source):
+            return source
+        case _:
+            return name
+
+
+def _of_parameter(parameter: Parameter) -> Interval:
+    """Its bounds, which are open, else its initial value: it is declared for the time being."""
+    if not parameter.learn or (parameter.minimum is None and parameter.maximum is None):
+        return _of_numbers(parameter.initial)
+    low = -math.inf if parameter.minimum is None else parameter.minimum
+    high = math.inf if parameter.maximum is None else parameter.maximum
+    margin = _OPEN * parameter.scale
+    return Interval(low + margin, high - margin)
+
+
+def _of_numbers(values: tuple[float, ...]) -> Interval:
+    numbers = np.asarray(values, float)
+    if not numbers.size or np.isnan(numbers).any():
+        return ANYTHING
+    return Interval(float(numbers.min()), float(numbers.max()), nonzero=bool(numbers.all()))
