@@ -15,13 +15,12 @@ from compiler.ir.program import (
     Node,
     Output,
     Parameter,
-    Prediction,
     Program,
     Role,
     Signal,
     State,
 )
-from compiler.ir.types import WINDOW, Axis, Type
+from compiler.ir.types import WINDOW, Axis, Prediction, Type
 from compiler.layers.rules.fuzzy_sets import FuzzySets, triangular
 from compiler.passes.fold_constants import fold_constants
 from compiler.passes.to_step_form import to_step_form

@@ -9,7 +9,7 @@ from typing import Literal
 
 from compiler.ir.fit import Fit
 from compiler.ir.ops import Op
-from compiler.ir.types import Axis, Type
+from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
 
@@ -148,19 +148,11 @@ class State:
     range: tuple[float, float] | None = None
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
-    needs: tuple[str, ...] = ()
-    """Sub-models that the `next:` of a discrete state needs in the same step."""
     on_range: RangePolicy = "flag"
     """What becomes of a next value outside `range`. Where it is `saturate`, `next` keeps to the
     range by itself; `reset` is for deployed code alone."""
-
-
-@dataclass(frozen=True, slots=True)
-class Prediction:
-    """What an output stands for: `signal[t+ahead]`."""
-
-    signal: str
-    ahead: int
+    needs: tuple[str, ...] = ()
+    """Sub-models that the `next:` of a discrete state needs in the same step."""
 
 
 @dataclass(frozen=True, slots=True)

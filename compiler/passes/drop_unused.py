@@ -37,7 +37,7 @@ def drop_unused(program: Program) -> Program:
         read |= {statistic.signal for statistic in statistics if statistic is not None}
     fits = [fit for fit in program.fits if program.losses and _sets_only(fit, used)]
     for fit in fits:
-        read |= {fit.input, fit.target}
+        read |= {fit.input, fit.target.signal}
     return replace(
         program,
         signals=tuple(signal for signal in program.signals if signal.name in read),

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from compiler.ir.program import Output, Prediction, Program
+from compiler.ir.program import Output, Program
+from compiler.ir.types import Prediction
 from msnn.data.dataset import Dataset
 from msnn.data.reading.file_sets import file_sets, set_of
 from msnn.errors import stages as stage_errors

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.program import Graph, NodeId, Output, Prediction, Program, Role, Signal
-from compiler.ir.types import Axis, Type
+from compiler.ir.program import Graph, NodeId, Output, Program, Role, Signal
+from compiler.ir.types import Axis, Prediction, Type
 from compiler.passes.close_loop import LoopError, LoopFault, close_loop
 from spec_schema.diagnostics.source import Span
 from tests.programs import SAMPLES

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import random
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,9 +15,24 @@ from typing import Any
 import pytest
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.program import Graph, Output, Program, Role, Signal
+from compiler.ir.fit import Fit
+from compiler.ir.program import (
+    Dimension,
+    Expected,
+    Graph,
+    Loss,
+    Measure,
+    Memory,
+    Output,
+    Parameter,
+    Program,
+    Role,
+    Signal,
+    State,
+    Statistic,
+)
 from compiler.ir.text import program_text
-from compiler.ir.types import Type
+from compiler.ir.types import Axis, Prediction, Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
 from compiler.program_file.file import (
@@ -25,9 +41,12 @@ from compiler.program_file.file import (
     program_to_data,
     program_to_json,
 )
+from compiler.program_file.reader import read_program
 from spec_schema.diagnostics.diagnostic import SpecError, describe
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.parser import parse_unit
+from tests.every_op.record import Record
+from tests.every_op.records import RECORDS
 from tests.golden import assert_golden
 from tests.pass_programs import PASS_PROGRAMS
 from tests.programs import SAMPLES
@@ -53,6 +72,80 @@ def test_program_comes_back_from_its_file(name: str) -> None:
     assert program_text(read) == program_text(program)  # with places and labels
     assert program_to_json(read) == text
     assert program_from_data(json.loads(json.dumps(program_to_data(program))), "x") == program
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.name)
+def test_every_operation_comes_back_from_its_file(record: Record) -> None:
+    assert program_from_json(program_to_json(record.program), "model.json") == record.program
+
+
+def test_every_declaration_comes_back_with_all_it_can_say() -> None:
+    """No value is its default, so that a field which is forgotten shows."""
+    span, axes, unit = Span("a.msnn.yaml", 3, 1, 3, 9), (Axis("k", 2),), parse_unit("N*m")
+    b, starts = GraphBuilder(), GraphBuilder()
+    x = b.signal("x", 0, 0, Type(axes, unit))
+    total = b.sum(x, "k")
+    first = starts.parameter("p", Type(axes, unit))
+    program = Program(
+        name="all",
+        sample_time=0.5,
+        signals=(
+            Signal("x", Role.INPUT, axes, unit, (-1.0, 2.0), "hold", "doc", span),
+            Signal("y", Role.TARGET),
+        ),
+        parameters=(
+            Parameter(
+                name="p",
+                axes=axes,
+                unit=unit,
+                initial=(0.5, 1.0),
+                minimum=0.0,
+                maximum=2.0,
+                scale=3.0,
+                learn=False,
+                statistic=Statistic("std", "x"),
+                doc="doc",
+                span=span,
+            ),
+        ),
+        states=(
+            State(
+                name="s",
+                axes=axes,
+                unit=unit,
+                origin=Memory(of_run=True),
+                next=x,
+                start=first,
+                range=(-math.inf, 1.0),
+                doc="doc",
+                span=span,
+                on_range="reset",
+                needs=("part",),
+            ),
+        ),
+        step=b.graph(),
+        start=starts.graph(),
+        outputs=(Output("out", total, Prediction("y", 2), "doc", span, ("part",)),),
+        losses=(Loss("l.mae", Measure.MAE, total, total, 2.0, 0.25, span),),
+        expected=(Expected("e", total, (0.0, math.inf), span),),
+        fits=(
+            Fit(
+                kind="iir",
+                layer="f",
+                input="x",
+                target=Prediction("y", 2),
+                num=1,
+                den=2,
+                feedthrough=True,
+                radius=0.9,
+            ),
+        ),
+        dimensions=(Dimension("k", 2, ("a", "b")),),
+        doc="doc",
+        spec_hash="ab",
+    )
+    data = json.loads(json.dumps(program_to_data(program)))
+    assert read_program(data) == program
 
 
 def test_text_of_a_file(accept: bool) -> None:
