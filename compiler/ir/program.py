@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Literal
 
 from compiler.ir.fit import Fit
-from compiler.ir.ops import Op
+from compiler.ir.ops import Broadcast, Op
 from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
@@ -46,6 +46,12 @@ class Graph:
 
     def __iter__(self) -> Iterator[tuple[NodeId, Node]]:
         return iter(enumerate(self.nodes))
+
+    def unrepeated(self, node: NodeId) -> NodeId:
+        """The node that this one repeats along more axes; itself where it is no `Broadcast`."""
+        while isinstance(self.nodes[node].op, Broadcast):
+            (node,) = self.nodes[node].args
+        return node
 
 
 class Role(Enum):
