@@ -1,6 +1,7 @@
 """Reads and writes what a program is made of by the types of its fields.
 
-A class has one key for each field. Axes, units, and what has its default value are left out.
+A class has one key for each field. A default value is left out, and so are axes and a unit where
+there are none.
 """
 
 from __future__ import annotations

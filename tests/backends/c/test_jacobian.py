@@ -184,7 +184,9 @@ def test_the_code_is_as_accepted(name: str, tmp_path: Path, accept: bool) -> Non
     source = (tmp_path / "src" / f"{name}.c").read_text(encoding="utf-8")
     expected = Path(__file__).parents[2] / "golden" / f"c_jacobian_{name}"
     assert_golden(
-        expected / f"{name}_linearize.c", source[source.index("/* Computes the slopes") :], accept=accept
+        expected / f"{name}_linearize.c",
+        source[source.index("/* Computes the slopes") :],
+        accept=accept,
     )
     header = (tmp_path / "include" / f"{name}.h").read_text(encoding="utf-8")
     shown = re.search(r"/\* x: .*?(?=\n/\* Inputs of a step\. \*/)", header, re.DOTALL)
