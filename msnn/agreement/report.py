@@ -25,7 +25,7 @@ class Failure:
         """Its row of the table."""
         missing = isinstance(self.error, MissingExtraError)
         why = "not compared" if missing else f"FAILED: {type(self.error).__name__}"
-        return self.target, self.dtype, "", "", "", "", why
+        return self.target, self.dtype, "", "", "", "", "", why
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +63,15 @@ def agreement_table(report: AgreementReport) -> str:
             str(row.steps),
             "" if row.one_step is None else f"{row.one_step:.1e}",
             f"{row.free_run:.1e}",
+            "" if row.jacobian is None else f"{row.jacobian:.1e}",
             "" if row.bits is None else str(row.bits),
             "agrees" if row.agrees else "DIFFERS",
         )
         for row in report.rows
     ]
     rows += [failure.row for failure in report.failures]
-    header = ("target", "type", "steps", "one step", "free run", "differing bits", "")
-    table = table_text(header, rows, numbers=[2, 3, 4, 5])
+    header = ("target", "type", "steps", "one step", "free run", "Jacobian", "differing bits", "")
+    table = table_text(header, rows, numbers=[2, 3, 4, 5, 6])
     return f"Worst deviation from the interpreter in float64, along {report.origin}:\n{table}"
 
 

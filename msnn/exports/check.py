@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from msnn.agreement.compare import Agreement, Subject, compare
+from msnn.agreement.compare import Agreement, compare
 from msnn.agreement.record import Record, agreement_record
 from msnn.agreement.report import AgreementReport, Failure
+from msnn.agreement.subject import Subject
 from msnn.exports.export import load_export
 from msnn.exports.target import AnyPlan, Weights, Written
 from msnn.model.model import Model
@@ -29,9 +30,9 @@ def check_exports(
     failures: list[Failure] = []
     origins: dict[str, None] = {}
     for plan, written in exports:
-        record = agreement_record(model, plan.program, data_folder)
-        origins[record.origin] = None
         try:
+            record = agreement_record(model, plan.program, data_folder)
+            origins[record.origin] = None
             rows.append(check_export(plan, weights, written, record))
         except Exception as error:  # noqa: BLE001  (raised again once the table is printed)
             failures.append(Failure(plan.target.name, plan.dtype, error))

@@ -15,6 +15,9 @@ from spec_schema.errors.states import not_closable
 from spec_schema.fields.located import Located
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 
+MOST_ENTRIES = 250_000
+"""Of a matrix of a Jacobian: a megabyte in single precision."""
+
 
 def float_plan(
     target: Target[OwnEntry, Options],

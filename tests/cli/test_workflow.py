@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from msnn.exports.table import NAMES
 from msnn.project.sample_data import DAMPING, MASS, STIFFNESS
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC, SUMMARY, change
@@ -244,7 +245,7 @@ def test_every_target_agrees_with_the_interpreter(msnn: CommandLine, trained: Pa
     assert said.code == 0, said.err
     record = json.loads(said.out)
     found = {row["target"]: row for row in record["agreement"]["targets"]}
-    assert set(found) == set(record["files"]) == {"torch", "onnx", "casadi", "c"}
+    assert set(found) == set(record["files"]) == set(NAMES)
     assert found["c"]["bits"] == 0
     assert all(row["agrees"] for row in found.values())
     assert not list((trained / "build").rglob("__pycache__"))

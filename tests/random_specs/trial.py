@@ -129,6 +129,9 @@ def _exported(model: Model, folder: Path) -> Fault | None:
             if found.bits:
                 said = f"{found.bits} values differ in bits from the judge"
                 return Fault(target, "bits", said)
+            slopes = [fault for fault in found.faults if fault.of.startswith("the matrix")]
+            if slopes:
+                return Fault(target, "slopes", str(slopes))
             if plan.dtype == "float32" or found.agrees:
                 continue  # in float32 the bits say more than any limit
             allowed = ROUNDINGS * _rounding(plan, weights, record)

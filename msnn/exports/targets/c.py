@@ -16,13 +16,10 @@ from compiler.passes.settle_zeros import settle_zeros
 from msnn.agreement.judgement import NumberType, Promise
 from msnn.agreement.loaded import Loaded
 from msnn.errors import workflow
-from msnn.exports.prepare import name_prefix, step_program
+from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
 from msnn.exports.target import AnyPlan, ExportPlan, Request, Target, Weights, Written
 from msnn.exports.targets.fixed_point import TARGET as FIXED_POINT
 from spec_schema.sections.exports import CExport, Extra
-
-MOST_ENTRIES = 250_000
-"""Of a matrix of a Jacobian: a megabyte in single precision."""
 
 
 def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:

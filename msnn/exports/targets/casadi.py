@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compiler.ir.program import Program
+from compiler.ir.types import Type
+from compiler.jacobian.matrices import Matrix
 from msnn.agreement.judgement import Arrays, Promise
-from msnn.agreement.loaded import Loaded, run_by_steps, stacked
+from msnn.agreement.loaded import Loaded, Slopes, run_by_steps, stacked
 from msnn.errors import workflow
-from msnn.exports.prepare import float_plan
+from msnn.exports.prepare import MOST_ENTRIES, float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from spec_schema.sections.exports import CasadiExport
 
@@ -36,7 +40,23 @@ def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path
 @contextmanager
 def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
     exported = _CasadiExport(written.folder, plan.prefix)
-    yield Loaded(run_by_steps(exported.start, exported.step), exported.step)
+    run = run_by_steps(exported.start, exported.step)
+    yield Loaded(run, exported.step, _slopes(plan.program, exported))
+
+
+def _slopes(program: Program, exported: _CasadiExport) -> Slopes | None:
+    """CasADi's own derivative of the step; None where matrices are vast."""
+    from backends.ports.step_interface import step_interface
+    from compiler.jacobian.jacobian import jacobian
+
+    ports = step_interface(program)
+    states = sum(Type(state.axes).size for state in ports.states)
+    rows = max(states, sum(program.step[output.node].type.size for output in ports.outputs))
+    if rows * max(states, sum(port.type.size for port in ports.inputs)) > MOST_ENTRIES:
+        return None
+    parameters = sum(Type(parameter.axes).size for parameter in ports.parameters)
+    slopes = jacobian(program, parameters=rows * parameters <= MOST_ENTRIES)
+    return Slopes(slopes, partial(exported.slopes, slopes.matrices))
 
 
 TARGET: Target[CasadiExport, None] = Target(
@@ -85,6 +105,38 @@ class _CasadiExport:
                 {e["name"]: _shaped(values[e["next_port"]], e) for e in self._about["states"]}
             )
         return stacked(outputs), stacked(following)
+
+    def slopes(
+        self, matrices: Sequence[Matrix], inputs: Arrays, states: Arrays, steps: int
+    ) -> Arrays:
+        """The matrices (steps, rows, columns) by name, of CasADi's derivative."""
+        derivative = self._step.jacobian()
+        found: list[Arrays] = []
+        for k in range(steps):
+            given = {e["port"]: inputs[e["name"]][k].ravel() for e in self._about["inputs"]}
+            given |= {e["port"]: states[e["name"]][k].ravel() for e in self._about["states"]}
+            blocks = self._call(derivative, given)
+            found.append({matrix.name: self._matrix(matrix, blocks) for matrix in matrices})
+        return stacked(found)
+
+    def _matrix(self, matrix: Matrix, blocks: Arrays) -> NDArray[np.float64]:
+        """Its blocks, one of each quantity of the rows by each of the columns."""
+        ends = {
+            "x": self._ports("states", "next_port"),
+            "y": self._ports("outputs", "port"),
+        }[matrix.rows.letter]
+        begins = self._ports(
+            {"x": "states", "u": "inputs", "p": "parameters"}[matrix.columns.letter], "port"
+        )
+        whole = np.zeros(matrix.shape)
+        for row in matrix.rows.members:
+            for column in matrix.columns.members:
+                block = blocks[f"jac_{ends[row.name]}_{begins[column.name]}"]
+                whole[row.first :, column.first :][: row.size, : column.size] = block
+        return whole
+
+    def _ports(self, table: str, key: str) -> dict[str, str]:
+        return {entry["name"]: entry[key] for entry in self._about[table]}
 
     def _call(self, function: Any, given: Arrays) -> Arrays:
         known = set(function.name_in())

@@ -1,0 +1,119 @@
+"""Draws points at which Jacobians are compared: singular ones among them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from backends.ports.step_interface import Port, step_interface
+from compiler.ir.program import History, Program, Tape
+from msnn.agreement.judgement import Arrays, Judgement
+
+MOST_STEPS = 200
+"""Along the record."""
+_MIXTURES = 40
+TINY = 1e-9
+"""A hair above 0."""
+
+_Range: TypeAlias = tuple[float, float]
+_Draw: TypeAlias = Callable[[NDArray[Any], _Range, bool], NDArray[Any]]
+"""A value out of those along the record, within a range, of an input or else of a state."""
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """Inputs and states of single steps, (points, *shape)."""
+
+    inputs: Arrays
+    states: Arrays
+    count: int
+
+
+def points(program: Program, judged: Judgement) -> Points:
+    """The first steps along the record, then drawn ones, the same every time (Philox).
+
+    Drawn are: all 0; inputs 0 and states a hair above; every range at its lower, at its upper
+    limit; and mixtures, each quantity of which is one of these or what it is somewhere along the
+    record. All are within their ranges.
+    """
+    random = np.random.Generator(np.random.Philox(0))
+    corners: list[_Draw] = [
+        lambda seen, range, is_input: np.zeros_like(seen[0]),
+        lambda seen, range, is_input: np.full_like(seen[0], 0.0 if is_input else TINY),
+        lambda seen, range, is_input: _limit(seen[0], range[0]),
+        lambda seen, range, is_input: _limit(seen[0], range[1]),
+    ]
+
+    def mixed(seen: NDArray[Any], range: _Range, is_input: bool) -> NDArray[Any]:
+        kind = int(random.integers(2 * len(corners)))
+        if kind < len(corners):
+            return corners[kind](seen, range, is_input)
+        return seen[int(random.integers(len(seen)))]
+
+    draws = [*corners, *[mixed] * _MIXTURES]
+    steps = min(judged.steps, MOST_STEPS)
+    ranges = _ranges(program)
+
+    def extended(arrays: Arrays, *, are_inputs: bool) -> Arrays:
+        found: dict[str, NDArray[Any]] = {}
+        for name, seen in arrays.items():
+            low, high = ranges[name]
+            drawn = [np.clip(draw(seen, (low, high), are_inputs), low, high) for draw in draws]
+            found[name] = np.concatenate([seen[:steps], np.array(drawn, seen.dtype)])
+        return found
+
+    return Points(
+        extended(judged.inputs, are_inputs=True),
+        extended(judged.states, are_inputs=False),
+        steps + len(draws),
+    )
+
+
+def log_of(
+    program: Program, inputs: Arrays, count: int, dtype: DTypeLike
+) -> tuple[Mapping[str, NDArray[Any]], NDArray[np.int64]]:
+    """A log, and its rows at which a step sees the inputs of each point."""
+    ports = step_interface(program).inputs
+    back = max([0, *(-port.first for port in ports)])
+    span = back + max([0, *(port.last for port in ports)]) + 1
+    rows = back + span * np.arange(count)
+    log: dict[str, NDArray[Any]] = {}
+    for port in ports:
+        samples = _samples(port, inputs[port.signal.name])
+        series = np.zeros((span * count, *samples.shape[2:]), dtype)
+        for k in range(samples.shape[1]):
+            series[rows + port.first + k] = samples[:, k]
+        log[port.signal.name] = series
+    return log, rows
+
+
+def _samples(port: Port, values: NDArray[Any]) -> NDArray[Any]:
+    """(points, samples, *shape of the signal)."""
+    return values[:, np.newaxis] if port.type.window is None else np.moveaxis(values, -1, 1)
+
+
+def _limit(value: NDArray[Any], limit: float) -> NDArray[Any]:
+    return np.full_like(value, limit if math.isfinite(limit) else 0.0)
+
+
+def _ranges(program: Program) -> dict[str, _Range]:
+    """Of inputs and states; what is remembered of a signal has its range."""
+    known = {signal.name: signal.range for signal in program.signals}
+    anything = (-math.inf, math.inf)
+    found = {name: range or anything for name, range in known.items()}
+    for state in program.states:
+        range = state.range
+        match state.origin:
+            case History(source):
+                range = range or known.get(source)
+            case Tape(signal, _):
+                range = range or known.get(signal)
+            case _:
+                pass
+        found[state.name] = range or anything
+    return found

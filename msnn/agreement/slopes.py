@@ -1,0 +1,162 @@
+"""Compares the Jacobian of a loaded export with the interpreter's, at singular points too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.interpreter.bounded import exact
+from compiler.interpreter.interpreter import physical_weights
+from compiler.interpreter.rounding import BoundedGraph
+from compiler.ir.program import NodeId
+from compiler.jacobian.interpret import JacobianInterpreter
+from compiler.jacobian.matrices import Jacobian, Matrix, Vector
+from msnn.agreement.deviation import bits_of_each
+from msnn.agreement.judgement import Arrays, FloatType, Judgement
+from msnn.agreement.loaded import Slopes
+from msnn.agreement.points import TINY, Points, log_of, points
+from msnn.agreement.subject import NOTHING, Measured, Subject
+
+_STEEP = 1e12
+"""Times the scale of an entry: what stands for an infinite slope is beyond it.
+
+CasADi has 1e30 in its place, times other slopes (decision 0184)."""
+
+
+def measured_slopes(subject: Subject, slopes: Slopes | None, judged: Judgement) -> Measured:
+    """Every matrix at steps along the record and at drawn points.
+
+    Errors are relative to the largest entry of the matrix. Where all terms of a slope cancel, its
+    entries are rounding alone: they are relative to s/c then, c the largest value of the column and
+    s the terms of which the row's value is the sum (its bound of rounding over the unit roundoff,
+    decision 0180), since a slope that c turns into rounding of s is none. Bits are those of the
+    judge in the arithmetic of the export.
+    """
+    if slopes is None:
+        return NOTHING
+    drawn = points(subject.program, judged)
+    with np.errstate(all="ignore"):
+        found = slopes.at(drawn.inputs, drawn.states, drawn.count)
+        wanted = _matrices(subject, slopes.jacobian, drawn, "float64")
+        single = _matrices(subject, slopes.jacobian, drawn, "float32")
+        values, sums = _values(subject, drawn), _sums(subject, drawn)
+        judges = {
+            f"the matrix {matrix.name}": _Judge.of(matrix, wanted[matrix.name], values, sums)
+            for matrix in slopes.jacobian.matrices
+            if matrix.name in found
+        }
+        named, rounded = (
+            {f"the matrix {name}": arrays[name] for name in found} for arrays in (found, single)
+        )
+        return Measured(
+            {name: judge.error(named[name]) for name, judge in judges.items()},
+            {name: judge.error_where_finite(rounded[name]) for name, judge in judges.items()},
+            bits_of_each(named, rounded) if subject.is_exact else {},
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Judge:
+    """What the entries of one matrix are compared with."""
+
+    wanted: NDArray[np.float64]
+    """(points, rows, columns); NaN where nothing is compared: in rows of values that are not
+    finite, and where infinite slopes cancel on two paths and none is right (decision 0184)."""
+    scale: NDArray[np.float64]
+    """What errors are relative to, (points, rows, columns)."""
+
+    @staticmethod
+    def of(
+        matrix: Matrix,
+        judged: NDArray[Any],
+        values: Mapping[str, Arrays],
+        sums: Mapping[str, _Sums],
+    ) -> _Judge:
+        """Of the judge's entries; `values` are of columns, `sums` of rows, by their vectors."""
+        rows, count = sums[matrix.rows.letter], len(judged)
+        finite = np.isfinite(_flat(matrix.rows, rows.values, count))
+        wanted = np.where(finite[:, :, np.newaxis], judged, np.nan)
+        terms = _magnitude(_flat(matrix.rows, rows.terms, count))[:, :, np.newaxis]
+        column = _magnitude(_flat(matrix.columns, values[matrix.columns.letter], count))
+        largest = column.max(axis=0, initial=0.0)
+        natural = np.where(largest > TINY, terms / largest, 0.0)
+        return _Judge(wanted, np.maximum(natural, _magnitude(wanted).max(initial=0.0)))
+
+    def error(self, found: NDArray[Any]) -> float:
+        """The largest; infinite where an entry is not finite and the judge's is.
+
+        Where the judge's slope is infinite, one that is very steep in the same direction is meant.
+        """
+        found, wanted = found.astype(np.float64), self.wanted
+        steep = np.isinf(wanted) & (np.sign(wanted) * found >= _STEEP * self.scale)
+        right = (found == wanted) | np.isnan(wanted) | steep
+        errors = np.where(right, 0.0, np.abs(found - wanted) / self.scale)
+        return float(np.where(np.isfinite(errors), errors, math.inf).max(initial=0.0))
+
+    def error_where_finite(self, found: NDArray[Any]) -> float:
+        """The same, of entries that are finite."""
+        return self.error(np.where(np.isfinite(found), found, self.wanted))
+
+
+def _magnitude(values: NDArray[Any]) -> NDArray[np.float64]:
+    """|values|, 0 where they are not finite."""
+    return np.abs(np.where(np.isfinite(values), values, 0.0))
+
+
+def _flat(vector: Vector, values: Arrays, count: int) -> NDArray[np.float64]:
+    """The numbers of a vector at every point, (points, size)."""
+    parts = [np.zeros((count, 0))]
+    for member in vector.members:
+        value = values[member.name].astype(np.float64)
+        parts.append(np.broadcast_to(value.reshape(-1, member.size), (count, member.size)))
+    return np.concatenate(parts, axis=1)
+
+
+def _values(subject: Subject, drawn: Points) -> dict[str, Arrays]:
+    """Those of columns by their vectors, (points or 1, *shape) each."""
+    weights = physical_weights(subject.program, subject.weights)
+    parameters = {name: values[np.newaxis] for name, values in weights.items()}
+    return {"x": drawn.states, "u": drawn.inputs, "p": parameters}
+
+
+@dataclass(frozen=True, slots=True)
+class _Sums:
+    """Values of next states or outputs, and of how large terms they are made."""
+
+    values: Arrays
+    terms: Arrays
+
+
+def _sums(subject: Subject, drawn: Points) -> dict[str, _Sums]:
+    program = subject.program
+    log, rows = log_of(program, drawn.inputs, drawn.count, np.float64)
+    states = {name: exact(values.astype(np.float64)) for name, values in drawn.states.items()}
+    roots = {
+        "x": {state.name: state.next for state in program.states},
+        "y": {output.name: output.node for output in program.outputs},
+    }
+    wanted = [node for nodes in roots.values() for node in nodes.values()]
+    weights = physical_weights(program, subject.weights)
+    graph = BoundedGraph(program.step, wanted, weights, np.dtype(np.float64))
+    found = graph.run(log, rows, states)
+
+    def sums(nodes: Mapping[str, NodeId]) -> _Sums:
+        bounded = {name: found[node] for name, node in nodes.items()}
+        return _Sums(
+            {name: one.value for name, one in bounded.items()},
+            {name: one.spread(graph.unit) / graph.unit for name, one in bounded.items()},
+        )
+
+    return {letter: sums(nodes) for letter, nodes in roots.items()}
+
+
+def _matrices(subject: Subject, jacobian: Jacobian, drawn: Points, dtype: FloatType) -> Arrays:
+    log, rows = log_of(subject.program, drawn.inputs, drawn.count, dtype)
+    states = {name: values.astype(dtype) for name, values in drawn.states.items()}
+    own = JacobianInterpreter(jacobian, subject.program, subject.weights, dtype)
+    return own.matrices(log, rows, states)

@@ -1,0 +1,41 @@
+"""Says what is compared with a judge, and what comparing its values with the judge's gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from compiler.ir.program import Program
+from msnn.agreement.judgement import Judge, NumberType, Promise
+from msnn.data.dataset import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """An export's program and weights, and what it promises."""
+
+    target: str
+    dtype: NumberType
+    program: Program
+    weights: Mapping[str, FloatArray]
+    promise: Promise
+    judge: Judge
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether it promises bits."""
+        return self.promise is Promise.BITS
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """How far values are from the judge's, by the names that messages give them."""
+
+    deviations: Mapping[str, float]
+    rounding: Mapping[str, float]
+    """What the interpreter in single precision is off."""
+    bits: Mapping[str, int]
+    """Values that differ from that interpreter's, where bits are promised."""
+
+
+NOTHING = Measured({}, {}, {})

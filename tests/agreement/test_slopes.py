@@ -1,0 +1,120 @@
+"""`export --check` compares Jacobians, where slopes are infinite too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import msnn
+from backends.c import COptions
+from compiler.ir.program import Program
+from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.to_step_form import to_step_form
+from msnn.agreement.judge import judge
+from msnn.agreement.points import points
+from msnn.agreement.record import drawn_record
+from msnn.exports.export import load_export, plan_exports, write_export
+from msnn.exports.target import AnyPlan
+from msnn.model.load import load_model
+from msnn.model.weights_file import initial_weights
+from spec_schema.diagnostics.diagnostic import Findings
+from tests.agreement.exported import checked, plan_of
+from tests.conditions import require_tool
+from tests.examples.gallery import GALLERY, spec_of
+from tests.language.compiled import compiled
+
+TWO_TANKS = spec_of(GALLERY, "two_tanks")
+
+
+def tanks() -> AnyPlan:
+    (plan,) = plan_exports(load_model(TWO_TANKS), ["casadi"], Findings())
+    return plan
+
+
+def test_casadi_differentiates_empty_tanks_as_linearize_does(tmp_path: Path) -> None:
+    """In the second substep the levels are below 0, where the root has an infinite slope."""
+    plan = tanks()
+    inputs, states = {"pump": np.array(0.0)}, {"upper": np.array(1e-9), "lower": np.array(1e-9)}
+    wanted = msnn.linearize(msnn.load(TWO_TANKS), inputs, states).matrices
+    with load_export(plan, write_export(plan, {}, tmp_path)) as loaded:
+        assert loaded.slopes is not None
+        one = {name: value[np.newaxis] for name, value in inputs.items()}
+        found = loaded.slopes.at(one, {n: v[np.newaxis] for n, v in states.items()}, 1)
+    for name, matrix in wanted.items():
+        np.testing.assert_allclose(found[name][0], matrix, rtol=1e-12, err_msg=name)
+        assert np.isfinite(matrix).all()
+
+
+def test_an_export_that_multiplies_0_by_infinity_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = tanks()
+    weights = initial_weights(plan.program)
+    assert checked(plan, weights, tmp_path / "guarded").agrees
+
+    def unguarded(program: Program) -> Program:
+        return program
+
+    monkeypatch.setattr("backends.casadi_function.function.guard_infinite_slopes", unguarded)
+    found = checked(plan, weights, tmp_path / "unguarded")
+    assert not found.agrees
+    assert found.one_step == found.free_run == 0.0
+    assert {fault.of for fault in found.faults} >= {"the matrix A", "the matrix C"}
+
+
+STEEP = """
+inputs: {u: {range: [0, 4]}, w: {range: [0, 1]}}
+parameters: {a: 0.5}
+states: {x: {next: "0.5 * x + a * sqrt(u) + abs(w)", init: 0}}
+outputs: {y: "x + sqrt(u * w)", z: "log(w)"}
+"""
+
+
+@pytest.mark.parametrize("target", ["casadi", "c"])
+def test_slopes_that_are_infinite_agree_too(target: str, tmp_path: Path) -> None:
+    """Where `z` is infinite it has no slopes; those of `y` are infinite, or 0 · ∞."""
+    require_tool("gcc", install="apt install gcc")
+    plan = plan_of(target, to_step_form(compiled(STEEP)), "float64")
+    if target == "c":
+        plan = replace(plan, options=COptions(extras=("jacobian", "parameter_jacobian")))
+    found = checked(plan, initial_weights(plan.program), tmp_path)
+    assert found.agrees, found
+    assert found.jacobian is not None
+    assert found.jacobian <= 1e-12
+
+
+@pytest.mark.parametrize("spoil", [lambda x: x * (1 + 1e-9), lambda x: -x, lambda x: x * np.nan])
+def test_a_wrong_entry_is_found(
+    spoil: Callable[[np.ndarray], np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from msnn.exports.targets import casadi
+
+    plain = casadi._CasadiExport._matrix
+
+    def spoiled(*arguments: object) -> np.ndarray:
+        matrix = plain(*arguments)  # pyright: ignore[reportArgumentType]
+        matrix.flat[:1] = spoil(matrix.flat[:1])
+        return matrix
+
+    monkeypatch.setattr(casadi._CasadiExport, "_matrix", spoiled)
+    plan = tanks()
+    found = checked(plan, initial_weights(plan.program), tmp_path)
+    assert [fault.of for fault in found.faults if fault.of == "the matrix A"]
+
+
+def test_points_are_the_same_every_time_and_within_their_ranges() -> None:
+    program = tanks().program
+    program = to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
+    run = judge(program, {}, drawn_record(program, "drawn"), np.float64)
+    first, again = points(program, run), points(program, run)
+    for name, values in {**first.inputs, **first.states}.items():
+        np.testing.assert_array_equal(values, {**again.inputs, **again.states}[name])
+    pump, upper = first.inputs["pump"], first.states["upper"]
+    assert len(pump) == len(upper) == first.count
+    assert (pump.min(), pump.max()) == (0, 10)
+    assert (upper.min(), upper.max()) == (0, 12)
+    assert ((pump == 0) & (upper == 1e-9) & (first.states["lower"] == 1e-9)).any()

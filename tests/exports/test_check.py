@@ -1,0 +1,72 @@
+"""What ends the comparison of one target does not keep the others from being compared."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from msnn.agreement.report import agreement_table, agreement_values
+from msnn.errors.failures import MissingExtraError
+from msnn.exports import check
+from msnn.exports.check import check_exports
+from msnn.exports.export import load_export, plan_exports, write_export
+from msnn.exports.table import NAMES
+from msnn.exports.target import AnyPlan, Written
+from msnn.model.load import load_model
+from spec_schema.diagnostics.diagnostic import Findings
+from tests.conditions import require_tool
+
+SPEC = """msnn: 1
+name: m
+sample_time: 10 ms
+inputs: {u: {}}
+states: {x: {der: u - x, init: 0}}
+outputs: {y: x}
+"""
+ERRORS = [ZeroDivisionError("ours"), MissingExtraError("a tool", "apt install tool")]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("broken", NAMES)
+def test_a_target_that_fails_does_not_hide_the_others(
+    broken: str, error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require_tool("gcc", install="apt install gcc")
+
+    def loaded(plan: AnyPlan, written: Written) -> object:
+        if plan.target.name == broken:
+            raise error
+        return load_export(plan, written)
+
+    monkeypatch.setattr(check, "load_export", loaded)
+    spec = tmp_path / "m.msnn.yaml"
+    spec.write_text(SPEC)
+    model = load_model(spec)
+    plans = plan_exports(model, NAMES, Findings())
+    exports = [(plan, write_export(plan, {}, tmp_path / plan.target.name)) for plan in plans]
+    found = check_exports(model, exports, {}, tmp_path)
+    others = [name for name in NAMES if name != broken]
+    assert [row.target for row in found.rows if row.agrees] == others
+    assert [(failure.target, failure.error) for failure in found.failures] == [(broken, error)]
+    lines = agreement_table(found).splitlines()[2:]
+    assert [line.split()[0] for line in lines] == [*others, broken]
+    assert json.loads(json.dumps(agreement_values(found)))["not_checked"] == [str(error)]
+
+
+def test_a_record_that_fails_is_a_failure_of_its_target(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*arguments: object) -> None:
+        raise ZeroDivisionError("ours")
+
+    monkeypatch.setattr(check, "agreement_record", broken)
+    spec = tmp_path / "m.msnn.yaml"
+    spec.write_text(SPEC)
+    model = load_model(spec)
+    (plan,) = plan_exports(model, ["torch"], Findings())
+    written = write_export(plan, {}, tmp_path / "torch")
+    found = check_exports(model, [(plan, written)], {}, tmp_path)
+    assert found.first_error is not None
+    assert not found.rows
