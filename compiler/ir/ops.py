@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
 
+from compiler.ir.training_values import TrainingValue
+
 
 class Relation(Enum):
     """How `Compare` relates its two operands."""
@@ -79,6 +81,13 @@ class ReadState(Read):
     """The current value of a state."""
 
     name: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReadTraining(Read):
+    """A value that the loops of training give; only graphs derived for them read it."""
+
+    value: TrainingValue
 
 
 # ---- elementwise
@@ -264,7 +273,7 @@ class Window:
     arity: ClassVar[int | None] = 1
 
 
-AnyRead = ReadParameter | ReadSignal | ReadLog | ReadState
+AnyRead = ReadParameter | ReadSignal | ReadLog | ReadState | ReadTraining
 """What a backend must know the place of."""
 
 Computed = (

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, Literal, TypeVar, get_args
 
 from compiler.ir.fit import Fit
-from compiler.ir.ops import Op, Relation
+from compiler.ir.ops import Op, ReadTraining, Relation
 from compiler.ir.program import (
     Declared,
     Dimension,
@@ -48,7 +48,7 @@ from spec_schema.units.unit import Unit
 
 Choice = TypeVar("Choice")
 
-_OPS: dict[str, type[Op]] = {op.__name__: op for op in get_args(Op)}
+_OPS: dict[str, type[Op]] = {op.__name__: op for op in get_args(Op) if op is not ReadTraining}
 _KINDS: dict[str, Kind] = {"real": "real", "bool": "bool"}
 _STATISTICS: dict[str, Literal["mean", "std"]] = {"mean": "mean", "std": "std"}
 _FITTED: dict[str, Literal["iir", "state_space"]] = {"iir": "iir", "state_space": "state_space"}
