@@ -22,7 +22,6 @@ from spec_schema.sections.spec import Spec
 
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
-    from msnn.exports.export import TargetName
     from msnn.simulation.linearize import Linearization
     from msnn.simulation.simulate import Simulations
     from msnn.simulation.simulation_data import GivenData
@@ -217,7 +216,7 @@ def simulate(
     their columns. `horizon` ends each run after so many steps. The answer is a sequence of runs,
     with `warnings`. Raises SpecError.
     """
-    from msnn.exports.export import loop_fault
+    from msnn.exports.prepare import loop_fault
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
     from msnn.simulation.simulation_data import simulation_data
@@ -253,11 +252,11 @@ def linearize(
 
 def export(
     model: Model,
-    target: TargetName,
+    target: str,
     folder: str | Path = "build/export",
     weights: Weights | None = None,
 ) -> tuple[Path, ...]:
-    """Writes one target ("torch", "onnx", "casadi", "c") and returns the paths of its files.
+    """Writes one target, by its name on the command line, and returns the paths of its files.
 
         msnn.export(model, "c", "firmware/plant", result.weights)
 
@@ -272,7 +271,8 @@ def export(
         raise SpecError(findings.in_order, model.sources)
     known = known_in(model, weights)
     with sources_of(model):
-        return tuple(path for plan in plans for path in write_export(plan, known, Path(folder)))
+        written = [write_export(plan, known, Path(folder)) for plan in plans]
+    return tuple(path for export in written for path in export.files)
 
 
 def _options(

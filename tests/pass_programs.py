@@ -15,13 +15,12 @@ from compiler.ir.program import (
     Node,
     Output,
     Parameter,
-    Prediction,
     Program,
     Role,
     Signal,
     State,
 )
-from compiler.ir.types import WINDOW, Axis, Type
+from compiler.ir.types import WINDOW, Axis, Prediction, Type
 from compiler.layers.rules.fuzzy_sets import FuzzySets, triangular
 from compiler.passes.fold_constants import fold_constants
 from compiler.passes.to_step_form import to_step_form
@@ -58,7 +57,7 @@ def twins() -> Program:
     square = Type((), METRE * METRE)
 
     def at(line: int) -> Span:
-        return Span("twins.msnn.yaml", line, 1, line, 8)
+        return Span(file="twins.msnn.yaml", line=line, column=1, end_line=line, end_column=8)
 
     nodes = (
         read.node(x),
@@ -71,6 +70,19 @@ def twins() -> Program:
     signals = (Signal("x", Role.INPUT, (), METRE),)
     outputs = (Output("sum", 5), Output("area", 2))
     return Program("twins", None, signals, (), (), Graph(nodes), Graph(), outputs)
+
+
+def named() -> Program:
+    """The same product as a variable of a gradient, which gives it its unit, and as no variable."""
+    b = GraphBuilder()
+    x = b.signal("x", 0, 0, Type())
+    product = b.multiply(b.constant(2.0), x)
+    variable = b.named(product, "e")
+    b.set_unit(variable, METRE)
+    b.name(variable, "e")
+    outputs = (Output("e", variable), Output("sum", b.add(variable, product)))
+    signals = (Signal("x", Role.INPUT),)
+    return Program("named", None, signals, (), (), b.graph(), Graph(), outputs)
 
 
 def branches() -> Program:
@@ -223,6 +235,7 @@ PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "branches": branches,
     "steep": steep,
     "twins": twins,
+    "named": named,
     "leftovers": leftovers,
     "functions": functions,
     "mapped_windows": mapped_windows,

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from backends.files.atomic_write import naming
 from backends.files.waiting import wait_until
 
 LIMIT = 600.0
@@ -45,7 +46,8 @@ def run_compiler(command: Sequence[str], source: str = "", folder: Path | None =
     # files and no pipes: what outlives the compiler keeps nobody waiting
     with tempfile.TemporaryDirectory(prefix="msnn-compiler-", dir=folder) as place:
         given, output, errors = (Path(place) / name for name in ("source", "output", "errors"))
-        given.write_text(source, encoding="utf-8")
+        with naming(given):
+            given.write_text(source, encoding="utf-8")
         with given.open("rb") as source_file, output.open("wb") as out, errors.open("wb") as err:
             process = subprocess.Popen(
                 command,

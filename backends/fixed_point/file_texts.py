@@ -162,6 +162,7 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
         runs=_RUNS,
         from_init=1,
         starts=_RUNS + len(starts),
+        written=0,
     )
     return {
         f"test/{prefix}_vectors.h": vectors,

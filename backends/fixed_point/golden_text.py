@@ -43,6 +43,7 @@ def golden_functions(
             for port in program.windows
         ],
         start_status=[start.status for start in every],
+        written=(),
         inputs=[
             _column(e.port, names.inputs[e.port.name], (step[e.port.name] for step in steps))
             for e in program.inputs

@@ -197,18 +197,11 @@ def _stands_in_a_row(value: TrainingValue) -> bool:
             assert_never(value)
 
 
-def shown(graph: Graph, node: NodeId) -> NodeId:
-    """The node behind broadcasts: what must be known of it at each time."""
-    while isinstance(graph[node].op, ops.Broadcast):
-        node = graph[node].args[0]
-    return node
-
-
 def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
     """What must stand in rows to sum a product later; None if that does not pay."""
     if not isinstance(graph[node].op, ops.Multiply | ops.Contract):
         return None
-    needed = {shown(graph, arg) for arg in graph[node].args if view_leaf(graph, arg) is None}
+    needed = {graph.unrepeated(a) for a in graph[node].args if view_leaf(graph, a) is None}
     size = sum(graph[factor].type.size for factor in needed)
     return sorted(needed) if size * _LEAST_SHARE <= graph[node].type.size else None
 

@@ -1,7 +1,7 @@
 """Puts faults into the C of models, one at a time, and counts those that verification sees.
 
-`run.py [--every N] [--kinds KIND,…] [NAME…]`: specs of the gallery, all without a name, exported
-with their Jacobian. Needs gcc.
+`run.py [--every N] [--kinds KIND,…] [--jobs N] [NAME…]`: specs of the gallery, all without a name,
+exported with their Jacobian. Needs gcc.
 """
 
 from __future__ import annotations
@@ -58,13 +58,14 @@ def main() -> None:
     parser.add_argument("names", nargs="*", default=[])
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--kinds", default="")
+    parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
     every = sorted(path.name.split(".")[0] for path in GALLERY.glob("*.msnn.yaml"))
     kinds = [kind for kind in given.kinds.split(",") if kind]
     for name in given.names or every:
         with tempfile.TemporaryDirectory() as place:
             export_with_drawn_weights(name, Path(place), ["jacobian"])
-            _show(name, mutation_score(Path(place), name, given.every, kinds))
+            _show(name, mutation_score(Path(place), name, given.every, kinds, given.jobs))
 
 
 def _show(name: str, score: Score) -> None:
@@ -88,7 +89,9 @@ def export_with_drawn_weights(name: str, folder: Path, extras: Collection[str] =
     write_export(plan, drawn, folder)
 
 
-def mutation_score(export: Path, prefix: str, every: int = 1, kinds: Collection[str] = ()) -> Score:
+def mutation_score(
+    export: Path, prefix: str, every: int = 1, kinds: Collection[str] = (), jobs: int = 2
+) -> Score:
     """Of every so many changes of the model's own sources, of these classes or of all."""
     changed = [m for m in mutants(export, prefix) if not kinds or m.kind in kinds][::every]
     with tempfile.TemporaryDirectory() as place:
@@ -98,7 +101,7 @@ def mutation_score(export: Path, prefix: str, every: int = 1, kinds: Collection[
         def found(mutant: Mutant, folder: Path) -> bool | None:
             return _seen(mutant, export, objects, folder)
 
-        with ThreadPoolExecutor(max_workers=2) as pool:
+        with ThreadPoolExecutor(max_workers=jobs) as pool:
             outcomes = list(zip(changed, pool.map(found, changed, folders), strict=True))
     unseen = [mutant for mutant, seen in outcomes if seen is False]
     return Score(

@@ -234,17 +234,17 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
             needs = needed_submodels(context.spec, entry.next)
         found.append(
             State(
-                name,
-                type.axes,
-                type.unit,
-                Declared(),
-                following,
-                first,
-                ranges.get(name),
-                entry.doc or "",
-                entry.place.key,
-                needs,
-                entry.range_policy,
+                name=name,
+                axes=type.axes,
+                unit=type.unit,
+                origin=Declared(),
+                next=following,
+                start=first,
+                range=ranges.get(name),
+                doc=entry.doc or "",
+                span=entry.place.key,
+                on_range=entry.range_policy,
+                needs=needs,
             )
         )
         if entry.range_policy == "reset" and reads_log(start.graph(), first):

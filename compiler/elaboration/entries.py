@@ -7,10 +7,8 @@ from collections.abc import Callable, Sequence
 from compiler.elaboration.histories import Histories
 from compiler.elaboration.submodels.connections import fitted_to_input
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import Reshape
 from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import same_unit
-from compiler.ir.types import Axis
 from compiler.linking.connected import Connected
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part, Stage, Time
@@ -99,7 +97,8 @@ class Entries:
             node = lower(self._context, entry.expr, own)
             builder = self._context.builder(own)
             if name in self._variables:
-                node = _own_node(builder, name, node)
+                # `2*x` elsewhere is another value than e = 2*x, see decisions/0195
+                node = builder.named(node, name)
             if isinstance(entry, Connected):  # whose expression has names of its own
                 node = fitted_to_input(self._context, builder, node, name, entry, own)
             else:
@@ -131,13 +130,3 @@ def _agree_on_unit(
         context.findings.report(
             units.declared_unit_differs(name, found.text, entry.unit.value.text, entry.expr.span)
         )
-
-
-def _own_node(builder: GraphBuilder, name: str, node: NodeId) -> NodeId:
-    """A node that stands for this entry alone: `2*x` elsewhere is another value than e = 2*x.
-
-    A gradient with respect to e must tell the two apart. `share_common` removes the detour.
-    """
-    type = builder.type(node)
-    detour = builder.emit(Reshape(), (node,), type.with_axes((Axis(f"={name}", type.size),)))
-    return builder.emit(Reshape(), (detour,), type)

@@ -42,7 +42,7 @@ def lower_unused(elaborated: Elaboration) -> None:
             context.findings.report(*(d for d in found if d.code in _OF_NAMES))
 
 
-_NOWHERE = Span("", 0, 0, 0, 0)
+_NOWHERE = Span(file="", line=0, column=0, end_line=0, end_column=0)
 _OF_NAMES = frozenset({"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319"})
 _UNKNOWN_DIM = "E0405"
 

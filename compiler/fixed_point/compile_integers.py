@@ -22,13 +22,12 @@ from compiler.fixed_point.integers.program import (
 )
 from compiler.fixed_point.invariants import is_buffer, proved_bounds
 from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
-from compiler.ir.ops import ReadSamples, ReadSignal, Window
+from compiler.ir.liveness import extents, reads_log
+from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import (
     Expected,
-    Graph,
     History,
     Node,
-    NodeId,
     Output,
     Program,
     Signal,
@@ -125,17 +124,13 @@ class _Compilation:
         return signal.range or states.get(signal.name)
 
     def _windows_read(self) -> None:
-        extents: dict[str, tuple[int, int]] = {}
-        for _, node in self.program.start:
-            if isinstance(node.op, ReadSamples):
-                first, last = extents.get(node.op.signal, (node.op.first, node.op.last))
-                extents[node.op.signal] = min(first, node.op.first), max(last, node.op.last)
+        read = extents(self.program.start, log=True)
         for signal in self.program.signals:
-            if signal.name in extents and finite(self._range(signal)) is not None:
-                first, last = extents[signal.name]
-                axes = (*signal.axes, Axis(WINDOW, last - first + 1))
-                self.windows[signal.name] = self._port(signal, axes), first
-            elif signal.name in extents:
+            if signal.name in read and finite(self._range(signal)) is not None:
+                extent = read[signal.name]
+                axes = (*signal.axes, Axis(WINDOW, extent.last - extent.first + 1))
+                self.windows[signal.name] = self._port(signal, axes), extent.first
+            elif signal.name in read:
                 raise SpecError([errors.range_needed("signal", signal.name, signal.span)])
 
     def _port(self, signal: Signal, axes: tuple[Axis, ...]) -> WordPort:
@@ -155,7 +150,7 @@ class _Compilation:
         return elements(lowering, nodes, node.type.shape)
 
     def _window_words(self, lowering: Lowering, node: Node) -> Elements:
-        assert isinstance(node.op, ReadSamples), "a start reads the record"
+        assert isinstance(node.op, ReadLog), "a start reads the record"
         port, first = self.windows[node.op.signal]
         samples = port.axes[-1].size
         rows = port.size // samples
@@ -251,7 +246,7 @@ class _Compilation:
             not self._is_word(state),
             after,
             before,
-            _reads_record(self.program.start, state.start),
+            reads_log(self.program.start, state.start),
             self._filling(state, step),
             state.doc,
             state.span,
@@ -297,13 +292,3 @@ class _Compilation:
             output.name, type.axes, type.unit, fraction, low, high, output.doc, output.span
         )
         return port, tuple(nodes)
-
-
-def _reads_record(graph: Graph, root: NodeId) -> bool:
-    pending = [root]
-    while pending:
-        node = graph[pending.pop()]
-        if isinstance(node.op, ReadSamples):
-            return True
-        pending += node.args
-    return False

@@ -11,7 +11,7 @@ from compiler.fixed_point.constants import word_format
 from compiler.fixed_point.forms import Form
 from compiler.fixed_point.integers.program import Width
 from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
-from compiler.ir.ops import Broadcast, Clamp, Constant, Window
+from compiler.ir.ops import Clamp, Constant, Window
 from compiler.ir.program import Graph, Node, NodeId, Program, State
 
 _MARGIN = 1.0 + 2.0**-6
@@ -58,11 +58,9 @@ def _limited(program: Program) -> dict[NodeId, tuple[float, float] | None]:
 
 
 def _number(graph: Graph, index: NodeId) -> float | None:
-    node = graph[index]
-    while isinstance(node.op, Broadcast):
-        node = graph[node.args[0]]
-    if isinstance(node.op, Constant) and len(set(node.op.values)) == 1:
-        return node.op.values[0]
+    op = graph[graph.unrepeated(index)].op
+    if isinstance(op, Constant) and len(set(op.values)) == 1:
+        return op.values[0]
     return None
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from compiler.interpreter.operations import NOWHERE, Array, Evaluator, Surroundings, evaluator
-from compiler.ir.liveness import needed, states_beside_the_log
+from compiler.ir.liveness import Extent, needed, states_beside_the_log
 from compiler.ir.ops import ReadSamples, ReadState, Window
-from compiler.ir.program import Extent, Graph, NodeId, Program
+from compiler.ir.program import Graph, NodeId, Program
 
 States = dict[str, Array]
 

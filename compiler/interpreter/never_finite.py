@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from compiler.ir.ops import Add, Apply, Broadcast, Constant, Divide, Multiply, Subtract
+from compiler.ir.ops import Add, Apply, Constant, Divide, Multiply, Subtract
 from compiler.ir.program import Graph, NodeId, Program
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.errors import names as errors
@@ -25,7 +25,5 @@ def never_finite(program: Program) -> list[Diagnostic]:
 
 
 def _is_zero(graph: Graph, node: NodeId) -> bool:
-    while isinstance(graph[node].op, Broadcast):
-        node = graph[node].args[0]
-    op = graph[node].op
+    op = graph[graph.unrepeated(node)].op
     return isinstance(op, Constant) and not all(op.values)

@@ -142,6 +142,9 @@ class GraphBuilder(NodeStore):
     def dropout(self, value: NodeId, rate: float, layer: str) -> NodeId:
         return self.emit(ops.Dropout(rate, layer), (value,), self.type(value))
 
+    def named(self, value: NodeId, name: str) -> NodeId:
+        return self.emit(ops.Named(name), (value,), self.type(value))
+
     # ---- structure
 
     def broadcast(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:

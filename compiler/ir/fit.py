@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from compiler.ir.types import Prediction
+
 FilterKind: TypeAlias = Literal["iir", "state_space"]
 
 
@@ -15,9 +17,8 @@ class Fit:
     kind: FilterKind
     layer: str
     input: str
-    target: str
-    ahead: int
-    """How many samples later the target is that the input leads to."""
+    target: Prediction
+    """What the input leads to."""
     num: int
     """Order of the numerator."""
     den: int

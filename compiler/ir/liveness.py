@@ -1,10 +1,11 @@
-"""Finds the nodes that some values are made of."""
+"""Finds what values are made of: nodes, states, parameters, samples of signals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
-from compiler.ir.ops import ReadLog, ReadSignal, ReadState, Window
+from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
 from compiler.ir.program import Graph, NodeId
 
 
@@ -77,3 +78,31 @@ def states_beside_the_log(step: Graph, following: Mapping[str, NodeId]) -> set[s
         if not more:
             return found
         found |= more
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """The samples t+first … t+last of a signal that something reads."""
+
+    first: int
+    last: int
+
+    def union(self, other: Extent) -> Extent:
+        return Extent(min(self.first, other.first), max(self.last, other.last))
+
+
+def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
+    """The samples that the graph reads of each signal, from the log or as the step sees them."""
+    wanted = ReadLog if log else ReadSignal
+    found: dict[str, Extent] = {}
+    for _, node in graph:
+        if isinstance(node.op, wanted):
+            extent = Extent(node.op.first, node.op.last)
+            previous = found.get(node.op.signal)
+            found[node.op.signal] = previous.union(extent) if previous else extent
+    return found
+
+
+def parameters_read(graph: Graph) -> frozenset[str]:
+    """Names of the parameters that the graph uses."""
+    return frozenset(n.op.name for _, n in graph if isinstance(n.op, ReadParameter))

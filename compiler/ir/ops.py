@@ -187,6 +187,13 @@ class Dropout(Identity):
     """The layer that it belongs to, empty for the builtin."""
 
 
+@dataclass(frozen=True, slots=True)
+class Named(Identity):
+    """The operand under the name of an equation or output: a value of its own for gradients."""
+
+    name: str
+
+
 # ---- structure
 
 
@@ -276,31 +283,9 @@ class Window:
 AnyRead = ReadParameter | ReadSignal | ReadLog | ReadState | ReadTraining
 """What a backend must know the place of."""
 
-Computed = (
-    Add
-    | Subtract
-    | Multiply
-    | Divide
-    | Negate
-    | Minimum
-    | Maximum
-    | Clamp
-    | Compare
-    | Select
-    | Apply
-)
+_Arithmetic = Add | Subtract | Multiply | Divide | Negate
+Computed = _Arithmetic | Minimum | Maximum | Clamp | Compare | Select | Apply
 """The elementwise operations that are more than their operand."""
 
-Op = (
-    Constant
-    | AnyRead
-    | Computed
-    | Dropout
-    | Broadcast
-    | Reshape
-    | Slice
-    | Concat
-    | Sum
-    | Contract
-    | Window
-)
+_Moved = Broadcast | Reshape | Slice | Concat
+Op = Constant | AnyRead | Computed | Dropout | Named | _Moved | Sum | Contract | Window

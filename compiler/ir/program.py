@@ -8,8 +8,8 @@ from enum import Enum
 from typing import Literal
 
 from compiler.ir.fit import Fit
-from compiler.ir.ops import Op, ReadLog, ReadParameter, ReadSignal
-from compiler.ir.types import Axis, Type
+from compiler.ir.ops import Broadcast, Op
+from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
 
@@ -46,6 +46,12 @@ class Graph:
 
     def __iter__(self) -> Iterator[tuple[NodeId, Node]]:
         return iter(enumerate(self.nodes))
+
+    def unrepeated(self, node: NodeId) -> NodeId:
+        """The node that this one repeats along more axes; itself where it is no `Broadcast`."""
+        while isinstance(self.nodes[node].op, Broadcast):
+            (node,) = self.nodes[node].args
+        return node
 
 
 class Role(Enum):
@@ -148,19 +154,11 @@ class State:
     range: tuple[float, float] | None = None
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
-    needs: tuple[str, ...] = ()
-    """Sub-models that the `next:` of a discrete state needs in the same step."""
     on_range: RangePolicy = "flag"
     """What becomes of a next value outside `range`. Where it is `saturate`, `next` keeps to the
     range by itself; `reset` is for deployed code alone."""
-
-
-@dataclass(frozen=True, slots=True)
-class Prediction:
-    """What an output stands for: `signal[t+ahead]`."""
-
-    signal: str
-    ahead: int
+    needs: tuple[str, ...] = ()
+    """Sub-models that the `next:` of a discrete state needs in the same step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,34 +277,6 @@ class Program:
     def expected_range(self, name: str) -> tuple[float, float] | None:
         """The range of an equation, which may be an output; None without one."""
         return next((entry.range for entry in self.expected if entry.name == name), None)
-
-
-@dataclass(frozen=True, slots=True)
-class Extent:
-    """The samples t+first … t+last of a signal that something reads."""
-
-    first: int
-    last: int
-
-    def union(self, other: Extent) -> Extent:
-        return Extent(min(self.first, other.first), max(self.last, other.last))
-
-
-def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
-    """The samples that the graph reads of each signal, from the log or as the step sees them."""
-    wanted = ReadLog if log else ReadSignal
-    found: dict[str, Extent] = {}
-    for _, node in graph:
-        if isinstance(node.op, wanted):
-            extent = Extent(node.op.first, node.op.last)
-            previous = found.get(node.op.signal)
-            found[node.op.signal] = previous.union(extent) if previous else extent
-    return found
-
-
-def parameters_read(graph: Graph) -> frozenset[str]:
-    """Names of the parameters that the graph uses."""
-    return frozenset(n.op.name for _, n in graph if isinstance(n.op, ReadParameter))
 
 
 def learned_numbers(program: Program) -> int:

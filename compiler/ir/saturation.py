@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import Broadcast, Clamp, Constant, Relation, Select
+from compiler.ir.ops import Clamp, Constant, Relation, Select
 from compiler.ir.program import Graph, NodeId, Program, State
 
 
@@ -40,10 +40,6 @@ def _unsaturated(step: Graph, state: State) -> NodeId | None:
         return None
     clipped = step[chosen.args[1]]
     assert isinstance(clipped.op, Clamp), "the outermost choice is the one of `saturated`"
-    return clipped.args[0] if not _is_known(step, clipped.args[0]) else None
-
-
-def _is_known(step: Graph, node: NodeId) -> bool:
-    while isinstance(step[node].op, Broadcast):
-        node = step[node].args[0]
-    return isinstance(step[node].op, Constant)
+    (raw, *_) = clipped.args
+    is_known = isinstance(step[step.unrepeated(raw)].op, Constant)
+    return None if is_known else raw

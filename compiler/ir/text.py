@@ -146,6 +146,8 @@ def _operation(node: Node) -> str:
             return f"-{listed}"
         case ops.Dropout(rate, layer):
             return f"dropout({listed}, {rate!r}{f', {layer}' if layer else ''})"
+        case ops.Named(name):
+            return f"{listed} as {name}"
         case ops.Minimum():
             return f"min({listed})"
         case ops.Maximum():

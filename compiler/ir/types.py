@@ -1,4 +1,4 @@
-"""What is known of a value before anything runs: named axes, time window, unit and kind."""
+"""What is known of a value before anything runs: axes, window, unit, kind, what it predicts."""
 
 from __future__ import annotations
 
@@ -64,6 +64,14 @@ class Type:
 
     def with_axes(self, axes: tuple[Axis, ...]) -> Type:
         return Type(axes, self.unit, self.kind)
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """What an output stands for: `signal[t+ahead]`."""
+
+    signal: str
+    ahead: int
 
 
 def in_order(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:

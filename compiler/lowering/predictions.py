@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from compiler.ir.program import Prediction
 from compiler.ir.rules.unit_rules import same_unit
+from compiler.ir.types import Prediction
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, Part
 from compiler.lowering.failure import LoweringFailed

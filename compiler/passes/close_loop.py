@@ -9,9 +9,9 @@ from enum import Enum
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.evaluation_order import CycleError, evaluation_order
 from compiler.ir.graph_copy import copy_node, samples, with_step
+from compiler.ir.liveness import extents as extents_of
 from compiler.ir.ops import ReadSignal, Window
 from compiler.ir.program import Node, NodeId, Output, Program, Role, Signal, State, Tape
-from compiler.ir.program import extents as extents_of
 from compiler.ir.types import WINDOW, Axis, Type
 from spec_schema.diagnostics.source import Span
 

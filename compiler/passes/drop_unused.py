@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from compiler.ir.fit import Fit
-from compiler.ir.liveness import needed, needed_over_time
+from compiler.ir.liveness import needed, needed_over_time, parameters_read
 from compiler.ir.ops import ReadSamples
-from compiler.ir.program import Graph, Node, NodeId, Output, Program, Role, parameters_read
+from compiler.ir.program import Graph, Node, NodeId, Output, Program, Role
 
 
 def drop_unused(program: Program) -> Program:
@@ -37,7 +37,7 @@ def drop_unused(program: Program) -> Program:
         read |= {statistic.signal for statistic in statistics if statistic is not None}
     fits = [fit for fit in program.fits if program.losses and _sets_only(fit, used)]
     for fit in fits:
-        read |= {fit.input, fit.target}
+        read |= {fit.input, fit.target.signal}
     return replace(
         program,
         signals=tuple(signal for signal in program.signals if signal.name in read),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_start, with_step
-from compiler.ir.ops import Apply, Broadcast, Concat, Divide, Op, Reshape, Select, Slice
+from compiler.ir.ops import Apply, Concat, Divide, Op, Reshape, Select, Slice
 from compiler.ir.program import Graph, Node, NodeId, Program
 from compiler.ir.types import Axis
 
@@ -99,7 +99,7 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
         for place, arg in enumerate(node.args):
             under = guard
             if isinstance(node.op, Select) and place > 0:
-                condition = Condition(_without_broadcast(graph, node.args[0]), place == 1)
+                condition = Condition(graph.unrepeated(node.args[0]), place == 1)
                 under = (*(c for c in guard if c.node != condition.node), condition)[-LONGEST:]
             under = tuple(
                 c for c in under if _reaches(graph[c.node].type.axes, node.op, graph[arg].type.axes)
@@ -107,12 +107,6 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
             before = guards[arg]
             guards[arg] = under if before is None else tuple(c for c in before if c in under)
     return guards
-
-
-def _without_broadcast(graph: Graph, node: NodeId) -> NodeId:
-    while isinstance(graph[node].op, Broadcast):
-        node = graph[node].args[0]
-    return node
 
 
 def _reaches(condition: tuple[Axis, ...], op: Op, operand: tuple[Axis, ...]) -> bool:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_start, with_step
-from compiler.ir.ops import Reshape
+from compiler.ir.ops import Named, Reshape
 from compiler.ir.program import Graph, NodeId, Program
 
 
 def share_common(program: Program) -> Program:
     """Merges nodes of equal operation, operands and type; the first one's place and name stay.
 
-    Reshapes in a row become one, and none where that leaves the type as it is. Before and after:
-    any form.
+    Reshapes in a row become one, and none where that leaves the type as it is. What is `Named` is
+    its operand again. Before: any form. After: any form without `Named`.
 
         %1: scalar m = %0 * %0
         %2: scalar m = %0 * %0
@@ -32,8 +32,10 @@ def _shared(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
         args = tuple(copies[arg] for arg in node.args)
         if isinstance(node.op, Reshape):
             args = (_before_reshapes(builder, args[0]),)
-        if isinstance(node.op, Reshape) and builder.type(args[0]) == node.type:
+        unchanged = isinstance(node.op, Reshape) and builder.type(args[0]) == node.type
+        if unchanged or isinstance(node.op, Named):
             copies[index] = args[0]
+            builder.set_unit(args[0], node.type.unit)
             if node.label is not None:
                 builder.name(args[0], node.label)
         else:

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, samples, with_step
+from compiler.ir.liveness import Extent, extents
 from compiler.ir.ops import ReadSignal, Window
-from compiler.ir.program import Extent, History, Node, NodeId, Program, Signal, State, extents
+from compiler.ir.program import History, Node, NodeId, Program, Signal, State
 from compiler.ir.types import WINDOW, Axis, Type
 
 

@@ -11,7 +11,7 @@ from compiler.program_file.plain_data import Malformed, Record
 from compiler.program_file.reader import read_program
 from compiler.program_file.writer import FORMAT, program_to_data
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.errors import program_files
+from spec_schema.errors import files
 
 __all__ = [
     "data_from_json",
@@ -42,12 +42,12 @@ def program_from_json(text: str, name: str) -> Program:
 def data_from_json(text: str, name: str) -> Any:
     """The parsed text of a program file, for a caller that keeps more in it. Raises SpecError."""
     if len(text) > LONGEST_TEXT:
-        raise SpecError([program_files.not_a_program(name, "it is too long")])
+        raise SpecError([files.not_a_program(name, "it is too long")])
     try:
         return json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
         reason = "it is not JSON" if isinstance(error, ValueError) else "it is nested too deep"
-        raise SpecError([program_files.not_a_program(name, reason)]) from error
+        raise SpecError([files.not_a_program(name, reason)]) from error
 
 
 def program_from_data(data: Any, name: str) -> Program:
@@ -55,13 +55,13 @@ def program_from_data(data: Any, name: str) -> Program:
     try:
         found = Record(data, "the file").integer("format")
         if found != FORMAT:
-            raise SpecError([program_files.other_format(name, found, FORMAT)])
+            raise SpecError([files.other_format(name, found, FORMAT)])
         program = read_program(data)
         verify(program)
     except Malformed as error:
-        raise SpecError([program_files.not_a_program(name, str(error))]) from error
+        raise SpecError([files.not_a_program(name, str(error))]) from error
     except InvalidProgram as error:
-        raise SpecError([program_files.illegal_program(name, error.reason)]) from error
+        raise SpecError([files.illegal_program(name, error.reason)]) from error
     return program
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Arrays = Mapping[str, NDArray[Any]]
+from msnn.agreement.judgement import Arrays
 
 
 def worst_deviation(found: Arrays, wanted: Arrays) -> float:

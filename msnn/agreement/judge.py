@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,29 +11,9 @@ from numpy.typing import DTypeLike, NDArray
 from backends.ports.step_interface import Port, step_interface
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
+from msnn.agreement.judgement import Arrays, Beginning, Judgement
 from msnn.agreement.record import Record
 from msnn.data.dataset import FloatArray
-
-Arrays = dict[str, NDArray[Any]]
-
-
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """Arrays (steps, *shape) by the names of the spec; `states` are those before each step."""
-
-    windows: Arrays
-    """What the first states are made of: one window a signal, (*shape)."""
-    window_firsts: Mapping[str, int]
-    """The first sample in each of them, counted from the judge's first step."""
-    inputs: Arrays
-    states: Arrays
-    outputs: Arrays
-    next_states: Arrays
-
-    def window(self, signal: str, first: int, length: int) -> NDArray[Any]:
-        """As many samples of a signal from `first` on, (…, length): some backends need fewer."""
-        begin = first - self.window_firsts[signal]
-        return self.windows[signal][..., begin : begin + length]
 
 
 def judge(
@@ -55,12 +34,14 @@ def judge(
         nexts.append(values.next_states)
         current = values.next_states
     rows = np.arange(record.t0, record.t0 + record.steps)
-    return Judgement(
-        windows={
-            port.signal.name: window[0]
-            for port, window in _samples(interface.start_windows, log, rows[:1])
-        },
+    windows = _samples(interface.start_windows, log, rows[:1])
+    beginning = Beginning(
+        windows={port.signal.name: window[0] for port, window in windows},
         window_firsts={port.signal.name: port.first for port in interface.start_windows},
+        states={name: values[0] for name, values in states[0].items()},
+    )
+    return Judgement(
+        beginning=beginning,
         inputs={port.signal.name: s for port, s in _samples(interface.inputs, log, rows)},
         states=_joined(states),
         outputs=_joined(outputs),

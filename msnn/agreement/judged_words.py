@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,47 +11,34 @@ from numpy.typing import NDArray
 from backends.fixed_point.write_fixed_c import WIDTHS
 from compiler.fixed_point.compile_integers import integer_program
 from compiler.fixed_point.integers.interpret import reset, step
-from compiler.fixed_point.integers.program import IntegerProgram, WordPort
+from compiler.fixed_point.integers.program import WordPort
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
-from msnn.agreement.judge import Arrays, Judgement
+from msnn.agreement.judgement import Beginning, Judgement
 from msnn.data.dataset import FloatArray
-from msnn.exports.export import FixedPoint
-
-
-@dataclass(frozen=True, slots=True)
-class JudgedWords:
-    """Words (steps, *shape) by the names of the spec."""
-
-    program: IntegerProgram
-    steps: int
-    windows: Arrays
-    inputs: Arrays
-    outputs: Arrays
-
-    def real(self, words: Mapping[str, NDArray[Any]]) -> Arrays:
-        """Words of outputs as the numbers that they stand for."""
-        ports = (port for port, _ in self.program.outputs)
-        return {p.name: np.ldexp(words[p.name].astype(np.float64), -p.fraction) for p in ports}
 
 
 def judged_words(
     program: Program,
     weights: Mapping[str, FloatArray],
-    format: FixedPoint,
+    format: str,
     judged: Judgement,
     most_steps: int,
-) -> JudgedWords:
-    """The first steps along the inputs of the judge, rounded to words."""
+) -> Judgement:
+    """The first steps along the inputs of the judge, rounded to words.
+
+    All arrays are the numbers that words stand for, which float64 holds exactly. Windows begin and
+    end where those of the export do, and inputs that it does not have are left out.
+    """
     integers = integer_program(program, physical_weights(program, weights), WIDTHS[format])
     windows = {
-        port.name: _words(port, judged.window(port.name, first, port.axes[-1].size))
+        port.name: _words(port, judged.beginning.window(port.name, first, port.axes[-1].size))
         for port, first in zip(integers.windows, integers.window_firsts, strict=True)
     }
-    steps = min(most_steps, len(next(iter(judged.outputs.values()))))
+    steps = min(most_steps, judged.steps)
+    ports = {entry.port.name: entry.port for entry in integers.inputs}
     inputs = {
-        entry.port.name: _words(entry.port, judged.inputs[entry.port.name][:steps], steps)
-        for entry in integers.inputs
+        name: _words(port, judged.inputs[name][:steps], steps) for name, port in ports.items()
     }
     state = reset(integers, {name: words.ravel().tolist() for name, words in windows.items()})
     answers = [
@@ -65,10 +51,26 @@ def judged_words(
         )
         for port, _ in integers.outputs
     }
-    return JudgedWords(integers, steps, windows, inputs, outputs)
+    firsts = zip(integers.windows, integers.window_firsts, strict=True)
+    return Judgement(
+        beginning=Beginning(
+            windows={port.name: _numbers(port, windows[port.name]) for port in integers.windows},
+            window_firsts={port.name: first for port, first in firsts},
+            states={},
+        ),
+        inputs={name: _numbers(ports[name], words) for name, words in inputs.items()},
+        states={},
+        outputs={port.name: _numbers(port, outputs[port.name]) for port, _ in integers.outputs},
+        next_states={},
+    )
 
 
 def _words(port: WordPort, values: NDArray[Any], *steps: int) -> NDArray[np.int64]:
     """The nearest words, (*steps, *shape)."""
     words = np.clip(np.rint(np.ldexp(values, port.fraction)), port.low, port.high)
     return words.reshape(*steps, *(axis.size for axis in port.axes)).astype(np.int64)
+
+
+def _numbers(port: WordPort, words: NDArray[Any]) -> NDArray[np.float64]:
+    """What words stand for."""
+    return np.ldexp(words.astype(np.float64), -port.fraction)

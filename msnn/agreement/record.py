@@ -11,7 +11,6 @@ import numpy as np
 
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import FloatArray
-from msnn.data.reading.load import load_data
 from msnn.data.starts import reach
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -37,6 +36,8 @@ def agreement_record(model: Model, program: Program, folder: Path) -> Record:
 
     `program` is what is exported, in step form; a stretch must hold one step of it.
     """
+    from msnn.data.reading.load import load_data
+
     program = _unscored(program)
     if model.spec.data is not None:
         try:

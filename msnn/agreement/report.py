@@ -1,19 +1,13 @@
-"""Checks all exports of a model and prints how well they agree with the judge."""
+"""Reports how well the exports of a model agree with the judge: table, messages, JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
-from msnn.agreement.compare import Agreement, Fault, compare
-from msnn.agreement.record import agreement_record
-from msnn.data.dataset import FloatArray
+from msnn.agreement.compare import Agreement, Fault
 from msnn.errors import commands
 from msnn.errors.failures import MissingExtraError
-from msnn.exports.export import ExportPlan
-from msnn.model.model import Model
 from msnn.tables import table_text
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -58,35 +52,6 @@ class AgreementReport:
     @property
     def agrees(self) -> bool:
         return all(row.agrees for row in self.rows)
-
-
-def check_exports(
-    model: Model,
-    plans: Sequence[ExportPlan],
-    weights: Mapping[str, FloatArray],
-    written: Mapping[str, tuple[Path, Sequence[Path]]],
-    data_folder: Path,
-) -> AgreementReport:
-    """Runs what was written for every plan along a record of the model.
-
-    `written` has the folder and the files of each target.
-
-    Relative data paths start in `data_folder`. A target that needs something which is not
-    installed, or that fails, does not keep the others from being compared: the report has the
-    error, and it is for the caller to raise it when the report is printed.
-    """
-    rows: list[Agreement] = []
-    failures: list[Failure] = []
-    origins: dict[str, None] = {}
-    for plan in plans:
-        record = agreement_record(model, plan.program, data_folder)
-        origins[record.origin] = None
-        try:
-            folder, files = written[plan.target]
-            rows.append(compare(plan, weights, files, folder, record))
-        except Exception as error:  # noqa: BLE001  (raised again once the table is printed)
-            failures.append(Failure(plan.target, plan.fixed_point or plan.dtype, error))
-    return AgreementReport(", ".join(origins), tuple(rows), tuple(failures))
 
 
 def agreement_table(report: AgreementReport) -> str:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
-from msnn.agreement.deviation import Arrays, deviations
-from msnn.agreement.judge import Judgement
+from msnn.agreement.deviation import deviations
+from msnn.agreement.judgement import Arrays, Judgement
 from msnn.agreement.record import Record
 from msnn.data.dataset import FloatArray
+
+V = TypeVar("V")
 
 STEP_LIMIT = {"float64": 1e-12, "float32": 1e-5}
 """One step in the arithmetic of the target from the judge's state: what is always granted."""
@@ -41,7 +44,7 @@ def single_steps(
     }
 
 
-def labelled(outputs: Arrays, next_states: Arrays) -> dict[str, np.ndarray]:
+def labelled(outputs: Mapping[str, V], next_states: Mapping[str, V]) -> dict[str, V]:
     """Outputs and next states under the names that messages give them."""
     named = {f"`{name}`": values for name, values in outputs.items()}
     return named | {f"the state `{name}`": values for name, values in next_states.items()}

@@ -56,6 +56,26 @@ Settings: TypeAlias = Annotated[
     ),
 ]
 
+OldSettings: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set-old",
+        metavar="KEY=VALUE",
+        help="Replace a value of OLD alone.",
+        callback=_wants_value,
+    ),
+]
+
+NewSettings: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set-new",
+        metavar="KEY=VALUE",
+        help="Replace a value of NEW alone.",
+        callback=_wants_value,
+    ),
+]
+
 
 def refuse_two_origins(weights: Path | None, initial: bool) -> None:
     """A usage error where both a file of weights and the initial values are asked for."""

@@ -41,6 +41,10 @@ def _say(text: str, stream: TextIO) -> None:
         print(text, file=stream, flush=True)
     except BrokenPipeError as error:
         raise ReaderGoneError from error
+    except OSError as error:  # which names no file, as a stream has none
+        name = "output" if stream is sys.stdout else "error"
+        error.filename = error.filename or f"the standard {name}"
+        raise
 
 
 def report(

@@ -20,7 +20,7 @@ BETWEEN_ROWS = -1
 """What resampling puts at a moment for which a file has no row."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FileRows:
     """The rows start … stop−1 of the series, all from one file, and which rows they are there."""
 
@@ -78,10 +78,15 @@ class Record:
 
 def whole_file(file: str, start: int, stop: int) -> Record:
     """A record of all rows of a file without time."""
-    return Record(file, start, stop, (FileRows(file, start, stop, range(stop - start), None),))
+    return Record(
+        file,
+        start,
+        stop,
+        (FileRows(file=file, start=start, stop=stop, rows=range(stop - start), time=None),),
+    )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Dataset:
     """All records one after the other; memory is that of the signals, windows are never stored."""
 

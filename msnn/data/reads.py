@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from compiler.ir.liveness import needed
+from compiler.ir.liveness import Extent, needed
 from compiler.ir.ops import ReadLog, ReadSignal
-from compiler.ir.program import Extent, Graph, NodeId
+from compiler.ir.program import Graph, NodeId
 
 
 def reads(graph: Graph, wanted: Iterable[NodeId]) -> dict[str, Extent]:

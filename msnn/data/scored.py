@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from compiler.ir.program import Extent, Graph, Loss, Program
+from compiler.ir.liveness import Extent
+from compiler.ir.program import Graph, Loss, Program
 from msnn.data.dataset import BoolArray, Dataset
 from msnn.data.reads import reads, span
 

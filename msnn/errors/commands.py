@@ -11,6 +11,17 @@ def refused_by_system(path: str, reason: str) -> Diagnostic:
     return error("E1033", None, f"cannot use {path or 'a file'}: {reason}")
 
 
+def no_program_name(path: str, meant: str) -> Diagnostic:
+    """E1045: a program file under a name that tells no verb what it is."""
+    return Diagnostic(
+        "E1045",
+        "error",
+        f"a program file ends in `.program.json`, and {path} does not",
+        None,
+        help=f"write `--out {meant}`, or name the folder alone",
+    )
+
+
 def folder_exists(path: str) -> Diagnostic:
     """E1034: `msnn init` where something is already."""
     message = f"{path} is there already, and nothing is overwritten"

@@ -242,7 +242,7 @@ def record_dropped(file: str, row: int) -> Diagnostic:
 
 
 def _start(file: str) -> Span:
-    return Span(file, 1, 1, 1, 1)
+    return Span(file=file, line=1, column=1, end_line=1, end_column=1)
 
 
 def _shown(delimiter: str) -> str:

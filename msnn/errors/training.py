@@ -1,6 +1,6 @@
 """E0901-E0949: training, weights, metrics and simulation."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
@@ -28,6 +28,20 @@ def nothing_to_train(stage: str, span: Span) -> Diagnostic:
     """E0904: a stage in which every parameter is frozen, or a model without any."""
     message = f"stage `{stage}` has no parameter to train"
     return error("E0904", span, message, "all parameters are constant here")
+
+
+def losses_of_others(stage: str, trained: Sequence[str], span: Span) -> Diagnostic:
+    """E0934: a stage whose losses say nothing of what it trains."""
+    named = ", ".join(f"`{name}`" for name in trained)
+    return Diagnostic(
+        "E0934",
+        "error",
+        f"stage `{stage}` trains {named}, but no loss with a weight depends on "
+        f"{'it' if len(trained) == 1 else 'one of them'}",
+        span,
+        "nothing to learn here",
+        help="give a loss of what depends on them a weight, or train other parameters",
+    )
 
 
 def no_factors_with_lbfgs(span: Span) -> Diagnostic:

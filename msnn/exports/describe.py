@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from backends.ports.step_interface import Port, step_interface
 from compiler.ir.program import Program
 from compiler.ir.types import Type, describe_axes
-from msnn.exports.export import ExportPlan, plan_exports, target_names
+from msnn.exports.export import plan_exports, target_names
+from msnn.exports.target import AnyPlan
 from msnn.model.model import Model
 from msnn.tables import count, table_text
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
@@ -25,7 +26,7 @@ def exports_text(model: Model) -> str:
     return "\n\n".join(_plan(plan) for plan in plans)
 
 
-def _plan(plan: ExportPlan) -> str:
+def _plan(plan: AnyPlan) -> str:
     program = plan.program
     interface = step_interface(program)
     rows = [_input(port) for port in interface.inputs]
@@ -39,7 +40,7 @@ def _plan(plan: ExportPlan) -> str:
         unit = "" if state.unit is None else state.unit.text
         rows.append(("state", state.name, unit, shape, _range(state.range), about))
     table = table_text(("port", "name", "unit", "shape", "range", ""), rows)
-    return f"{plan.target}, {plan.dtype}\n{table}"
+    return f"{plan.target.name}, {plan.dtype}\n{table}"
 
 
 def _input(port: Port) -> Sequence[str]:

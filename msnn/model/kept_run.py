@@ -24,7 +24,7 @@ FOLD = "fold_"
 RUNS_SHOWN = 5
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class KeptSpec:
     """The texts that a run has kept, as if they stood where they stood when it began."""
 
@@ -77,7 +77,13 @@ def kept_spec(run: Path) -> KeptSpec:
     is_gone = bool(places) and path == run / SPEC
     trained_in = str(Path(places[-1]).parent) if is_gone else None
     return KeptSpec(
-        Path(os.path.normpath(path)), text, texts, weights, settings, sha256, trained_in
+        path=Path(os.path.normpath(path)),
+        text=text,
+        texts=texts,
+        weights=weights,
+        settings=settings,
+        sha256=sha256,
+        trained_in=trained_in,
     )
 
 

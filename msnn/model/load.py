@@ -83,5 +83,13 @@ def _compiled(
         raise SpecError(findings.in_order, sources) from None
     warnings = (*findings.in_order, *compiled.warnings)
     return Model(
-        compiled.program, compiled.spec, path, text, sources, warnings, read, parts, weights.arrays
+        program=compiled.program,
+        spec=compiled.spec,
+        path=path,
+        text=text,
+        sources=sources,
+        warnings=warnings,
+        read=read,
+        parts=parts,
+        part_weights=weights.arrays,
     )

@@ -19,7 +19,7 @@ PROGRAM_SUFFIX = ".program.json"
 """How the names of program files end, which `msnn compile` writes."""
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, kw_only=True)
 class Model:
     """A program in window form with the spec that says how to train, validate and export it.
 

@@ -16,7 +16,7 @@ from compiler.program_file.file import (
     program_from_data,
     program_to_data,
 )
-from msnn.errors.commands import foreign_spec
+from msnn.errors.commands import foreign_spec, no_program_name
 from msnn.model.model import PROGRAM_SUFFIX, Model
 from msnn.model.spec_hash import hash_of, parts_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
@@ -27,12 +27,20 @@ from spec_schema.reading.reader import read_spec
 from spec_schema.reading.settings import model_settings, settings_source
 
 
-def write_program_file(model: Model, folder: Path) -> Path:
+def write_program_file(model: Model, out: Path) -> Path:
     """Writes `<name>.program.json`: the program, and the spec's text for the workflow sections.
 
-    The texts of sub-models stand there too; of their weights the program has what it needs.
+    `out` is the folder of the file, or a file of such a name. The texts of sub-models stand there
+    too; of their weights the program has what it needs. Raises SpecError for a name that no other
+    verb would take for a program's.
     """
-    file = folder / f"{model.name}{PROGRAM_SUFFIX}"
+    file = out / f"{model.name}{PROGRAM_SUFFIX}"
+    if out.suffix == ".json" and not out.is_dir():
+        if not out.name.endswith(PROGRAM_SUFFIX):
+            meant = out.with_name(out.stem + PROGRAM_SUFFIX)
+            raise SpecError([no_program_name(str(out), str(meant))])
+        file = out
+    folder = file.parent
     spec: dict[str, Any] = {"path": _seen_from(folder, model.path), "text": model.text}
     if model.settings:
         spec["settings"] = list(model.settings)
@@ -79,14 +87,14 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
     return Model(
-        program,
-        spec,
-        embedded.path,
-        text,
-        sources,
-        read.warnings,
-        read,
-        parts,
+        program=program,
+        spec=spec,
+        path=embedded.path,
+        text=text,
+        sources=sources,
+        warnings=read.warnings,
+        read=read,
+        parts=parts,
         settings=settings,
     )
 
@@ -95,7 +103,7 @@ def _seen_from(folder: Path, path: str | Path) -> str:
     return Path(os.path.relpath(path, folder)).as_posix()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _EmbeddedSpec:
     """The spec in a program file, the texts of sub-models by path, digests of their weights.
 
@@ -122,7 +130,7 @@ def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
     listed = found.get("settings")
     given = cast("list[Any]", listed) if isinstance(listed, list) else []
     settings = tuple(one for one in given if isinstance(one, str))
-    return _EmbeddedSpec(spec, text, texts, weights, settings)
+    return _EmbeddedSpec(path=spec, text=text, texts=texts, weights=weights, settings=settings)
 
 
 def _texts(data: Any) -> dict[str, str]:

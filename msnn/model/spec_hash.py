@@ -11,7 +11,7 @@ from pathlib import Path
 from spec_schema.reading.reader import ReadResult
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
     """A sub-model: its full name, the path and text of its spec, sha256 of its weights or "".
 
@@ -57,7 +57,9 @@ def hash_of(text: str, parts: Sequence[Part], settings: Sequence[str] = ()) -> s
 def _parts(read: ReadResult, digests: Mapping[str, str], prefix: str) -> Iterator[Part]:
     for name, file in read.used.items():
         full = prefix + name
-        yield Part(full, file.source.path, file.source.text, digests.get(full, ""))
+        yield Part(
+            name=full, path=file.source.path, text=file.source.text, weights=digests.get(full, "")
+        )
         yield from _parts(file, digests, f"{full}.")
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler
+from msnn.exports.table import PACKAGES
 from spec_schema.version import __version__
 
 
@@ -27,7 +28,7 @@ _PACKAGES = (
     ("torch", None, "training without a compiler, torch exports"),
     ("casadi", None, "CasADi exports"),
     ("onnx", None, "ONNX exports"),
-    ("onnxruntime", "onnxruntime", "runs ONNX exports for `export --check`"),
+    *((p.name, p.extra, p.purpose) for p in PACKAGES.values()),
     ("matplotlib", "plot", "draws simulations"),
     ("pyarrow", "parquet", "reads Parquet"),
     ("scipy", "mat", "reads MATLAB files"),

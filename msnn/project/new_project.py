@@ -8,6 +8,7 @@ from pathlib import Path
 import jinja2
 
 import templates
+from backends.files.atomic_write import naming
 from backends.ports.identifiers import c_identifier
 from msnn.errors.commands import folder_exists, unusable_name
 from msnn.project.sample_data import sample_records
@@ -35,7 +36,8 @@ def new_project(folder: Path) -> Path:
         for file, text in _texts(name).items():
             path = made / file
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8", newline="\n")
+            with naming(folder / file):
+                path.write_text(text, encoding="utf-8", newline="\n")
         made.rename(folder)
     return folder
 

@@ -71,10 +71,7 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
         from msnn.exports.export import plan_exports, target_names
 
         for plan in plan_exports(model, target_names((), spec.export), findings):
-            if plan.fixed_point is not None:
-                from msnn.exports.fixed_point import fixed_point_faults
-
-                findings.report(*fixed_point_faults(plan, plan.fixed_point))
+            findings.report(*plan.target.faults(plan))
     return findings.in_order
 
 

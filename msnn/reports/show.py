@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from backends.ports.step_interface import Port, port_names, step_interface
+from compiler.ir.liveness import Extent, extents
 from compiler.ir.ops import ReadSamples
 from compiler.ir.program import (
     Declared,
-    Extent,
     History,
     Memory,
     Output,
@@ -18,7 +18,6 @@ from compiler.ir.program import (
     Role,
     State,
     Tape,
-    extents,
 )
 from compiler.ir.types import Axis, describe_axes
 from compiler.passes.prune_outputs import prune_outputs

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from compiler.ir.program import Declared, Memory, Program, Role, extents
+from compiler.ir.liveness import extents
+from compiler.ir.program import Declared, Memory, Program, Role
 from compiler.passes.prune_outputs import prune_outputs
 from msnn.tables import count
 

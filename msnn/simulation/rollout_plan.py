@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compiler.ir.program import Extent, Program, Role
+from compiler.ir.liveness import Extent
+from compiler.ir.program import Program, Role
 from compiler.passes.close_loop import LoopError, close_loop
 from msnn.data.dataset import Dataset, IntArray
 from msnn.data.reads import reads
@@ -19,7 +20,7 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.sections.training.training import Rollout
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RolloutPlan:
     """How far and from where a stage or a metric simulates; the loop in `program` is closed."""
 
@@ -35,7 +36,7 @@ def plan_rollout(
 ) -> RolloutPlan | None:
     """The rollout of a stage or metric; `stride` None makes it equal to the horizon."""
     if rollout is None:
-        return RolloutPlan(program, 1, 1, 0, ())
+        return RolloutPlan(program=program, horizon=1, stride=1, skip=0, closed=())
     horizon: Horizon | None
     if isinstance(rollout.horizon, str):
         horizon = rollout.horizon
@@ -57,7 +58,9 @@ def plan_rollout(
     if isinstance(horizon, int) and skip >= horizon:
         findings.report(errors.skips_everything(skip, horizon, rollout.place.value))
         return None
-    return RolloutPlan(looped, horizon, max(given, 1), skip, closed)
+    return RolloutPlan(
+        program=looped, horizon=horizon, stride=max(given, 1), skip=skip, closed=closed
+    )
 
 
 def closed_signals(program: Program, rollout: Rollout) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ class StepPlaces:
         return int(self.rows[step]) != BETWEEN_ROWS
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Simulation:
     """A free run over one stretch of a record without gap; arrays are (steps, *shape)."""
 
@@ -185,7 +185,9 @@ def _simulation(
             values[: last - first] = series[first:last]
             logged[out.name] = values
     places = _places(program, data, record, rows)
-    return Simulation(record, t0 - record.start, outputs, logged, places)
+    return Simulation(
+        record=record, first=t0 - record.start, outputs=outputs, logged=logged, places=places
+    )
 
 
 def _places(program: Program, data: Dataset, record: Record, rows: range) -> StepPlaces:

@@ -20,7 +20,6 @@ from msnn.simulation.rollout import Moment, loss_sums, moments
 from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.sections.training.optimizers import LevenbergMarquardt
 
 _LOOKED_AT = 100
 """Rollouts, and steps of each, in which slopes are looked at."""
@@ -35,7 +34,7 @@ def explain_divergence(
 ) -> Diagnostic:
     """Names the value that stopped being finite first, as the judge finds it in the same dtype."""
     runs = fault.runs
-    second_order = isinstance(plan.optimizer, LevenbergMarquardt)
+    second_order = plan.optimizer.needs_squares
     program = plan.rollout.program
     for parameter in program.parameters:
         if not np.isfinite(weights[parameter.name]).all():

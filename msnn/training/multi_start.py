@@ -49,7 +49,13 @@ class StageAttempts:
     def checkpoint(self, before: Checkpoint) -> Checkpoint:
         """Where a run stands now that began this stage at `before`."""
         now = self.current
-        return Checkpoint(before.ended, before.begin, now.attempt, self.leader, now.place())
+        return Checkpoint(
+            ended=before.ended,
+            begin=before.begin,
+            attempt=now.attempt,
+            leader=self.leader,
+            place=now.place(),
+        )
 
     def run(self) -> StageResult:
         """The best attempt. Raises Interrupted, and NonFiniteLossError where all diverge.

@@ -25,7 +25,7 @@ class Interrupted(Exception):  # noqa: N818  (an event, no error)
     """The user asked for an end; the run stands between two batches."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class StageRun:
     """One attempt at a stage with its engine and data; `run` goes through its epochs."""
 
@@ -81,13 +81,13 @@ class StageRun:
             self.between(pace.seconds)
         assert self.best is not None
         return StageResult(
-            self.best,
-            self.best_value,
-            self.best_epoch,
-            self.epoch,
-            reason,
-            self._seconds,
-            self.attempt,
+            best=self.best,
+            best_value=self.best_value,
+            best_epoch=self.best_epoch,
+            epochs=self.epoch,
+            reason=reason,
+            seconds=self._seconds,
+            attempt=self.attempt,
         )
 
     def place(self) -> Place | None:

@@ -80,19 +80,19 @@ def train(
         noted.warned(warning)
     curves = Curves(folder.path) if folder is not None and options.tensorboard else None
     run = _Run(
-        program,
-        data,
-        ready,
-        folder,
-        curves,
-        noted,
-        findings.in_order,
-        options,
-        Safekeeping(folder, noted, options.most_lost),
+        program=program,
+        data=data,
+        stages=ready,
+        folder=folder,
+        curves=curves,
+        progress=noted,
+        warnings=findings.in_order,
+        options=options,
+        safe=Safekeeping(folder, noted, options.most_lost),
     )
     try:
         with held(path), end_on_interrupt() as stop_asked:
-            return run.through(checkpoint or Checkpoint((), first), stop_asked)
+            return run.through(checkpoint or Checkpoint(ended=(), begin=first), stop_asked)
     except OSError as error:
         if folder is None or not _is_in(folder.path, error):
             raise
@@ -104,7 +104,7 @@ def train(
             curves.close()
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Run:
     program: Program
     data: Dataset
@@ -125,7 +125,7 @@ class _Run:
                     run_ends.nothing_learned(plan.name, result.best_value, plan.span)
                 )
             self.progress.stage_ended(_stage_end(plan, result))
-            now = Checkpoint((*now.ended, result), result.best)
+            now = Checkpoint(ended=(*now.ended, result), begin=result.best)
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
         if self.folder is None:
@@ -192,13 +192,13 @@ class _Run:
             if engine.moved:
                 self.progress.warned(weight_errors.moved_off_bound(engine.moved))
             return StageRun(
-                opened.plan,
-                engine,
-                data,
-                stop_asked.is_set,
-                lambda event: self._epoch_ended(event, engine, plan),
-                keep,
-                attempt,
+                plan=opened.plan,
+                engine=engine,
+                data=data,
+                stop_asked=stop_asked.is_set,
+                epoch_ended=lambda event: self._epoch_ended(event, engine, plan),
+                between=keep,
+                attempt=attempt,
             )
 
         def keep(ahead: float) -> None:
@@ -265,7 +265,9 @@ class _Run:
 
     def _result(self, weights: Mapping[str, FloatArray], now: Checkpoint) -> TrainingResult:
         path = None if self.folder is None else self.folder.path
-        return TrainingResult(weights, now.ended, path, self.warnings)
+        return TrainingResult(
+            weights=weights, stages=now.ended, folder=path, warnings=self.warnings
+        )
 
 
 def _is_in(folder: Path, error: OSError) -> bool:
@@ -275,12 +277,12 @@ def _is_in(folder: Path, error: OSError) -> bool:
 
 def _stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
     return StageEnd(
-        plan.name,
-        result.attempt + 1,
-        plan.attempts,
-        result.epochs,
-        result.best_value,
-        result.best_epoch,
-        result.seconds,
-        result.reason,
+        stage=plan.name,
+        attempt=result.attempt + 1,
+        attempts=plan.attempts,
+        epochs=result.epochs,
+        best=result.best_value,
+        best_epoch=result.best_epoch,
+        seconds=result.seconds,
+        reason=result.reason,
     )

@@ -12,7 +12,7 @@ from msnn.training.records.standard_errors import StandardErrors
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingResult:
     """Trained weights in physical units, what each stage reached, and where the run is kept."""
 

@@ -44,7 +44,7 @@ class ErrorTrace:
     high: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement:
     """One output against its target: the same rollouts, every metric."""
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from compiler.ir.program import Output, Prediction, Program
+from compiler.ir.program import Output, Program
+from compiler.ir.types import Prediction
 from msnn.data.dataset import Dataset
 from msnn.data.reading.file_sets import file_sets, set_of
 from msnn.errors import stages as stage_errors
@@ -24,7 +25,7 @@ from spec_schema.units.unit import ONE, Unit
 PERCENT = parse_unit("%")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CheckPlan:
     """A metric of an output against its target, or the value of a loss."""
 
@@ -51,7 +52,7 @@ def plan_checks(program: Program, checks: Sequence[Check], findings: Findings) -
     What is wrong with them goes to `findings`.
     """
     if not checks:
-        one_step = RolloutPlan(program, 1, 1, 0, ())
+        one_step = RolloutPlan(program=program, horizon=1, stride=1, skip=0, closed=())
         return [
             CheckPlan(
                 of=output.name,
@@ -117,17 +118,17 @@ def _planned(
     if check.files is not None:
         data = set_of(check.files, sets)
     return CheckPlan(
-        name,
-        metric,
-        target,
-        rollout,
-        data,
-        check.files is not None,
-        unit,
-        output_unit,
-        minimum,
-        maximum,
-        check.place.value,
+        of=name,
+        metric=metric,
+        target=target,
+        rollout=rollout,
+        data=data,
+        from_files=check.files is not None,
+        unit=unit,
+        output_unit=output_unit,
+        minimum=minimum,
+        maximum=maximum,
+        span=check.place.value,
     )
 
 

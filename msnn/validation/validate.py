@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Extent, Program, learned_numbers
+from compiler.ir.liveness import Extent
+from compiler.ir.program import Program, learned_numbers
 from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.data.scored import rows_in_set, scored_rows
 from msnn.data.starts import Runs
@@ -26,7 +27,7 @@ _SIDE_BY_SIDE = 4096
 """Rollouts that run at once; bounds the memory."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MetricRow:
     """One metric: what was measured on which rows, the value, and whether it keeps its limits."""
 

@@ -41,7 +41,16 @@ def _on_board(board: Board, level: str, model: ExportedC) -> Check:
         bound = stack_bound(sorted(folder.glob("*.ci")), f"{model.prefix}_step")
         if bound is not None and painted > bound:
             found.append(f"the stack was {painted} bytes deep, the call graph allows {bound}")
-        figures = Figures(level, build.instructions(), *build.sizes(), painted, bound)
+        flash, data, bss = build.sizes()
+        figures = Figures(
+            flags=level,
+            instructions=build.instructions(),
+            flash=flash,
+            data=data,
+            bss=bss,
+            stack_painted=painted,
+            stack_bound=bound,
+        )
         promise = "0 bits differ" if model.exact else "within the tolerance"
         return check.of(found, f"{len(model.expected)} golden steps: {promise}", [figures])
 

@@ -19,7 +19,7 @@ Range = tuple[float, float]
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Member:
     """A field of a generated struct, with the range of its values where the spec has one."""
 
@@ -33,7 +33,7 @@ class Member:
     """What the step does about invalid values of an input; empty for what is none."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedC:
     """A model as its files describe it."""
 
@@ -123,11 +123,11 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
     expected = (folder / "test" / f"{prefix}_expected.txt").read_text(encoding="utf-8")
     structs = layout["structs"]
     return ExportedC(
-        folder.resolve(),
-        prefix,
-        layout["dtype"],
-        bool(layout["takes_parameters"]),
-        bool(layout["exact"]),
+        folder=folder.resolve(),
+        prefix=prefix,
+        dtype=layout["dtype"],
+        takes_parameters=bool(layout["takes_parameters"]),
+        exact=bool(layout["exact"]),
         inputs=_members(structs["in"], layout.get("on_invalid", {})),
         start=_members(structs["init"]),
         state=_members(structs["state"]),
@@ -144,12 +144,12 @@ def _members(
 ) -> tuple[Member, ...]:
     return tuple(
         Member(
-            _identifier(field["field"]),
-            math.prod(field["shape"]) if field["shape"] else None,
-            field["type"] == "uint32",
-            field["name"] or field["field"],
-            _range(field["range"]),
-            policies.get(field["field"], ""),
+            field=_identifier(field["field"]),
+            size=math.prod(field["shape"]) if field["shape"] else None,
+            unsigned=field["type"] == "uint32",
+            name=field["name"] or field["field"],
+            range=_range(field["range"]),
+            policy=policies.get(field["field"], ""),
         )
         for field in fields
     )

@@ -18,7 +18,7 @@ _SECONDS = 300.0
 """After which a tool counts as hanging."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
     """What one build of the step takes on one board."""
 
@@ -33,7 +33,7 @@ class Figures:
     """From the call graph; None where a library routine has no known stack."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
     """The outcome of one check on one target."""
 
@@ -63,14 +63,28 @@ class Check:
         if missing:
             names = ", ".join(tool.command for tool in missing)
             detail = f"{names} not installed"
-            return Result(self.name, self.target, "missing", detail, missing=missing)
+            return Result(
+                check=self.name,
+                target=self.target,
+                verdict="missing",
+                detail=detail,
+                missing=missing,
+            )
         folder.mkdir(parents=True)
         try:
             return self.run(folder)
         except ToolTimedOutError as error:
-            return Result(self.name, self.target, "not done", str(error))
+            return Result(
+                check=self.name, target=self.target, verdict="not done", detail=str(error)
+            )
         except ToolFailedError as error:
-            return Result(self.name, self.target, "found", str(error), tuple(error.lines))
+            return Result(
+                check=self.name,
+                target=self.target,
+                verdict="found",
+                detail=str(error),
+                findings=tuple(error.lines),
+            )
 
     def of(
         self,
@@ -81,12 +95,12 @@ class Check:
     ) -> Result:
         """Nothing found, or these lines."""
         return Result(
-            self.name,
-            self.target,
-            "found" if findings else "ok",
-            detail,
-            tuple(findings),
-            tuple(figures),
+            check=self.name,
+            target=self.target,
+            verdict="found" if findings else "ok",
+            detail=detail,
+            findings=tuple(findings),
+            figures=tuple(figures),
             notes=tuple(notes),
         )
 

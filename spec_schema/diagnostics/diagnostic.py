@@ -10,7 +10,7 @@ Severity: TypeAlias = Literal["error", "warning", "note"]
 Secondary: TypeAlias = tuple[tuple[Span, str], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Diagnostic:
     """One message with a stable code.
 
@@ -50,7 +50,16 @@ def error(
     help: str | None = None,
 ) -> Diagnostic:
     """Builds the diagnostic of a fault, which ends its stage."""
-    return Diagnostic(code, "error", message, span, label, secondary, notes, help)
+    return Diagnostic(
+        code=code,
+        severity="error",
+        message=message,
+        span=span,
+        label=label,
+        secondary=secondary,
+        notes=notes,
+        help=help,
+    )
 
 
 def warning(
@@ -64,7 +73,16 @@ def warning(
     help: str | None = None,
 ) -> Diagnostic:
     """Builds the diagnostic of a doubt, with which its stage goes on."""
-    return Diagnostic(code, "warning", message, span, label, secondary, notes, help)
+    return Diagnostic(
+        code=code,
+        severity="warning",
+        message=message,
+        span=span,
+        label=label,
+        secondary=secondary,
+        notes=notes,
+        help=help,
+    )
 
 
 class SpecError(Exception):

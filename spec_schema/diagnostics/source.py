@@ -8,7 +8,7 @@ from functools import cached_property
 _LINE_END = re.compile(r"\r\n?|\n")
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@dataclass(frozen=True, slots=True, order=True, kw_only=True)
 class Span:
     """A stretch of a file: 1-based lines and columns counted in characters, the end exclusive."""
 
@@ -20,7 +20,13 @@ class Span:
 
     def to(self, other: "Span") -> "Span":
         """The stretch from the start of this span to the end of `other`."""
-        return Span(self.file, self.line, self.column, other.end_line, other.end_column)
+        return Span(
+            file=self.file,
+            line=self.line,
+            column=self.column,
+            end_line=other.end_line,
+            end_column=other.end_column,
+        )
 
 
 @dataclass(frozen=True)
@@ -46,7 +52,9 @@ class SourceText:
         """The span of `text[start:end]`; offsets beyond the text are moved to its end."""
         line, column = self.position(start)
         end_line, end_column = self.position(max(start, end))
-        return Span(self.path, line, column, end_line, end_column)
+        return Span(
+            file=self.path, line=line, column=column, end_line=end_line, end_column=end_column
+        )
 
     def position(self, offset: int) -> tuple[int, int]:
         """1-based line and column of a character offset."""

@@ -137,7 +137,13 @@ class _Admission:
             case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
                 kind = _OPERATORS[type(operator)]
                 a, b = self.expression(left, depth), self.expression(right, depth)
-                return Binary(kind, a, b, span, self.places.between(left, right, kind.value))
+                return Binary(
+                    operator=kind,
+                    left=a,
+                    right=b,
+                    span=span,
+                    operator_span=self.places.between(left, right, kind.value),
+                )
             case ast.Compare():
                 return self.comparison(node, span, depth, condition)
             case ast.Attribute(value=owner, attr=name):

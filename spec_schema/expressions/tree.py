@@ -112,7 +112,7 @@ class Negate:
     span: Span = field(compare=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Binary:
     """Two operands and an operator; `operator_span` is the place of the operator itself."""
 

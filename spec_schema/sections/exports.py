@@ -1,6 +1,6 @@
 """The `export` section: which targets are written, and of what."""
 
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias, TypeVar
 
 from pydantic import Field
 
@@ -16,10 +16,11 @@ from spec_schema.fields.plain import (
     choice,
 )
 
+OwnEntry = TypeVar("OwnEntry", bound="TargetEntry")
 Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
 
 
-class Target(Entry):
+class TargetEntry(Entry):
     """What every target takes: `outputs` to keep (None: all) and inputs to `close`."""
 
     outputs: References | None = None
@@ -28,26 +29,26 @@ class Target(Entry):
     """Inputs that are fed back inside; none by default."""
 
 
-class FloatTarget(Target):
+class FloatTargetEntry(TargetEntry):
     """A target that computes in floating point of one size, its number type."""
 
     dtype: Dtype | None = None
     """Type of the numbers."""
 
 
-class TorchExport(FloatTarget):
+class TorchExport(FloatTargetEntry):
     """A torch module."""
 
     noun: ClassVar[str] = "the torch export"
 
 
-class OnnxExport(FloatTarget):
+class OnnxExport(FloatTargetEntry):
     """An ONNX model."""
 
     noun: ClassVar[str] = "the onnx export"
 
 
-class CasadiExport(FloatTarget):
+class CasadiExport(FloatTargetEntry):
     """A CasADi function; names start with `prefix`, by default the name of the spec."""
 
     noun: ClassVar[str] = "the casadi export"
@@ -55,7 +56,7 @@ class CasadiExport(FloatTarget):
     prefix: NewName | None = None
 
 
-class CExport(Target):
+class CExport(TargetEntry):
     """C sources; names start with `prefix`, by default the name of the spec.
 
     `params: inline` writes parameters into the code, the others give the step a pointer to them.
@@ -88,6 +89,11 @@ class CExport(Target):
     ] = Field(default=(), alias="with")
     """What is generated beside the step: its slopes in states, inputs and parameters."""
 
+    @property
+    def is_fixed_point(self) -> bool:
+        """Whether it asks for integers."""
+        return self.dtype in ("q15", "q31")
+
 
 class Export(Entry):
     """The targets that `msnn export` writes; None where not asked for."""
@@ -104,9 +110,17 @@ class Export(Entry):
     c: CExport | None = None
     """C99 sources."""
 
+    def entry(self, kind: type[OwnEntry]) -> OwnEntry | None:
+        """The entry of one target, None where it is not asked for."""
+        return next((entry for entry in self._entries if isinstance(entry, kind)), None)
+
     @property
     def named_outputs(self) -> frozenset[str]:
         """All that the `outputs:` of any target name."""
-        targets = (self.torch, self.onnx, self.casadi, self.c)
-        wanted = (target.outputs or () for target in targets if target is not None)
+        wanted = (entry.outputs or () for entry in self._entries)
         return frozenset(name.value for names in wanted for name in names)
+
+    @property
+    def _entries(self) -> tuple[TargetEntry, ...]:
+        values = (getattr(self, name) for name in type(self).model_fields)
+        return tuple(value for value in values if isinstance(value, TargetEntry))

@@ -28,7 +28,7 @@ class StoppedError(Exception):
     """The rest of the file is not worth reading; the reason is reported."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Open:
     """A list or mapping whose end has not come yet."""
 
@@ -81,7 +81,14 @@ class TreeBuilder:
                 self._alias(event.anchor, start, end)
             case yaml.CollectionStartEvent():
                 is_table = isinstance(event, yaml.MappingStartEvent)
-                self._open.append(_Open(start, is_table, bool(event.flow_style), event.anchor))
+                self._open.append(
+                    _Open(
+                        start=start,
+                        is_table=is_table,
+                        is_flow=bool(event.flow_style),
+                        anchor=event.anchor,
+                    )
+                )
                 if len(self._open) > DEEPEST:
                     self._stop(errors.too_deep(DEEPEST, self._source.span(start, start + 1)))
             case yaml.CollectionEndEvent():
@@ -117,7 +124,13 @@ class TreeBuilder:
         end = max(start, start + len(text[start:end].rstrip()))
         positions = Positions(self._source, offsets)
         meaning = core_value(value) if style == "plain" else value
-        return Scalar(value, meaning, style != "plain", positions, self._source.span(start, end))
+        return Scalar(
+            text=value,
+            value=meaning,
+            quoted=style != "plain",
+            positions=positions,
+            span=self._source.span(start, end),
+        )
 
     def _alias(self, name: str, start: int, end: int) -> None:
         span = self._source.span(start, end)

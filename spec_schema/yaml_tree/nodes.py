@@ -27,7 +27,7 @@ class Positions:
         return Positions(self.source, self.offsets[first : last + 1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scalar:
     """A scalar: its text, and the value that YAML 1.2 core gives a plain scalar of that text."""
 
@@ -47,7 +47,14 @@ class Scalar:
         """The text `text[first:last]` as a scalar of its own, always read as a string."""
         text = self.text[first:last]
         positions = self.positions.part(first, last)
-        return Scalar(text, text, True, positions, positions.span(0, len(text)), self.key)
+        return Scalar(
+            text=text,
+            value=text,
+            quoted=True,
+            positions=positions,
+            span=positions.span(0, len(text)),
+            key=self.key,
+        )
 
 
 @dataclass(frozen=True)

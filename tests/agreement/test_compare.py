@@ -10,19 +10,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from backends.c import COptions
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.compare import compare
 from msnn.agreement.deviation import differing_bits, worst_deviation
+from msnn.agreement.judgement import FloatType
 from msnn.agreement.record import drawn_record
-from msnn.exports.export import Dtype, ExportPlan, TargetName, plan_exports, write_export
+from msnn.exports.check import check_export
+from msnn.exports.export import plan_exports, write_export
+from msnn.exports.target import AnyPlan
 from msnn.model.load import load_model
 from msnn.model.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
+from tests.agreement.exported import checked, plan_of
 from tests.conditions import require_tool
 from tests.programs import SAMPLES
 
-TYPES: list[tuple[TargetName, Dtype]] = [
+TYPES: list[tuple[str, FloatType]] = [
     ("torch", "float64"),
     ("torch", "float32"),
     ("casadi", "float64"),
@@ -33,35 +37,31 @@ TYPES: list[tuple[TargetName, Dtype]] = [
 ]
 
 
-def plan_of(sample: str, target: TargetName, dtype: Dtype) -> ExportPlan:
+def plan_of_sample(sample: str, target: str, dtype: FloatType) -> AnyPlan:
     program = SAMPLES[sample]().program
     names = [output.name for output in program.outputs]
-    return ExportPlan(target, to_step_form(prune_outputs(program, names)), "model", dtype)
+    return plan_of(target, to_step_form(prune_outputs(program, names)), dtype)
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
 @pytest.mark.parametrize(("target", "dtype"), TYPES, ids=lambda value: value)
-def test_every_sample_agrees(sample: str, target: TargetName, dtype: Dtype, tmp_path: Path):
+def test_every_sample_agrees(sample: str, target: str, dtype: FloatType, tmp_path: Path):
     require_tool("gcc", install="apt install gcc")
-    plan = plan_of(sample, target, dtype)
+    plan = plan_of_sample(sample, target, dtype)
     weights = initial_weights(plan.program)
-    files = write_export(plan, weights, tmp_path)
     record = drawn_record(plan.program, "drawn")
-    found = compare(plan, weights, files, tmp_path, record)
+    found = checked(plan, weights, tmp_path, record)
     assert found.agrees, found
     assert found.steps == record.steps > 100
 
 
 @pytest.mark.parametrize("target", ["torch", "onnx", "casadi", "c"])
-def test_other_weights_do_not_agree(target: TargetName, tmp_path: Path):
+def test_other_weights_do_not_agree(target: str, tmp_path: Path):
     require_tool("gcc", install="apt install gcc")
-    plan = plan_of("fir_closed_loop", target, "float32" if target == "c" else "float64")
+    plan = plan_of_sample("fir_closed_loop", target, "float32" if target == "c" else "float64")
     weights = initial_weights(plan.program)
     others = {name: value * (1 + 1e-6) for name, value in weights.items()}
-    files = write_export(plan, others, tmp_path)
-    record = drawn_record(plan.program, "drawn")
-    found = compare(plan, weights, files, tmp_path, record)
-    assert not found.agrees
+    assert not checked(plan, weights, tmp_path, written=others).agrees
 
 
 def test_deviation_is_relative_to_the_largest_magnitude():
@@ -89,20 +89,20 @@ def test_bits_count_the_sign_of_zero_but_not_the_kind_of_nan():
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_the_jacobian_of_c_is_compared_too(dtype: Dtype, tmp_path: Path) -> None:
+def test_the_jacobian_of_c_is_compared_too(dtype: FloatType, tmp_path: Path) -> None:
     require_tool("gcc", install="apt install gcc")
-    plain = plan_of("joint_arm", "c", dtype)
-    plan = replace(plain, extras=("jacobian", "parameter_jacobian"))
+    plain = plan_of_sample("joint_arm", "c", dtype)
+    plan = replace(plain, options=COptions(extras=("jacobian", "parameter_jacobian")))
     weights = initial_weights(plan.program)
-    files = write_export(plan, weights, tmp_path)
+    written = write_export(plan, weights, tmp_path)
     record = drawn_record(plan.program, "drawn")
-    assert compare(plan, weights, files, tmp_path, record).agrees
-    (source,) = (file for file in files if file.name == "model.c")
+    assert check_export(plan, weights, written, record).agrees
+    (source,) = (file for file in written.files if file.name == "model.c")
     text = source.read_text(encoding="utf-8")
     spoiled, count = re.subn(r"(jac->A\[[^]]*\] = )(?!0\.0)", r"\g<1>2.0f * ", text, count=1)
     assert count == 1
     source.write_text(spoiled, encoding="utf-8")
-    assert not compare(plan, weights, files, tmp_path, record).agrees
+    assert not check_export(plan, weights, written, record).agrees
 
 
 SHORTER_WINDOW = """msnn: 1
@@ -123,6 +123,4 @@ def test_a_state_that_c_takes_from_the_caller_leaves_shorter_windows(tmp_path: P
     spec.write_text(SHORTER_WINDOW, encoding="utf-8")
     model = load_model(spec)
     (plan,) = plan_exports(model, ["c"], Findings())
-    files = write_export(plan, {}, tmp_path / "c")
-    record = drawn_record(plan.program, "drawn")
-    assert compare(plan, {}, files, tmp_path / "c", record).agrees
+    assert checked(plan, {}, tmp_path / "c").agrees

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import msnn
-from msnn.agreement.compare import Agreement, compare
-from msnn.agreement.record import Record, agreement_record
+from msnn.agreement.compare import Agreement
+from msnn.agreement.judgement import FloatType
+from msnn.agreement.record import agreement_record
 from msnn.agreement.report import AgreementReport, agreement_diagnostics
-from msnn.exports.export import Dtype, ExportPlan, TargetName, plan_exports, write_export
+from msnn.exports.export import plan_exports
 from msnn.model.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
+from tests.agreement.exported import checked as checked_export
 from tests.conditions import require_tool
 
 SPEC = """
@@ -29,7 +32,7 @@ outputs:
 data: {source: {train: a.csv}}
 """
 
-TYPES: list[tuple[TargetName, Dtype]] = [
+TYPES: list[tuple[str, FloatType]] = [
     ("c", "float32"),
     ("c", "float64"),
     ("torch", "float32"),
@@ -50,21 +53,20 @@ def controller(folder: Path) -> msnn.Model:
     return msnn.load(folder / "pid.yaml")
 
 
-def checked(folder: Path, target: TargetName, dtype: Dtype, factor: float = 1.0) -> Agreement:
+def checked(folder: Path, target: str, dtype: FloatType, factor: float = 1.0) -> Agreement:
     model = controller(folder)
     findings = Findings()
     (plan,) = plan_exports(model, [target], findings)
-    plan = ExportPlan(plan.target, plan.program, plan.prefix, dtype)
+    plan = replace(plan, dtype=dtype)
     weights = initial_weights(plan.program)
     written = {name: value * factor for name, value in weights.items()}
-    files = write_export(plan, written, folder / "out")
-    record: Record = agreement_record(model, plan.program, folder)
-    return compare(plan, weights, files, folder / "out", record)
+    record = agreement_record(model, plan.program, folder)
+    return checked_export(plan, weights, folder / "out", record, written=written)
 
 
 @pytest.mark.parametrize(("target", "dtype"), TYPES)
 def test_a_controller_along_small_errors_agrees(
-    target: TargetName, dtype: Dtype, tmp_path: Path
+    target: str, dtype: FloatType, tmp_path: Path
 ) -> None:
     require_tool("gcc", install="apt install gcc")
     found = checked(tmp_path, target, dtype)
@@ -79,7 +81,7 @@ def test_a_controller_along_small_errors_agrees(
 
 
 @pytest.mark.parametrize(("target", "dtype"), TYPES)
-def test_other_weights_differ_there_too(target: TargetName, dtype: Dtype, tmp_path: Path) -> None:
+def test_other_weights_differ_there_too(target: str, dtype: FloatType, tmp_path: Path) -> None:
     require_tool("gcc", install="apt install gcc")
     # C in float32 promises bits; the others what rounding cannot explain, here 16 x 1e-3 of u
     factor = 1 + (1e-6 if (target, dtype) == ("c", "float32") or dtype == "float64" else 0.05)

@@ -97,3 +97,38 @@ def test_a_broken_spec_is_said(msnn: CommandLine, copy: Path):
     said = msnn("diff", SPEC, NEW)
     assert (said.code, said.out) == (1, "")
     assert "error[E0301]" in said.err
+
+
+def test_a_setting_is_one_of_both_models(msnn: CommandLine, copy: Path):
+    _change(copy, "epochs: 80", "epochs: 90")
+    assert msnn("diff", SPEC, NEW).code == 1
+    said = msnn("diff", SPEC, NEW, "--set", "train.0.epochs=7")
+    assert (said.code, said.out) == (
+        0,
+        "the same model: only its text differs, such as comments or layout\n",
+    )
+
+
+@pytest.mark.parametrize(("side", "signs"), [("--set-new", ("-", "+")), ("--set-old", ("+", "-"))])
+def test_a_setting_of_one_model_shows_what_it_changes(
+    msnn: CommandLine, project: Path, side: str, signs: tuple[str, str]
+):
+    said = msnn("diff", SPEC, SPEC, side, "train.0.epochs=7")
+    assert said.code == 1
+    lines = said.out.splitlines()
+    assert lines[0] == "train.0.epochs"
+    assert lines[1 if signs[1] == "-" else 2] == f"  {signs[1]} 7"
+    assert "how it is trained" in lines[-1]
+
+
+def test_what_only_a_setting_changes_is_not_the_same(msnn: CommandLine, project: Path):
+    """The text of both files is one and the same."""
+    said = msnn("diff", SPEC, SPEC, "--set-new", "parameters.k.init=31")
+    assert said.code == 1
+    assert "the models differ" in said.out
+
+
+def test_a_setting_that_does_not_fit_is_said(msnn: CommandLine, project: Path):
+    said = msnn("diff", SPEC, SPEC, "--set-old", "parameters.nothing.init=31")
+    assert said.code == 1
+    assert "error[" in said.err

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.cli.command_line import CommandLine
+from msnn.cli.exit_codes import ExitCode
+from tests.cli.command_line import CommandLine, in_new_process
 from tests.cli.test_check import SPEC, SUMMARY
 
 PROGRAM = "build/plant.program.json"
@@ -116,3 +117,43 @@ def test_a_wrong_setting_is_explained(msnn: CommandLine, project: Path, setting:
     assert said.code == 1
     assert message in said.err
     assert said.out == ""
+
+
+def test_compile_writes_the_file_that_is_named(msnn: CommandLine, project: Path):
+    said = msnn("compile", SPEC, "--out", "out/mine.program.json")
+    assert said.code == ExitCode.OK
+    assert said.out.strip() == "out/mine.program.json"
+    assert (project / "out" / "mine.program.json").is_file()
+    assert msnn("check", "out/mine.program.json").code == ExitCode.OK
+    assert msnn("compile", SPEC, "--out", "out").out.strip() == "out/plant.program.json"
+
+
+def test_compile_makes_no_folder_of_a_files_name(msnn: CommandLine, project: Path):
+    said = msnn("compile", SPEC, "--out", "out/mine.json")
+    assert said.code == ExitCode.DIAGNOSTICS
+    assert "error[E1045]" in said.err
+    assert "`--out out/mine.program.json`" in said.err
+    assert not (project / "out").exists()
+
+
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="a full disk that can be had for nothing"
+)
+def test_a_full_disk_behind_the_standard_output_is_named(project: Path):
+    full = "import os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)"
+    start = f"{full}\nfrom msnn.cli.main import main; main()"
+    said = in_new_process(("show", SPEC), project, start=start)
+    assert said.code == ExitCode.DIAGNOSTICS
+    assert "error[E1033]: cannot use the standard output: no space left" in said.err
+
+
+def test_a_full_disk_under_a_new_project_is_named(
+    msnn: CommandLine, monkeypatch: pytest.MonkeyPatch
+):
+    def full(*arguments: object, **options: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    said = msnn("init", "plant")
+    assert said.code == ExitCode.DIAGNOSTICS
+    assert "error[E1033]: cannot use plant/" in said.err

@@ -46,7 +46,12 @@ def test_every_file_is_in_one_log(msnn: CommandLine, project: Path):
 def test_other_places_and_files_elsewhere():
     source = SourceText("/elsewhere/a b.yaml", "k: 1\nk: 2\n")
     found = Diagnostic(
-        "E0105", "error", "twice", source.span(5, 6), "again", ((source.span(0, 1), "first"),)
+        code="E0105",
+        severity="error",
+        message="twice",
+        span=source.span(5, 6),
+        label="again",
+        secondary=((source.span(0, 1), "first"),),
     )
     (run,) = _legal(json.loads(render([found], "sarif")))["runs"]
     (result,) = run["results"]

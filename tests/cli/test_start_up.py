@@ -83,14 +83,17 @@ _DISTRIBUTIONS_OF_THOSE = {
 }
 _NOT_WHOLE = {
     "backends": set[str](),
+    "backends.c_language": {"functions", "helper_functions", "literals", "tree"},
+    "backends.c_lowering": {"options"},
     "backends.ports": {"identifiers"},
     "compiler.differentiation": {"gradient_nodes", "reverse_mode", "sums_of_squares"},
     "compiler.interpreter": {"constant_value", "never_finite", "operations"},
-    "compiler.jacobian": {"sparsity_pattern"},
+    "compiler.jacobian": {"matrices", "sparsity_pattern"},
+    "msnn.agreement": {"judgement", "loaded", "record"},
     "msnn.data": {"dataset", "reads", "starts"},
     "msnn.data.formats": {"table_of_formats"},
     "msnn.data.reading": {"file_sets"},
-    "msnn.exports": {"export"},
+    "msnn.exports": {"export", "prepare", "table", "target"},
     "msnn.model": {
         "kept_run",
         "load",
@@ -104,6 +107,7 @@ _NOT_WHOLE = {
     "msnn.simulation": {"durations", "rollout_plan"},
     "msnn.training": set(),
     "msnn.training.plans": {
+        "concerned_losses",
         "curriculum",
         "fixed_starts",
         "learning_rate",
@@ -133,6 +137,7 @@ _MAY_BE_WHOLE = {
     "msnn.cli",
     "msnn.cli.verbs",
     "msnn.errors",
+    "msnn.exports.targets",
     "spec_schema",
     "spec_schema.diagnostics",
     "spec_schema.editors",

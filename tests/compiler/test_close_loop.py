@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.program import Graph, NodeId, Output, Prediction, Program, Role, Signal
-from compiler.ir.types import Axis, Type
+from compiler.ir.program import Graph, NodeId, Output, Program, Role, Signal
+from compiler.ir.types import Axis, Prediction, Type
 from compiler.passes.close_loop import LoopError, LoopFault, close_loop
 from spec_schema.diagnostics.source import Span
 from tests.programs import SAMPLES
 
-PLACE = Span("loop.msnn.yaml", 7, 3, 7, 20)
+PLACE = Span(file="loop.msnn.yaml", line=7, column=3, end_line=7, end_column=20)
 
 
 def _program(b: GraphBuilder, *outputs: tuple[str, NodeId, Prediction]) -> Program:

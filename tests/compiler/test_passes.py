@@ -10,8 +10,9 @@ import pytest
 
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
+from compiler.ir.liveness import extents
 from compiler.ir.ops import Constant, ReadSignal
-from compiler.ir.program import Graph, Output, Program, Role, Signal, extents
+from compiler.ir.program import Graph, Output, Program, Role, Signal
 from compiler.ir.rules.verifier import verify
 from compiler.ir.text import program_text
 from compiler.ir.types import Axis, Type
@@ -60,7 +61,7 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
     ],
     "settle_zeros": [("local_models", PASS_PROGRAMS["local_models"], settle_zeros)],
     "fold_constants": [("numbers", PASS_PROGRAMS["numbers"], fold_constants)],
-    "share_common": [("twins", PASS_PROGRAMS["twins"], share_common)],
+    "share_common": [(name, PASS_PROGRAMS[name], share_common) for name in ("twins", "named")],
     "drop_unused": [("leftovers", PASS_PROGRAMS["leftovers"], drop_unused)],
     "prune_outputs": [
         ("leftovers", PASS_PROGRAMS["leftovers"], lambda p: prune_outputs(p, ["kept"])),

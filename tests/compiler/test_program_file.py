@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import random
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,9 +15,24 @@ from typing import Any
 import pytest
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.program import Graph, Output, Program, Role, Signal
+from compiler.ir.fit import Fit
+from compiler.ir.program import (
+    Dimension,
+    Expected,
+    Graph,
+    Loss,
+    Measure,
+    Memory,
+    Output,
+    Parameter,
+    Program,
+    Role,
+    Signal,
+    State,
+    Statistic,
+)
 from compiler.ir.text import program_text
-from compiler.ir.types import Type
+from compiler.ir.types import Axis, Prediction, Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
 from compiler.program_file.file import (
@@ -25,9 +41,12 @@ from compiler.program_file.file import (
     program_to_data,
     program_to_json,
 )
+from compiler.program_file.reader import read_program
 from spec_schema.diagnostics.diagnostic import SpecError, describe
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.parser import parse_unit
+from tests.every_op.record import Record
+from tests.every_op.records import RECORDS
 from tests.golden import assert_golden
 from tests.pass_programs import PASS_PROGRAMS
 from tests.programs import SAMPLES
@@ -53,6 +72,80 @@ def test_program_comes_back_from_its_file(name: str) -> None:
     assert program_text(read) == program_text(program)  # with places and labels
     assert program_to_json(read) == text
     assert program_from_data(json.loads(json.dumps(program_to_data(program))), "x") == program
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.name)
+def test_every_operation_comes_back_from_its_file(record: Record) -> None:
+    assert program_from_json(program_to_json(record.program), "model.json") == record.program
+
+
+def test_every_declaration_comes_back_with_all_it_can_say() -> None:
+    """No value is its default, so that a field which is forgotten shows."""
+    span, axes, unit = Span("a.msnn.yaml", 3, 1, 3, 9), (Axis("k", 2),), parse_unit("N*m")
+    b, starts = GraphBuilder(), GraphBuilder()
+    x = b.signal("x", 0, 0, Type(axes, unit))
+    total = b.sum(x, "k")
+    first = starts.parameter("p", Type(axes, unit))
+    program = Program(
+        name="all",
+        sample_time=0.5,
+        signals=(
+            Signal("x", Role.INPUT, axes, unit, (-1.0, 2.0), "hold", "doc", span),
+            Signal("y", Role.TARGET),
+        ),
+        parameters=(
+            Parameter(
+                name="p",
+                axes=axes,
+                unit=unit,
+                initial=(0.5, 1.0),
+                minimum=0.0,
+                maximum=2.0,
+                scale=3.0,
+                learn=False,
+                statistic=Statistic("std", "x"),
+                doc="doc",
+                span=span,
+            ),
+        ),
+        states=(
+            State(
+                name="s",
+                axes=axes,
+                unit=unit,
+                origin=Memory(of_run=True),
+                next=x,
+                start=first,
+                range=(-math.inf, 1.0),
+                doc="doc",
+                span=span,
+                on_range="reset",
+                needs=("part",),
+            ),
+        ),
+        step=b.graph(),
+        start=starts.graph(),
+        outputs=(Output("out", total, Prediction("y", 2), "doc", span, ("part",)),),
+        losses=(Loss("l.mae", Measure.MAE, total, total, 2.0, 0.25, span),),
+        expected=(Expected("e", total, (0.0, math.inf), span),),
+        fits=(
+            Fit(
+                kind="iir",
+                layer="f",
+                input="x",
+                target=Prediction("y", 2),
+                num=1,
+                den=2,
+                feedthrough=True,
+                radius=0.9,
+            ),
+        ),
+        dimensions=(Dimension("k", 2, ("a", "b")),),
+        doc="doc",
+        spec_hash="ab",
+    )
+    data = json.loads(json.dumps(program_to_data(program)))
+    assert read_program(data) == program
 
 
 def test_text_of_a_file(accept: bool) -> None:
@@ -81,13 +174,17 @@ def test_infinite_bounds_and_roots_of_units_come_back() -> None:
 
 def test_places_name_the_file_without_its_folder() -> None:
     b = GraphBuilder()
-    with b.at(Span("/home/someone/secret/a.msnn.yaml", 3, 1, 3, 9)):
+    with b.at(
+        Span(file="/home/someone/secret/a.msnn.yaml", line=3, column=1, end_line=3, end_column=9)
+    ):
         x = b.signal("x", 0, 0, Type())
     signals = (Signal("x", Role.INPUT),)
     program = Program("places", None, signals, (), (), b.graph(), Graph(), (Output("y", x),))
     text = program_to_json(program)
     assert "secret" not in text
-    assert program_from_json(text, "x").step[x].span == Span("a.msnn.yaml", 3, 1, 3, 9)
+    assert program_from_json(text, "x").step[x].span == Span(
+        file="a.msnn.yaml", line=3, column=1, end_line=3, end_column=9
+    )
 
 
 def _failure(text: str) -> str:
@@ -109,6 +206,11 @@ def _changed(change: Callable[[dict[str, Any]], object]) -> str:
 
 E1050 = "error[E1050]: model.json is not a program file: "
 E1052 = "error[E1052]: model.json holds no legal program: "
+_OPERATIONS = (
+    "Constant, ReadParameter, ReadSignal, ReadLog, ReadState, Add, Subtract, Multiply, Divide,"
+    " Negate, Minimum, Maximum, Clamp, Compare, Select, Apply, Dropout, Named, Broadcast, Reshape,"
+    " Slice, Concat, Sum, Contract, Window"
+)
 BAD: dict[str, tuple[str, str]] = {
     "no json": ("{", E1050 + "it is not JSON"),
     "a yaml spec": ("name: msd\ninputs: {}\n", E1050 + "it is not JSON"),
@@ -133,10 +235,11 @@ BAD: dict[str, tuple[str, str]] = {
     ),
     "unknown op": (
         _changed(lambda d: d["step"][0].update(op="__import__")),
-        E1050
-        + "the file.step[0]: '__import__' is none of Constant, ReadParameter, ReadSignal, ReadLog,"
-        " ReadState, Add, Subtract, Multiply, Divide, Negate, Minimum, Maximum, Clamp, Compare,"
-        " Select, Apply, Dropout, Broadcast, Reshape, Slice, Concat, Sum, Contract, Window",
+        E1050 + f"the file.step[0]: '__import__' is none of {_OPERATIONS}",
+    ),
+    "op that only graphs of training have": (
+        _changed(lambda d: d["step"][0].update(op="ReadTraining")),
+        E1050 + f"the file.step[0]: 'ReadTraining' is none of {_OPERATIONS}",
     ),
     "text for a number": (
         _changed(lambda d: d["parameters"][0].update(initial=["1"])),

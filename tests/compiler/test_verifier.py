@@ -19,7 +19,6 @@ from compiler.ir.program import (
     NodeId,
     Output,
     Parameter,
-    Prediction,
     Program,
     Role,
     Signal,
@@ -28,7 +27,8 @@ from compiler.ir.program import (
 )
 from compiler.ir.rules.op_rules import LARGEST_SIZE, MOST_AXES
 from compiler.ir.rules.verifier import InvalidProgram, verify
-from compiler.ir.types import Axis, Kind, Type
+from compiler.ir.training_values import StateAdjoint
+from compiler.ir.types import Axis, Kind, Prediction, Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
 from tests.programs import SAMPLES
@@ -100,6 +100,7 @@ BROKEN: dict[str, Program] = {
     ),
     "there is no parameter `q`": _with(ops.ReadParameter("q"), (), K),
     "parameter `p` has axes [k=3]": _with(ops.ReadParameter("p"), ()),
+    "a program reads no value of training": _with(ops.ReadTraining(StateAdjoint("x")), (), K),
     "there is no state `z`": _with(ops.ReadState("z"), (), K),
     "there is no signal `q`": _with(ops.ReadSignal("q", 0, 0), (), K),
     "samples 1 … 0 are no window": _with(ops.ReadSignal("s", 1, 0), (), K),
@@ -112,6 +113,8 @@ BROKEN: dict[str, Program] = {
     "Compare: a comparison is a bool": _with(ops.Compare(ops.Relation.LESS), (0, 1), K),
     "Select: the condition is not a bool": _with(ops.Select(), (0, 1, 2), K),
     "Select: a bool where a number belongs": _with(ops.Select(), (3, 3, 2), K),
+    "a value is named by no proper name": _with(ops.Named("a\nb"), (0,), K),
+    "Named: a name changes no kind": _with(ops.Named("e"), (3,), K),
     "there is no function `gamma`": _with(ops.Apply("gamma"), (0,), K),
     "Apply: 1 operands, not 2": _with(ops.Apply("atan2"), (0,), K),
     "Broadcast: [k=3] does not fit in the result": _with(ops.Broadcast(), (0,), T),

@@ -24,6 +24,7 @@ from tests.docs.operations import (
     lowered_by,
     scalar_functions,
 )
+from tests.docs.targets import targets
 from tests.golden import assert_golden
 
 ROOT = Path(__file__).parents[2]
@@ -37,6 +38,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "keys": keys,
     "layers": layers,
     "scalar functions": scalar_functions,
+    "targets": targets,
     "verbs": verbs,
 }
 

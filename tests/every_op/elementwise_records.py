@@ -97,6 +97,7 @@ def elementwise_records() -> dict[str, Record]:
         "Divide": (lambda b: b.divide, np.divide, pair),
         "Negate": (lambda b: b.negate, np.negative, pair[:1]),
         "Dropout": (lambda b: lambda x: b.dropout(x, 0.5, "h"), lambda x: x, pair[:1]),
+        "Named": (lambda b: lambda x: b.named(x, "e"), lambda x: x, pair[:1]),
         "Minimum": (lambda b: b.minimum, np.minimum, pair),
         "Maximum": (lambda b: b.maximum, np.maximum, pair),
         "Clamp": (

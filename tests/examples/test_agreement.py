@@ -19,13 +19,13 @@ from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.compare import compare
+from msnn.agreement.judgement import FloatType
 from msnn.agreement.record import Record
 from msnn.data.reading.load import load_data
 from msnn.data.starts import reach
-from msnn.exports.export import Dtype, ExportPlan, TargetName, write_export
 from msnn.model.load import load_model
 from msnn.training.train import TrainingOptions, train
+from tests.agreement.exported import checked, plan_of
 from tests.conditions import require_tool
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -94,12 +94,11 @@ def trained(request: pytest.FixtureRequest, folder: Path) -> Trained:
     ],
 )
 def test_target_agrees_along_the_record(
-    trained: Trained, target: TargetName, dtype: Dtype, tmp_path: Path
+    trained: Trained, target: str, dtype: FloatType, tmp_path: Path
 ) -> None:
     require_tool("gcc", install="apt install gcc")
-    plan = ExportPlan(target, trained.program, "model", dtype)
-    files = write_export(plan, trained.weights, tmp_path)
-    found = compare(plan, trained.weights, files, tmp_path, trained.record)
+    plan = plan_of(target, trained.program, dtype)
+    found = checked(plan, trained.weights, tmp_path, trained.record)
     assert found.steps == STEPS
     assert found.agrees, found
     if dtype == "float64":

@@ -38,6 +38,6 @@ def test_random_models(seed: int, tmp_path: Path) -> None:
 
 def test_the_same_model_gives_the_same_bytes(tmp_path: Path) -> None:
     plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
-    first = [path.read_bytes() for path in write_export(plan, {}, tmp_path / "a")]
-    again = [path.read_bytes() for path in write_export(plan, {}, tmp_path / "b")]
+    first = [path.read_bytes() for path in write_export(plan, {}, tmp_path / "a").files]
+    again = [path.read_bytes() for path in write_export(plan, {}, tmp_path / "b").files]
     assert first == again

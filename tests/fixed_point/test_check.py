@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from compiler.interpreter.interpreter import physical_weights
-from msnn.agreement.compare import compare
-from msnn.agreement.record import drawn_record
-from msnn.exports.export import write_export
+from tests.agreement.exported import checked
 from tests.conditions import require_tool
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 
@@ -18,9 +16,7 @@ from tests.fixed_point.exported import fixed_model, gallery_text, planned
 def test_no_bit_differs(name: str, dtype: str, tmp_path: Path) -> None:
     require_tool("gcc", "apt-get install gcc")
     plan = planned(fixed_model(tmp_path, gallery_text(name), dtype))
-    files = write_export(plan, {}, tmp_path / "c")
-    record = drawn_record(plan.program, "drawn")
-    found = compare(plan, {}, files, tmp_path / "c", record)
+    found = checked(plan, {}, tmp_path / "c")
     assert found.agrees
     assert (found.bits, found.dtype) == (0, dtype)
     assert found.steps > 100
@@ -33,8 +29,7 @@ def test_other_weights_give_other_words(tmp_path: Path) -> None:
     plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
     weights = physical_weights(plan.program, {})
     others = {name: np.asarray(value) * 1.01 for name, value in weights.items()}
-    files = write_export(plan, others, tmp_path / "c")
-    found = compare(plan, weights, files, tmp_path / "c", drawn_record(plan.program, "drawn"))
+    found = checked(plan, weights, tmp_path / "c", written=others)
     assert found.bits
     assert not found.agrees
 
@@ -50,6 +45,4 @@ parameters: {{k: {{init: 0.6, learn: false}}}}
 outputs: {{y: "{formula}", z: "k * u"}}
 """
     plan = planned(fixed_model(tmp_path, text, "q15"))
-    files = write_export(plan, {}, tmp_path / "c")
-    found = compare(plan, {}, files, tmp_path / "c", drawn_record(plan.program, "drawn"))
-    assert found.agrees
+    assert checked(plan, {}, tmp_path / "c").agrees

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from msnn.exports.export import write_export
-from msnn.exports.fixed_point import error_table
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 
 # the share of the range that 16 bits, tables of 2^-10 and rounded coefficients add up to over a
@@ -44,7 +43,7 @@ def test_q31_is_a_hundred_times_closer(name: str, tmp_path: Path) -> None:
 def test_the_export_shows_its_error(tmp_path: Path) -> None:
     plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
     write_export(plan, {}, tmp_path / "c")
-    assert "v_next" in error_table(tmp_path / "c", plan.prefix)
+    assert "v_next" in plan.target.tell(plan, tmp_path / "c")
     readme = (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
     assert "largest / range" in readme
     assert "| input | `u` | 10 | -20480 | 20480 |" in readme

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from msnn.exports.fixed_point import fixed_point_faults
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 
 HEAD = "msnn: 1\nname: model\nsample_time: 1 s\n"
@@ -37,8 +36,7 @@ HEAD = "msnn: 1\nname: model\nsample_time: 1 s\n"
 )
 def test_refused(text: str, code: str, line: int, said: str, tmp_path: Path) -> None:
     plan = planned(fixed_model(tmp_path, HEAD + text, "q15"))
-    assert plan.fixed_point is not None
-    (fault,) = fixed_point_faults(plan, plan.fixed_point)
+    (fault,) = plan.target.faults(plan)
     assert fault.code == code
     assert said in fault.message
     assert fault.span is not None
@@ -49,7 +47,6 @@ def test_refused(text: str, code: str, line: int, said: str, tmp_path: Path) -> 
 @pytest.mark.parametrize("name", ["two_tanks", "tyre", "cart_pole", "leg"])
 def test_a_gallery_model_with_functions_that_no_table_follows(name: str, tmp_path: Path) -> None:
     plan = planned(fixed_model(tmp_path, gallery_text(name), "q15"))
-    assert plan.fixed_point is not None
-    (fault,) = fixed_point_faults(plan, plan.fixed_point)
+    (fault,) = plan.target.faults(plan)
     assert fault.code == "E0961"
     assert fault.span is not None

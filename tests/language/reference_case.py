@@ -37,13 +37,13 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Loss, Measure, Program
 from compiler.ir.types import Axis
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.artefacts import Artefact, CasadiArtefact, OnnxArtefact, TorchArtefact
-from msnn.agreement.c_artefact import built_c
-from msnn.agreement.judge import Judgement, judge
+from msnn.agreement.judge import judge
+from msnn.agreement.judgement import FloatType
 from msnn.agreement.record import Record
 from msnn.data.starts import reach
-from msnn.exports.export import Dtype, ExportPlan, TargetName, write_export
+from msnn.exports.export import load_export, write_export
 from spec_schema.reading.reader import read_spec
+from tests.agreement.exported import plan_of
 from tests.every_op.agreement import assert_agrees
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -126,51 +126,17 @@ def _torch(case: Case) -> Arrays:
     return _joined(steps)
 
 
-def _exported(target: TargetName, dtype: Dtype) -> Callable[[Case], Arrays]:
+def _exported(target: str, dtype: FloatType) -> Callable[[Case], Arrays]:
     def run(case: Case) -> Arrays:
-        plan = ExportPlan(target, to_step_form(case.program), "model", dtype)
+        plan = plan_of(target, to_step_form(case.program), dtype)
         record = Record(case.log, case.start, case.steps, "the case")
         given = judge(plan.program, case.weights, record, dtype)
-        with TemporaryDirectory(prefix="reference_case_") as name:
-            folder = Path(name)
-            files = write_export(plan, case.weights, folder)
-            if target == "c":
-                with built_c(files, folder, plan) as model:
-                    model.reset(given)
-                    return model.step.run(given.inputs, case.steps)[0]
-            return _free_run(_loaded(plan, folder), given, case.steps)
+        with TemporaryDirectory(prefix="reference_case_") as folder:
+            written = write_export(plan, case.weights, Path(folder))
+            with load_export(plan, written) as loaded:
+                return loaded.run(given.beginning, given.inputs, case.steps)
 
     return run
-
-
-def _loaded(plan: ExportPlan, folder: Path) -> Artefact:
-    from backends.onnx_model.model import onnx_names
-
-    match plan.target:
-        case "torch":
-            return TorchArtefact(folder, plan.prefix)
-        case "casadi":
-            return CasadiArtefact(folder, plan.prefix)
-        case _:
-            names = onnx_names(plan.program)
-            tables = {
-                "inputs": names.inputs,
-                "states": names.states,
-                "outputs": names.outputs,
-                "next_states": names.next_states,
-                "start_windows": names.start_windows,
-            }
-            return OnnxArtefact(folder, plan.prefix, tables)
-
-
-def _free_run(artefact: Artefact, given: Judgement, count: int) -> Arrays:
-    states = artefact.start(given.windows)
-    steps: list[Arrays] = []
-    for k in range(count):
-        inputs = {name: values[k : k + 1] for name, values in given.inputs.items()}
-        outputs, states = artefact.step(inputs, states, 1)
-        steps.append(outputs)
-    return _joined(steps)
 
 
 def _joined(steps: list[Arrays]) -> Arrays:

@@ -8,14 +8,13 @@ import pytest
 
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.compare import compare
-from msnn.agreement.record import drawn_record
-from msnn.exports.export import Dtype, ExportPlan, TargetName, write_export
+from msnn.agreement.judgement import FloatType
 from msnn.model.weights_file import initial_weights
+from tests.agreement.exported import checked, plan_of
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 
-TYPES: list[tuple[TargetName, Dtype]] = [
+TYPES: list[tuple[str, FloatType]] = [
     ("torch", "float64"),
     ("casadi", "float64"),
     ("onnx", "float64"),
@@ -97,13 +96,12 @@ SPECS = {
 
 @pytest.mark.parametrize("spec", SPECS)
 @pytest.mark.parametrize(("target", "dtype"), TYPES, ids=lambda value: value)
-def test_calculus(spec: str, target: TargetName, dtype: Dtype, tmp_path: Path) -> None:
+def test_calculus(spec: str, target: str, dtype: FloatType, tmp_path: Path) -> None:
     require_tool("gcc", install="apt install gcc")
     program = compiled(SPECS[spec])
     program = prune_outputs(program, [output.name for output in program.outputs])
-    plan = ExportPlan(target, to_step_form(program), "model", dtype)
+    plan = plan_of(target, to_step_form(program), dtype)
     weights = initial_weights(plan.program)
-    files = write_export(plan, weights, tmp_path)
-    found = compare(plan, weights, files, tmp_path, drawn_record(plan.program, "drawn"))
+    found = checked(plan, weights, tmp_path)
     assert found.agrees, found
     assert found.bits in (None, 0)

@@ -232,17 +232,17 @@ def test_r13_an_equation_that_an_export_names_is_an_output_of_it(tmp_path: Path)
 
 
 def test_r13_every_target_agrees_on_the_controller_alone(tmp_path: Path) -> None:
-    from msnn.agreement.report import check_exports
-    from msnn.exports.export import TARGETS, plan_exports, write_export
+    from msnn.exports.check import check_exports
+    from msnn.exports.export import plan_exports, write_export
+    from msnn.exports.table import NAMES
     from spec_schema.diagnostics.diagnostic import Findings
 
     model = controlled(tmp_path)
-    plans = plan_exports(model, TARGETS, Findings())
-    written = {}
-    for plan in plans:
-        folder = tmp_path / "out" / plan.target
-        written[plan.target] = folder, write_export(plan, {"gain": np.array(0.2)}, folder)
-    found = check_exports(model, plans, {"gain": np.array(0.2)}, written, tmp_path)
+    plans = plan_exports(model, NAMES, Findings())
+    weights = {"gain": np.array(0.2)}
+    out = tmp_path / "out"
+    exports = [(plan, write_export(plan, weights, out / plan.target.name)) for plan in plans]
+    found = check_exports(model, exports, weights, tmp_path)
     assert found.agrees
     assert not found.missing
 

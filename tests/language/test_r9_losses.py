@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Measure, Prediction
+from compiler.ir.program import Measure
+from compiler.ir.types import Prediction
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import loss_sums
 from tests.language.compiled import Array, codes, compiled

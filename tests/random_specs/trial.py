@@ -15,12 +15,14 @@ import numpy as np
 from backends.c.selftest import selftest_text
 from backends.native import compile_kernel
 from compiler.program_file.file import program_from_json, program_to_json
-from msnn.agreement.compare import compare
 from msnn.agreement.deviation import worst_deviation
 from msnn.agreement.judge import judge
 from msnn.agreement.record import Record, drawn_record
 from msnn.data.dataset import FloatArray
-from msnn.exports.export import TARGETS, ExportPlan, plan_exports, write_export
+from msnn.exports.check import check_export
+from msnn.exports.export import plan_exports, write_export
+from msnn.exports.table import NAMES
+from msnn.exports.target import AnyPlan
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.model.weights_file import initial_weights
@@ -115,32 +117,32 @@ def _shown(model: Model) -> None:
 
 def _exported(model: Model, folder: Path) -> Fault | None:
     findings = Findings()
-    plans = plan_exports(model, TARGETS, findings)
+    plans = plan_exports(model, NAMES, findings)
     findings.raise_errors()
     weights = initial_weights(model.program)
     for plan in plans:
-        place = folder / plan.target
+        target = plan.target.name
         with np.errstate(all="ignore"):
-            files = write_export(plan, weights, place)
+            written = write_export(plan, weights, folder / target)
             record = _record(plan)
-            found = compare(plan, weights, files, place, record)
+            found = check_export(plan, weights, written, record)
             if found.bits:
                 said = f"{found.bits} values differ in bits from the judge"
-                return Fault(plan.target, "bits", said)
+                return Fault(target, "bits", said)
             if plan.dtype == "float32" or found.agrees:
                 continue  # in float32 the bits say more than any limit
             allowed = ROUNDINGS * _rounding(plan, weights, record)
             if found.one_step is None or not found.one_step <= allowed:
-                return Fault(plan.target, "differs", f"{found} (allowed {allowed:.1e})")
+                return Fault(target, "differs", f"{found} (allowed {allowed:.1e})")
     return None
 
 
-def _record(plan: ExportPlan) -> Record:
+def _record(plan: AnyPlan) -> Record:
     found = drawn_record(plan.program, "drawn numbers")
     return Record(found.log, found.t0, min(found.steps, STEPS), found.origin)
 
 
-def _rounding(plan: ExportPlan, weights: Mapping[str, FloatArray], record: Record) -> float:
+def _rounding(plan: AnyPlan, weights: Mapping[str, FloatArray], record: Record) -> float:
     """How far the judge in float32 is from the judge in float64: how well the model is posed."""
     exact = judge(plan.program, weights, record, np.float64)
     rough = judge(plan.program, weights, record, np.float32)

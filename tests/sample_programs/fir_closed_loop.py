@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.program import Loss, Measure, Output, Parameter, Prediction, Program, Role, Signal
-from compiler.ir.types import Type
+from compiler.ir.program import Loss, Measure, Output, Parameter, Program, Role, Signal
+from compiler.ir.types import Prediction, Type
 from tests.sample_programs.sample import (
     METRE,
     NEWTON,

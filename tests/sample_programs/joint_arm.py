@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
-from compiler.ir.program import (
-    Dimension,
-    Loss,
-    Measure,
-    Output,
-    Parameter,
-    Prediction,
-    Program,
-    Role,
-    Signal,
-)
-from compiler.ir.types import WINDOW, Axis, Type
+from compiler.ir.program import Dimension, Loss, Measure, Output, Parameter, Program, Role, Signal
+from compiler.ir.types import WINDOW, Axis, Prediction, Type
 from tests.sample_programs.sample import (
     RADIAN,
     TORQUE,

@@ -32,7 +32,7 @@ from spec_schema.expressions.tree import (
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import unit_symbol
 
-_SPAN = Span("", 1, 1, 1, 1)
+_SPAN = Span(file="", line=1, column=1, end_line=1, end_column=1)
 
 
 @pytest.mark.parametrize(
@@ -73,9 +73,13 @@ def test_reads_and_prints(text: str, canonical: str) -> None:
 
 def test_precedence_is_that_of_the_grammar() -> None:
     a, b, c = (Name(name, _SPAN) for name in "abc")
-    product = Binary(Operator.MULTIPLY, b, c, _SPAN, _SPAN)
-    assert _parsed("a + b * c") == Binary(Operator.ADD, a, product, _SPAN, _SPAN)
-    power = Binary(Operator.POWER, a, Number(2.0, _SPAN), _SPAN, _SPAN)
+    product = Binary(operator=Operator.MULTIPLY, left=b, right=c, span=_SPAN, operator_span=_SPAN)
+    assert _parsed("a + b * c") == Binary(
+        operator=Operator.ADD, left=a, right=product, span=_SPAN, operator_span=_SPAN
+    )
+    power = Binary(
+        operator=Operator.POWER, left=a, right=Number(2.0, _SPAN), span=_SPAN, operator_span=_SPAN
+    )
     assert _parsed("-a**2") == Negate(power, _SPAN)
 
 
@@ -154,7 +158,14 @@ def _larger(inner: st.SearchStrategy[Expression]) -> st.SearchStrategy[Expressio
     )
     return (
         st.builds(Negate, inner, here)
-        | st.builds(Binary, st.sampled_from(Operator), inner, inner, here, here)
+        | st.builds(
+            Binary,
+            operator=st.sampled_from(Operator),
+            left=inner,
+            right=inner,
+            span=here,
+            operator_span=here,
+        )
         | st.builds(Call, _FUNCTIONS, several, keywords, here)
         | where
         | st.builds(Window, inner, _TIMES, st.none() | _TIMES, here)

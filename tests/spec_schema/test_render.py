@@ -30,28 +30,50 @@ def _found() -> list[Diagnostic]:
     absent = SourceText("absent.csv", "a;b\n").span(0, 3)
     return [
         Diagnostic(
-            "E0301",
-            "error",
-            "unknown name `kk`",
-            name,
-            "not an input, parameter, layer or equation",
+            code="E0301",
+            severity="error",
+            message="unknown name `kk`",
+            span=name,
+            label="not an input, parameter, layer or equation",
             help="did you mean `k`?",
         ),
-        Diagnostic("E0321", "error", "a tab is four columns", tab, "here"),
-        Diagnostic("W0501", "warning", "wide characters are two columns", wide, "four of them"),
-        Diagnostic("E0338", "error", "several lines: the first is underlined", block, "block"),
         Diagnostic(
-            "E0502",
-            "error",
-            "other places: 100 %, a:b,c",
-            last,
-            "again here",
-            ((name, "first here"), (tab, "and here"), (DRAG.span(3, 4), "in N there")),
-            ("a fact", "another fact"),
+            code="E0321", severity="error", message="a tab is four columns", span=tab, label="here"
         ),
-        Diagnostic("E0111", "note", "the end of the file", end),
-        Diagnostic("E0801", "error", "a file whose text is not at hand", absent, "unseen"),
-        Diagnostic("E1001", "error", "no place at all", None, help="try again"),
+        Diagnostic(
+            code="W0501",
+            severity="warning",
+            message="wide characters are two columns",
+            span=wide,
+            label="four of them",
+        ),
+        Diagnostic(
+            code="E0338",
+            severity="error",
+            message="several lines: the first is underlined",
+            span=block,
+            label="block",
+        ),
+        Diagnostic(
+            code="E0502",
+            severity="error",
+            message="other places: 100 %, a:b,c",
+            span=last,
+            label="again here",
+            secondary=((name, "first here"), (tab, "and here"), (DRAG.span(3, 4), "in N there")),
+            notes=("a fact", "another fact"),
+        ),
+        Diagnostic(code="E0111", severity="note", message="the end of the file", span=end),
+        Diagnostic(
+            code="E0801",
+            severity="error",
+            message="a file whose text is not at hand",
+            span=absent,
+            label="unseen",
+        ),
+        Diagnostic(
+            code="E1001", severity="error", message="no place at all", span=None, help="try again"
+        ),
     ]
 
 
@@ -91,6 +113,8 @@ def test_findings_are_in_the_order_of_the_file_and_said_once() -> None:
 
 def test_warnings_alone_raise_nothing() -> None:
     findings = Findings()
-    findings.report(Diagnostic("W0501", "warning", "only a warning", None))
+    findings.report(
+        Diagnostic(code="W0501", severity="warning", message="only a warning", span=None)
+    )
     findings.raise_errors()
     assert describe(findings.in_order[0]) == "warning[W0501]: only a warning"

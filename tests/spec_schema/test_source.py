@@ -17,7 +17,7 @@ def test_lines_end_as_in_editors() -> None:
         "five",
     ]
     assert source.position(5) == (2, 1)
-    assert source.span(9, 14) == Span("a", 3, 1, 3, 6)
+    assert source.span(9, 14) == Span(file="a", line=3, column=1, end_line=3, end_column=6)
     assert source.span(9, 10_000).end_line == 5
 
 
@@ -32,7 +32,9 @@ def test_position_and_line_agree(text: str, data: st.DataObject) -> None:
 
 def test_span_to_the_end_of_another() -> None:
     source = SourceText("a", "x = y\nz")
-    assert source.span(0, 1).to(source.span(6, 7)) == Span("a", 1, 1, 2, 2)
+    assert source.span(0, 1).to(source.span(6, 7)) == Span(
+        file="a", line=1, column=1, end_line=2, end_column=2
+    )
 
 
 def test_nearest() -> None:

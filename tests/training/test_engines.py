@@ -175,7 +175,9 @@ def test_a_stage_says_why_it_runs_on_torch(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.delenv("CC", raising=False)
     text, _ = MODELS["fir"]
     runs = first_batch(4)
-    data = StageData(runs, None, runs, None, "train")
+    data = StageData(
+        train=runs, train_rows=None, watched=runs, watched_rows=None, watched_set="train"
+    )
     program, plan = planned(text, "rollout: 4")
     opened = open_engine(plan, log_of(program), initial(program), data)
     assert isinstance(opened.engine, TorchEngine)

@@ -11,6 +11,7 @@ import pytest
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from compiler.ir.rules.verifier import InvalidProgram, verify
+from compiler.ir.types import Prediction
 from compiler.program_file.file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
 from msnn.model.weights_file import initial_weights
@@ -132,7 +133,7 @@ def test_too_little_data_is_an_error() -> None:
 def test_program_files_keep_fits() -> None:
     program = model(LAYERS["direct"])
     (fit,) = program.fits
-    assert (fit.input, fit.target, fit.ahead) == ("u", "y", 1)
+    assert (fit.input, fit.target) == ("u", Prediction("y", 1))
     assert program_from_data(program_to_data(program), "file") == program
 
 
@@ -140,8 +141,8 @@ def test_program_files_keep_fits() -> None:
     "change",
     [
         {"input": "w"},
-        {"target": "w"},
-        {"ahead": -1},
+        {"target": Prediction("w", 1)},
+        {"target": Prediction("y", -1)},
         {"den": 65},
         {"den": 0},
         {"radius": 1.5},

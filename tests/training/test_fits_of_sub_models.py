@@ -36,7 +36,7 @@ GIVEN = {"f.num": [0.1, 0.2, 0.3], "f.reflection": [0.1, -0.2, 0.3]}
 def test_a_layer_of_a_sub_model_is_fitted_to_signals_of_the_sub_model(tmp_path: Path) -> None:
     program = model_of(tmp_path, WHOLE % "", part=PART).program
     (fit,) = program.fits
-    assert (fit.layer, fit.input, fit.target) == ("part.f", "part.u", "part.y")
+    assert (fit.layer, fit.input, fit.target.signal) == ("part.f", "part.u", "part.y")
 
 
 @pytest.mark.parametrize(

@@ -218,7 +218,13 @@ def test_r12_an_epoch_visits_every_start_once_and_the_last_batch_is_smaller() ->
     runs = Runs(np.arange(21), np.ones(21, dtype=np.int64), 0, 22)
     epochs: list[EpochEnd] = []
     StageRun(
-        plan, engine, StageData(runs, None, runs, None, "train"), lambda: False, epochs.append
+        plan=plan,
+        engine=engine,
+        data=StageData(
+            train=runs, train_rows=None, watched=runs, watched_rows=None, watched_set="train"
+        ),
+        stop_asked=lambda: False,
+        epoch_ended=epochs.append,
     ).run()
     assert [len(batch) for batch in engine.batches] == [8, 8, 5]
     assert sorted(sum(engine.batches, [])) == list(range(21))  # noqa: RUF017  (short lists)

@@ -42,6 +42,12 @@ FAULTS = {
         "x0->duty <= 1.0f",
         "x0->duty <= 1.002f",
     ),
+    "step does not see that one state is NaN": (
+        "heater.c",
+        "!(fabsf(s->error_sum) <= 500.0f)",
+        "fabsf(s->error_sum) > 500.0f",
+    ),
+    "get_outputs forgets an output": ("heater.c", "v[HEATER_Y_OVEN_NEXT] = y->oven_next;", ""),
     "set_state forgets a state": ("heater.c", "s->oven = v[HEATER_X_OVEN];", ""),
     "set_state does not end the waiting": ("heater.c", "s->ready = 4U;", ""),
     "get_state copies another state": (

@@ -11,8 +11,9 @@ from numpy.typing import DTypeLike, NDArray
 
 from backends.c.interface.interface import InputField
 from backends.c_language.literals import Dtype
+from compiler.ir.liveness import extents
 from compiler.ir.ops import Constant
-from compiler.ir.program import Program, Signal, extents
+from compiler.ir.program import Program, Signal
 
 Array = NDArray[Any]
 
@@ -31,8 +32,8 @@ class Place:
     """At the nearest number of the program or just below: intervals of tables meet there."""
 
 
-Outside = Literal["above", "below", "far above", "nan"]
-"""Beyond which limit of its range a run finds them instead, or at no number."""
+Outside = Literal["above", "below", "far above", "far below", "nan"]
+"""Beyond which limit of its range a number is, or none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ def drawn_record(
         if invalid and signal.on_invalid in ("clamp", "hold"):
             chosen = random.random(log[name].shape) < 0.5
             chosen[: t0 + reads[name].first + 1] = True
-            log[name][chosen] = np.resize([*_outside(signal, dtype), *_NO_NUMBERS], chosen.sum())
+            log[name][chosen] = np.resize([*_invalid(signal, dtype), *_NO_NUMBERS], chosen.sum())
     return Record(log, t0)
 
 
@@ -97,10 +98,10 @@ def drawn_series(
     that is valid. Some values come twice in a row.
 
     Where the policy replaces invalid values there are some of each kind; where it flags them, one
-    is the next number above the range and one far above it, and below, and the last is NaN, as it
-    would spoil what follows. Where they are trusted only the last is invalid. The first `opening`
-    samples are invalid in every element: of all kinds where they are replaced, else just outside
-    the range.
+    is the next number above the range and one far above it, and below, and one is NaN in the last
+    step, as it would spoil what follows. Where they are trusted there is that alone. The first
+    `opening` samples are invalid in every element: of all kinds where they are replaced, else just
+    outside the range.
     """
     signal = input.port.signal
     low, high = drawable(signal.range)
@@ -122,23 +123,23 @@ def drawn_series(
         put(at, np.where(random.random(len(at)) < 0.5, chosen, below))
     if steps > 1 and low <= 0.0 <= high:
         rows[-2] = 0.0
-    outside = _outside(signal, knots.dtype)
+    invalid, last = _invalid(signal, knots.dtype), np.array([steps - 1])
     match signal.on_invalid:
         case "clamp" | "hold":
-            kinds = np.array([*outside, *_NO_NUMBERS])
+            kinds = np.array([*invalid, *_NO_NUMBERS])
             at = np.arange(_SPECIAL_EVERY // 2, steps, _SPECIAL_EVERY)
             put(at, np.roll(kinds, random.integers(len(kinds))))
         case "flag" if steps > 1:
-            at = 1 + np.arange(len(outside)) * steps // max(1, len(outside))
-            put(at, np.array(outside))
-            rows[-1] = math.nan
+            at = 1 + np.arange(len(invalid)) * steps // max(1, len(invalid))
+            put(at, np.array(invalid))
+            put(last, np.array(math.nan))
         case "trust" if steps > 1:
-            rows[-1] = math.nan
+            put(last, np.array(math.nan))
         case _:
             pass
     first = rows[:opening]
     replaced = signal.on_invalid in ("clamp", "hold")
-    kinds = np.array([*outside, *_NO_NUMBERS] if replaced else beside(signal.range, knots.dtype))
+    kinds = np.array([*invalid, *_NO_NUMBERS] if replaced else beside(signal.range, knots.dtype))
     if first.size and kinds.size:
         first[:] = np.resize(np.roll(kinds, random.integers(kinds.size)), first.shape)
     return series
@@ -147,30 +148,34 @@ def drawn_series(
 def _within(limits: tuple[float, float], start: Place | Outside, shift: int) -> tuple[float, float]:
     """The limits to draw a start between; `shift` puts signals of a run in different parts."""
     low, high = limits
-    match start:
-        case Place(part, parts):
-            width = (high - low) / parts
-            here = low + width * ((part + shift) % parts)
-            return here, here + width
+    if isinstance(start, Place):
+        width = (high - low) / start.parts
+        here = low + width * ((start.part + shift) % start.parts)
+        return here, here + width
+    return outside(limits, start), outside(limits, start)
+
+
+def outside(limits: tuple[float, float], where: Outside) -> float:
+    """A number beyond these limits, or none."""
+    low, high = limits
+    match where:
         case "above":
-            return _above(low, high), _above(low, high)
+            return high + _little(high - low, high)
         case "below":
-            return _below(low, high), _below(low, high)
+            return low - _little(high - low, low)
         case "far above":
-            return 2.0 * high - low, 2.0 * high - low
+            return 2.0 * high - low
+        case "far below":
+            return 2.0 * low - high
         case "nan":
-            return math.nan, math.nan
+            return math.nan
         case _:
-            assert_never(start)
+            assert_never(where)
 
 
-def _above(low: float, high: float) -> float:
+def _little(width: float, limit: float) -> float:
     """Little enough that a limit which is a little wrong is noticed."""
-    return high + max((high - low) * _BESIDE, abs(high) * _ROUNDING)
-
-
-def _below(low: float, high: float) -> float:
-    return low - max((high - low) * _BESIDE, abs(low) * _ROUNDING)
+    return max(width * _BESIDE, abs(limit) * _ROUNDING)
 
 
 _BESIDE, _ROUNDING, _FAR = 4e-3, 2.0**-20, 1e3
@@ -188,7 +193,7 @@ def drawable(range: tuple[float, float] | None) -> tuple[float, float]:
     return (high - 2.0, high) if math.isfinite(high) else (-1.0, 1.0)
 
 
-def _outside(signal: Signal, dtype: DTypeLike) -> list[float]:
+def _invalid(signal: Signal, dtype: DTypeLike) -> list[float]:
     """Values of every kind that is invalid: just and far outside the range, and no numbers."""
     far: list[float] = []
     if signal.range is not None:
@@ -207,9 +212,9 @@ _NO_NUMBERS = (math.nan, math.inf, -math.inf)
 
 def beside(range: tuple[float, float] | None, dtype: DTypeLike) -> list[float]:
     """The next numbers above and below a range, where it has these limits."""
-    kind = np.dtype(dtype).type
     ends = ((range[1], math.inf), (range[0], -math.inf)) if range is not None else ()
-    return [float(np.nextafter(kind(end), kind(far))) for end, far in ends if math.isfinite(end)]
+    numbers = np.array([pair for pair in ends if math.isfinite(pair[0])], dtype).reshape(-1, 2)
+    return [float(x) for x in np.nextafter(numbers[:, 0], numbers[:, 1])]
 
 
 def _nearest(knots: Array, x: float, *, below: bool) -> float:

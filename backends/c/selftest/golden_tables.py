@@ -51,6 +51,8 @@ class GoldenTables:
     """Elements up to which loops are written out."""
     starts: Sequence[Column]
     """What each start gives to `reset`, those of runs first."""
+    written: Sequence[Column]
+    """What the last of these runs write into the state struct; one row a run that does."""
     start_status: Sequence[int]
     inputs: Sequence[Column]
     outputs: Sequence[Column]
@@ -62,9 +64,14 @@ class GoldenTables:
         """`<prefix>_load_start(x0, start)`, `_start_differs(status, start)`, `_load_inputs(u,
         step)`, `_results_differ(status, y, step)`.
 
+        And `_load_state(s, written)`, where something is written.
+
         `differs` compares a given with an expected element of a column with these values.
         """
+        state = Argument("state", "s")
+        written = (self._loader("state", state, self.written, "written"),) if self.written else ()
         return (
+            *written,
             self._loader("start", Argument("init", "x0"), self.starts, _START),
             self._start_comparison(),
             self._loader("inputs", Argument("in", "u"), self.inputs, _STEP),

@@ -10,6 +10,7 @@ from backends.c.interface.interface import Interface
 from backends.c.selftest.golden_starts import GoldenStart
 from backends.c.selftest.golden_tables import DIFFER, Array, GoldenTables
 from backends.c.selftest.golden_vectors import GoldenVectors, joined
+from backends.c.selftest.written_states import state_fields
 from backends.c_language.helper_functions import is_nan
 from backends.c_language.places import Index
 from backends.c_language.scope import LocalNames, Scope
@@ -48,12 +49,15 @@ def golden_functions(
     given += [
         (f, np.stack([start.supplied[f.name] for start in every])) for f, _ in interface.supplied
     ]
+    written = [run.written for run in runs if run.written]
+    fields = state_fields(interface) if written else ()
     tables = GoldenTables(
         prefix,
         CType.REAL,
         interface.options.unroll,
         starts=given,
         start_status=[int(start.status) for start in every],
+        written=[(f, np.stack([states[f.name] for states in written])) for f in fields],
         inputs=[(input.field, golden.inputs[input.field.name]) for input in interface.inputs],
         outputs=[(field, golden.outputs[field.name]) for field in interface.outputs],
         status=[int(status) for status in golden.status],

@@ -27,6 +27,7 @@ from backends.c.selftest.state_reference import (
     saturation_bits,
     with_checked,
 )
+from backends.c.selftest.written_states import Written, state_fields
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from compiler.jacobian.interpret import JacobianInterpreter
@@ -41,6 +42,8 @@ class GoldenVectors:
 
     start: GoldenStart
     """Before the first step."""
+    written: dict[str, Array]
+    """States that a harness writes into the struct after that; empty if it writes none."""
     inputs: dict[str, Array]
     """As given to the step, invalid ones among them."""
     seen: dict[str, Array]
@@ -62,11 +65,13 @@ def golden_vectors(
     *,
     start: Place | Outside | None = _ANYWHERE,
     opening: int = 0,
+    written: Written | None = None,
 ) -> GoldenVectors:
     """`steps` steps from a drawn past, each from the states that the one before left.
 
     `start` says where in their ranges, or beyond, the states begin; with None they begin without a
-    past, as after `init`. The first samples of each input, `opening` of them, are invalid.
+    past, as after `init`. The first samples of each input, `opening` of them, are invalid. What is
+    `written` stands in the struct before the first step.
 
     The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
     """
@@ -80,8 +85,10 @@ def golden_vectors(
     }
     interpreter = Interpreter(with_checked(program), weights, dtype)
     begin = golden_start(interface, interpreter, record)
-    states = begin.states
-    first = {s.name: states[s.name] for s in program.states if s.on_range == "reset"}
+    states = written.into(begin.states) if written else begin.states
+    fields = state_fields(interface) if written else ()
+    put = {field.name: states[field.name][0] for field in fields}
+    first = {s.name: begin.states[s.name] for s in program.states if s.on_range == "reset"}
     outputs = {f.name: np.empty((steps, *f.shape), dtype) for f in interface.outputs}
     status = np.zeros(steps, np.uint32)
     linearized = interface.jacobian and JacobianInterpreter(
@@ -124,6 +131,7 @@ def golden_vectors(
     }
     return GoldenVectors(
         start=begin,
+        written=put,
         inputs=inputs,
         seen=accepted,
         outputs=outputs,

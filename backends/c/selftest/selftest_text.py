@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from backends.c.selftest.golden_starts import GoldenStart, golden_starts
 from backends.c.selftest.golden_text import differs_function, golden_functions, kernels_function
 from backends.c.selftest.golden_vectors import GoldenVectors, golden_vectors
 from backends.c.selftest.kernel_cases import kernel_cases
+from backends.c.selftest.written_states import Written, written_states
 from backends.c_language.literals import hex_literal, real_literal
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
@@ -37,15 +39,17 @@ _STARTS: tuple[Place | Outside, ...] = (
     "far above",
     "nan",
 )
-_RUNS: tuple[tuple[Place | Outside | None, int], ...] = (
+_AFTER_RESET: tuple[tuple[Place | Outside, int], ...] = (
     *((start, 0) for start in _STARTS),
     *((Place(part, _PARTS), opening) for part, opening in ((1, 1), (3, 3), (5, 5))),
-    *((None, opening) for opening in (0, 2, 4)),
 )
-"""Where the golden runs of the test program begin, and after how many invalid samples the first
-valid one comes. Those without a past stand last."""
+"""Where golden runs of the test program begin, and after how many invalid samples the first valid
+one comes."""
 
-FROM_INIT = sum(start is None for start, _ in _RUNS)
+_AFTER_INIT = (0, 2, 4)
+"""After how many invalid samples in runs without a past, which stand last."""
+
+FROM_INIT = len(_AFTER_INIT)
 """Golden runs that begin without a past."""
 _SELFTEST_OPENING = 2
 """Invalid samples with which the self-test begins, where the policy replaces them."""
@@ -107,18 +111,7 @@ def selftest_text(
 def test_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
     """`test/<prefix>_sil.c`, the vectors that it replays, and the bits that it must answer."""
     prefix = interface.prefix
-    runs = [
-        golden_vectors(
-            program,
-            interface,
-            weights,
-            _TEST_STEPS,
-            _TEST_SEED + run,
-            start=start,
-            opening=opening,
-        )
-        for run, (start, opening) in enumerate(_RUNS)
-    ]
+    runs = _golden_runs(program, interface, weights)
     starts = golden_starts(program, interface, weights, _STARTS_SEED)
     vectors = render(
         "vectors.h.j2",
@@ -126,9 +119,10 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         "Golden vectors",
         guard=f"{prefix.upper()}_VECTORS_H",
         functions=_golden(interface, runs, starts),
-        runs=len(_RUNS),
+        runs=len(runs),
         from_init=FROM_INIT,
-        starts=len(_RUNS) + len(starts),
+        written=sum(bool(run.written) for run in runs),
+        starts=len(runs) + len(starts),
     )
     main = render(
         "main.c.j2",
@@ -136,7 +130,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         "Test program",
         jacobian=interface.jacobian is not None,
         letters=_letters(interface),
-        runs=len(_RUNS),
+        runs=len(runs),
         from_init=FROM_INIT,
         steps=_TEST_STEPS,
         lag=_LAG,
@@ -146,6 +140,36 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         f"test/{prefix}_vectors.h": vectors,
         f"test/{prefix}_expected.txt": expected_text(interface, runs),
     }
+
+
+def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
+    """Runs from `reset`, the last of them with a written state, then runs from `init`."""
+    begun: list[_Run] = [_Run(start, opening) for start, opening in _AFTER_RESET]
+    for number, written in enumerate(written_states(interface)):
+        begun.append(_Run(Place(number % _PARTS, _PARTS), 0, written))
+    begun += [_Run(None, opening) for opening in _AFTER_INIT]
+    return [
+        golden_vectors(
+            program,
+            interface,
+            weights,
+            _TEST_STEPS,
+            _TEST_SEED + number,
+            start=run.start,
+            opening=run.opening,
+            written=run.written,
+        )
+        for number, run in enumerate(begun)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """How a golden run begins."""
+
+    start: Place | Outside | None
+    opening: int
+    written: Written | None = None
 
 
 def _letters(interface: Interface) -> list[str]:

@@ -11,8 +11,9 @@ from backends.native.late_adjoints import Echo, echoes
 from backends.native.loop_splitting import Phases, phases
 from backends.ports.identifiers import c_identifier
 from compiler.differentiation.training_step import TrainingStep
+from compiler.ir.liveness import Extent, extents
 from compiler.ir.ops import ReadLog, ReadSignal
-from compiler.ir.program import Extent, NodeId, Program, State, extents
+from compiler.ir.program import NodeId, Program, State
 from compiler.ir.types import WINDOW, Axis
 
 

@@ -106,7 +106,7 @@ class InfiniteValues:
                 return max(of[1:])
             case _ if Infinite.ALONE in of:
                 return Infinite.ALONE
-            case ops.Negate() | ops.Broadcast() | ops.Reshape() | ops.Slice():
+            case ops.Negate() | ops.Named() | ops.Broadcast() | ops.Reshape() | ops.Slice():
                 return of[0]
             case ops.Divide():
                 return _BY_DIVISOR.get(self._divisor_signs[node.args[1]], Infinite.NEVER)
@@ -145,7 +145,7 @@ def _sign(node: Node, of: list[Sign]) -> Sign:
             return product if product is not Sign.NOT_ZERO else Sign.ANY
         case ops.Apply(function):
             return _sign_of_function(function, of)
-        case ops.Minimum() | ops.Broadcast() | ops.Reshape() | ops.Slice() | ops.Concat():
+        case ops.Minimum() | ops.Named() | ops.Structure():
             return _common(of)
         case _:
             return Sign.ANY

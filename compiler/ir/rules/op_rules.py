@@ -27,7 +27,7 @@ def broken_axes(axes: tuple[Axis, ...]) -> str | None:
     names = [axis.name for axis in axes]
     if len(set(names)) != len(names):
         return f"{describe_axes(axes)} has an axis twice"
-    if any(len(name) > LONGEST_NAME or not name.isprintable() for name in names):
+    if any(_is_no_name(name) for name in names):
         return "an axis has no proper name"
     if WINDOW in names[:-1]:
         return f"{describe_axes(axes)} has the window before the end"
@@ -62,6 +62,11 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str
             return "a program reads no value of training"
         case ops.Dropout(rate) if not 0 <= rate < 1:
             return f"a share of {rate} cannot be left out"
+        case ops.Named(name) if _is_no_name(name):
+            return "a value is named by no proper name"
+        case ops.Named():
+            fits = operands[0].kind == type.kind
+            return _elementwise(type, operands) or (None if fits else "a name changes no kind")
         case ops.Apply(function) if function not in SCALAR_FUNCTIONS:
             return f"there is no function `{function}`"
         case ops.Compare():
@@ -102,6 +107,10 @@ class Sources:
     signals: Mapping[str, tuple[Axis, ...]]
     parameters: Mapping[str, tuple[Axis, ...]]
     states: Mapping[str, tuple[Axis, ...]]
+
+
+def _is_no_name(name: str) -> bool:
+    return len(name) > LONGEST_NAME or not name.isprintable()
 
 
 def _wrong_count(node: Node, operands: tuple[Type, ...]) -> str | None:

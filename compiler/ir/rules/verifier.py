@@ -206,9 +206,9 @@ def _check_expected(step: Graph, entry: Expected) -> None:
 
 def _check_fit(fit: Fit, sources: Sources) -> None:
     what = f"the fit of `{fit.layer}`"
-    for signal in (fit.input, fit.target):
+    for signal in (fit.input, fit.target.signal):
         _require(sources.signals.get(signal) == (), f"{what} has no such signal: `{signal}`")
-    orders = fit.ahead >= 0 <= fit.num <= MOST_SECTIONS and 1 <= fit.den <= MOST_SECTIONS
+    orders = fit.target.ahead >= 0 <= fit.num <= MOST_SECTIONS and 1 <= fit.den <= MOST_SECTIONS
     _require(orders and 0 < fit.radius <= 1, f"{what} is of no stable filter")
     for array, size in fit.arrays.items():
         axes = sources.parameters.get(f"{fit.layer}.{array}", ())

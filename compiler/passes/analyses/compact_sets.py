@@ -76,9 +76,7 @@ def active_sums(graph: Graph, support: list[dict[str, NodeId]]) -> dict[NodeId, 
 
 def is_positive_zero(graph: Graph, node: NodeId) -> bool:
     """Whether a value is the number +0, however often repeated."""
-    while isinstance(graph[node].op, ops.Broadcast):
-        (node,) = graph[node].args
-    op = graph[node].op
+    op = graph[graph.unrepeated(node)].op
     return isinstance(op, ops.Constant) and {value.hex() for value in op.values} == {(0.0).hex()}
 
 

@@ -13,7 +13,10 @@ from msnn.cli.arguments import Settings, SpecFile
 def compile_(
     spec: SpecFile,
     out: Annotated[
-        Path, typer.Option("--out", metavar="FOLDER", help="The folder to write into.")
+        Path,
+        typer.Option(
+            "--out", metavar="PATH", help="The folder to write into, or a `….program.json` file."
+        ),
     ] = Path("build"),
     strict_units: Annotated[
         bool, typer.Option("--strict-units", help="Units that do not fit are errors.")

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from msnn.cli.arguments import OutputFormat, ResultFormat
+from msnn.cli.arguments import (
+    NewSettings,
+    OldSettings,
+    OutputFormat,
+    ResultFormat,
+    Settings,
+)
 from msnn.cli.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -18,18 +24,26 @@ if TYPE_CHECKING:
 def diff(
     old: Annotated[Path, typer.Argument(metavar="OLD", help="A spec, or a program file.")],
     new: Annotated[Path, typer.Argument(metavar="NEW", help="A spec, or a program file.")],
+    settings: Settings = None,
+    old_settings: OldSettings = None,
+    new_settings: NewSettings = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
     """Say what changed between two models.
 
     Entry by entry, with shorthands written out: interface, units, parameters, equations, states,
-    losses, stages. Exit code 0 when both mean the same, 1 when they differ.
+    losses, stages. `--set` replaces a value of both; with SPEC twice, `--set-new` shows what a
+    setting changes. Exit code 0 when both mean the same, 1 when they differ.
     """
     from msnn.cli.console import json_result, result
     from msnn.model.load import load_model
     from msnn.reports.compare_specs import compare_specs
 
-    found = compare_specs(load_model(old), load_model(new))
+    of_both = tuple(settings or ())
+    found = compare_specs(
+        load_model(old, (*of_both, *(old_settings or ()))),
+        load_model(new, (*of_both, *(new_settings or ()))),
+    )
     if format is ResultFormat.JSON:
         changes = [{"path": c.path, "old": c.old, "new": c.new} for c in found.changes]
         record: dict[str, Any] = {"same": found.is_same, "kind": found.kind}

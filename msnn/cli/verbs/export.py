@@ -21,6 +21,7 @@ from msnn.cli.arguments import (
     refuse_two_origins,
 )
 from msnn.cli.exit_codes import ExitCode
+from msnn.exports.table import EXTRAS, NAMES, TARGETS
 
 
 def export(
@@ -37,8 +38,12 @@ def export(
         typer.Option(
             "--with",
             metavar="EXTRA,…",
-            help="jacobian, state_jacobian, parameter_jacobian: what C has beside the step "
-            "and the spec's `with:`.",
+            help="; ".join(
+                f"{', '.join(target.extras)}: what {target.title} has beside the step "
+                "and the spec's `with:`."
+                for target in TARGETS
+                if target.extras
+            ),
         ),
     ] = "",
     weights: WeightsFile = None,
@@ -60,23 +65,24 @@ def export(
     code 3 when one of them computes something else than the interpreter.
     """
     from msnn.cli.console import json_result, note, report, result
-    from msnn.exports.export import EXTRAS, TARGETS, plan_exports, target_names, write_export
-    from msnn.exports.fixed_point import error_table
+    from msnn.exports.export import plan_exports, target_names, write_export
+    from msnn.exports.target import AnyPlan, Written
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
     from msnn.tables import count
     from spec_schema.diagnostics.diagnostic import Findings, SpecError
 
     refuse_two_origins(weights, initial)
-    names = _listed(to, (*TARGETS, "all"), "--to")
+    names = _listed(to, (*NAMES, "all"), "--to")
     extras = _listed(extra, EXTRAS, "--with")
     model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     findings = Findings()
     targets = target_names(names, model.spec.export)
-    if extras and "c" not in targets:
-        message = "of all targets only c has extras, and it is not among those to be written"
-        raise typer.BadParameter(message, param_hint="'--with'")
+    having = [target.name for target in TARGETS if target.extras]
+    if extras and not set(having) & set(targets):
+        message = f"of all targets only {' and '.join(having)} has extras, and it is not among "
+        raise typer.BadParameter(f"{message}those to be written", param_hint="'--with'")
     plans = plan_exports(model, targets, findings, extras)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
@@ -84,29 +90,31 @@ def export(
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
-    written: dict[str, tuple[Path, Sequence[Path]]] = {}
+    exports: list[tuple[AnyPlan, Written]] = []
     for plan in plans:
-        folder = out / plan.target
+        target = plan.target
         try:
-            paths = write_export(plan, chosen.weights, folder)
+            written = write_export(plan, chosen.weights, out / target.name)
         except SpecError as error:
             raise SpecError(error.diagnostics, model.sources) from None
-        written[plan.target] = folder, paths
+        exports.append((plan, written))
         if format is ResultFormat.TEXT:
-            result(f"{plan.target}: {count(len(paths), 'file')} in {folder}")
-            if plan.fixed_point is not None:
-                result(error_table(folder, plan.prefix))
-    record: dict[str, Any] = {"files": {t: [str(p) for p in ps] for t, (_, ps) in written.items()}}
+            result(f"{target.name}: {count(len(written.files), 'file')} in {written.folder}")
+            if said := target.tell(plan, written.folder):
+                result(said)
+    record: dict[str, Any] = {
+        "files": {plan.target.name: [str(p) for p in to.files] for plan, to in exports}
+    }
     found = None
     if check:
         from msnn.agreement.report import (
             agreement_diagnostics,
             agreement_table,
             agreement_values,
-            check_exports,
         )
+        from msnn.exports.check import check_exports
 
-        found = check_exports(model, plans, chosen.weights, written, data_root or model.folder)
+        found = check_exports(model, exports, chosen.weights, data_root or model.folder)
         record["agreement"] = agreement_values(found)
         if format is ResultFormat.TEXT:
             result(f"\n{agreement_table(found)}")

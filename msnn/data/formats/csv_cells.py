@@ -95,10 +95,12 @@ def _lines(path: Path, header: Header) -> Iterator[_Line]:
     for found, (number, text) in enumerate(content_lines(path, header.dialect)):
         if found >= header.lines:
             cells = split_cells(text, header.dialect.delimiter)
-            yield _Line(header, found - header.lines, number, text, cells)
+            yield _Line(
+                header=header, row=found - header.lines, number=number, text=text, cells=cells
+            )
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Line:
     """One row of the file, and the faults that may be found in it."""
 
@@ -109,7 +111,13 @@ class _Line:
     cells: list[str]
 
     def _place(self, start: int, end: int) -> Span:
-        return Span(self.header.file, self.number, start + 1, self.number, end + 1)
+        return Span(
+            file=self.header.file,
+            line=self.number,
+            column=start + 1,
+            end_line=self.number,
+            end_column=end + 1,
+        )
 
     @property
     def has_units(self) -> bool:

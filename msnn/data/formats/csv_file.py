@@ -40,7 +40,7 @@ def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
 
     def place(row: int) -> Span:
         line = line_of_row(path, header, row)
-        return Span(shown, line, 1, line, 1)
+        return Span(file=shown, line=line, column=1, end_line=line, end_column=1)
 
     return Table(dict(zip(places, columns, strict=True)), place=place)
 

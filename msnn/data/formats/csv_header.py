@@ -15,7 +15,7 @@ from spec_schema.diagnostics.source import Span
 _DELIMITERS = (";", ",", "\t", "|")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
     """How the text of a file is laid out: `skip` lines, a header line if there is one, rows."""
 
@@ -26,7 +26,7 @@ class Dialect:
     skip: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
     """The first line with content; `lines` is 0 where it is data already."""
 
@@ -43,7 +43,13 @@ class Header:
 
     @property
     def place(self) -> Span:
-        return Span(self.file, self.line, 1, self.line, len(self.text) + 1)
+        return Span(
+            file=self.file,
+            line=self.line,
+            column=1,
+            end_line=self.line,
+            end_column=len(self.text) + 1,
+        )
 
     @property
     def holds_numbers(self) -> bool:
@@ -97,7 +103,7 @@ def read_header(path: Path, shown: str, dialect: Dialect, keys: Iterable[ColumnK
         raise SpecError((errors.empty_file(shown, header=False),))
     names = tuple(cell.strip() for cell in split_cells(text, dialect.delimiter))
     by_index = all(isinstance(key, int) for key in keys)
-    header = Header(shown, dialect, line, text, names, 0)
+    header = Header(file=shown, dialect=dialect, line=line, text=text, names=names, lines=0)
     if dialect.header and not (by_index and header.holds_numbers):
         header = replace(header, lines=1)
     if len(names) == 1 and not keys <= {names[0], 0}:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     """(path, its name in messages, what is wanted, layout of text) → columns; raises SpecError."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Format:
     """One kind of file. The reader is `read` of `module`, loaded when a file needs it."""
 
@@ -42,23 +42,51 @@ class Format:
         return tuple(p for p in self.packages if importlib.util.find_spec(p) is None)
 
 
-TEXT = Format("CSV", (".csv", ".txt", ".tsv", ".dat"), "msnn.data.formats.csv_file", is_text=True)
+TEXT = Format(
+    name="CSV",
+    suffixes=(".csv", ".txt", ".tsv", ".dat"),
+    module="msnn.data.formats.csv_file",
+    is_text=True,
+)
 
 FORMATS = (
     TEXT,
-    Format("NPZ", (".npz",), "msnn.data.formats.npz_file"),
-    Format("Parquet", (".parquet",), "msnn.data.formats.parquet_file", ("pyarrow",), "parquet"),
-    Format("MAT", (".mat",), "msnn.data.formats.mat_file", ("scipy", "h5py"), "mat"),
-    Format("HDF5", (".h5", ".hdf5"), "msnn.data.formats.hdf5_file", ("h5py",), "hdf5"),
+    Format(name="NPZ", suffixes=(".npz",), module="msnn.data.formats.npz_file"),
     Format(
-        "MDF", (".mf4", ".mdf"), "msnn.data.formats.mdf_file", ("asammdf",), "mdf", keeps_time=True
+        name="Parquet",
+        suffixes=(".parquet",),
+        module="msnn.data.formats.parquet_file",
+        packages=("pyarrow",),
+        extra="parquet",
     ),
     Format(
-        "ROS bag",
-        (".bag", ".db3", ".mcap"),
-        "msnn.data.formats.rosbag_file",
-        ("rosbags",),
-        "ros",
+        name="MAT",
+        suffixes=(".mat",),
+        module="msnn.data.formats.mat_file",
+        packages=("scipy", "h5py"),
+        extra="mat",
+    ),
+    Format(
+        name="HDF5",
+        suffixes=(".h5", ".hdf5"),
+        module="msnn.data.formats.hdf5_file",
+        packages=("h5py",),
+        extra="hdf5",
+    ),
+    Format(
+        name="MDF",
+        suffixes=(".mf4", ".mdf"),
+        module="msnn.data.formats.mdf_file",
+        packages=("asammdf",),
+        extra="mdf",
+        keeps_time=True,
+    ),
+    Format(
+        name="ROS bag",
+        suffixes=(".bag", ".db3", ".mcap"),
+        module="msnn.data.formats.rosbag_file",
+        packages=("rosbags",),
+        extra="ros",
         keeps_time=True,
     ),
 )

@@ -23,7 +23,7 @@ GIVEN = "data"
 """The set of data that somebody gives in place of the spec's, where nobody names it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DataFile:
     """One file of a set; `shown` is its name in messages, as short as it can be."""
 
@@ -64,7 +64,9 @@ def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
             for path in paths:
                 if path not in seen:
                     seen.add(path)
-                    found.append(DataFile(path, _shown(path, folder), name, source))
+                    found.append(
+                        DataFile(path=path, shown=_shown(path, folder), source=name, layout=source)
+                    )
     return found
 
 

@@ -77,7 +77,9 @@ def frame_data(
             arrays = _arrays(shown, frame)
             if isinstance(frame, Mapping):
                 arrays, mine = with_whole_signals(arrays, mine, signals.values(), findings)
-            files.append(DataFile(Path(shown), shown, name, mine, arrays))
+            files.append(
+                DataFile(path=Path(shown), shown=shown, source=name, layout=mine, arrays=arrays)
+            )
     findings.raise_errors()
     chosen = {} if condition is None else dict.fromkeys(sets, condition)
     return joined_files(program, section, files, chosen, findings, beside)

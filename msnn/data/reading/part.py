@@ -22,7 +22,7 @@ from spec_schema.sections.data.data import Csv, Data
 _TO = " … "
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
     """The picked rows of one file, or of several that follow each other."""
 
@@ -42,12 +42,12 @@ class Part:
         continues = np.concatenate((self.continues, other.continues))
         continues[len(self.continues)] = True
         return Part(
-            replace(self.file, shown=f"{first}{_TO}{other.file.shown}"),
-            (*self.pieces, *(piece.moved(len(self.continues)) for piece in other.pieces)),
-            {n: np.concatenate((v, other.series[n])) for n, v in self.series.items()},
-            np.concatenate((self.time, other.time)),
-            continues,
-            np.concatenate((self.usable, other.usable)),
+            file=replace(self.file, shown=f"{first}{_TO}{other.file.shown}"),
+            pieces=(*self.pieces, *(piece.moved(len(self.continues)) for piece in other.pieces)),
+            series={n: np.concatenate((v, other.series[n])) for n, v in self.series.items()},
+            time=np.concatenate((self.time, other.time)),
+            continues=continues,
+            usable=np.concatenate((self.usable, other.usable)),
         )
 
 
@@ -88,8 +88,15 @@ def read_part(
         usable &= _kept(row_filter, series, rows, file, findings)
     series = {signal.name: series[signal.name] for signal in program.signals}
     series |= {feed.signal.name: feed.series_if_there(rows.columns, len(usable)) for feed in more}
-    piece = FileRows(file.shown, 0, len(usable), rows.rows, rows.time)
-    return Part(file, (piece,), series, rows.time, rows.continues, usable)
+    piece = FileRows(file=file.shown, start=0, stop=len(usable), rows=rows.rows, time=rows.time)
+    return Part(
+        file=file,
+        pieces=(piece,),
+        series=series,
+        time=rows.time,
+        continues=rows.continues,
+        usable=usable,
+    )
 
 
 def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ...]:
@@ -138,5 +145,11 @@ def _read(
 def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:
     plain = "\t" if tabs else ","
     if csv is None:
-        return Dialect(plain)
-    return Dialect(csv.delimiter or plain, csv.decimal, csv.comment, csv.header, csv.skip)
+        return Dialect(delimiter=plain)
+    return Dialect(
+        delimiter=csv.delimiter or plain,
+        decimal=csv.decimal,
+        comment=csv.comment,
+        header=csv.header,
+        skip=csv.skip,
+    )

@@ -20,7 +20,7 @@ from spec_schema.expressions.tree import Duration, Samples
 from spec_schema.sections.data.data import Data, Layout
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RecordRows:
     """Columns of the picked rows, and how the rows follow each other."""
 
@@ -115,7 +115,13 @@ def _as_recorded(
             for fault in faults:
                 findings.report(_time_fault(fault, file, sample_time, table))
     rows = range(picked.first, picked.stop, picked.every)
-    return RecordRows(columns, rows, time, continues, np.ones(length, dtype=np.bool_))
+    return RecordRows(
+        columns=columns,
+        rows=rows,
+        time=time,
+        continues=continues,
+        covered=np.ones(length, dtype=np.bool_),
+    )
 
 
 def _resampled(
@@ -183,7 +189,13 @@ def _on_grid(
     found = resample(columns, sample_time, method, span, beside)
     count = len(found.time)
     rows = np.full(count, BETWEEN_ROWS, dtype=np.int64)
-    return RecordRows(found.columns, rows, found.time, _unbroken(count), found.covered)
+    return RecordRows(
+        columns=found.columns,
+        rows=rows,
+        time=found.time,
+        continues=_unbroken(count),
+        covered=found.covered,
+    )
 
 
 def _rows_at(

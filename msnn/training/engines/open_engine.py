@@ -19,7 +19,7 @@ from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
-from spec_schema.sections.training.optimizers import Lbfgs, LevenbergMarquardt, TorchOptimizer
+from spec_schema.sections.training.optimizers import TorchOptimizer
 
 if TYPE_CHECKING:
     from msnn.training.engines.torch.torch_engine import TorchEngine
@@ -77,9 +77,9 @@ def open_engine(
             engine.check(data.train)
             return engine
 
-        second_order = isinstance(plan.optimizer, LevenbergMarquardt)  # float64 in any case
+        squares = plan.optimizer.needs_squares  # float64 in any case
         try:
-            tried = try_natively(plan, native, in_double=not second_order)
+            tried = try_natively(plan, native, in_double=not squares)
             if tried.made is not None:
                 kept = kernel_folder_warnings(kernel_folder())
                 return OpenedEngine(tried.made, tried.plan, (*kept, *tried.notes))
@@ -91,7 +91,7 @@ def open_engine(
             notes = (errors.torch_instead(plan.name, str(error), plan.span),)
     arguments = (plan, *given)
     # torch takes seconds to import: only where it trains
-    if isinstance(plan.optimizer, LevenbergMarquardt):
+    if plan.optimizer.needs_squares:
         from msnn.training.engines.torch.torch_squares import TorchSquares
 
         return OpenedEngine(LevenbergMarquardtEngine(*arguments, TorchSquares), plan, notes)
@@ -103,9 +103,9 @@ def open_engine(
 def _native(arguments: EngineArguments) -> AnyEngine:
     """Whole epochs in the kernel, or an optimiser outside along the kernel's slopes."""
     optimizer = arguments[0].optimizer
-    if isinstance(optimizer, LevenbergMarquardt):
+    if optimizer.needs_squares:
         return LevenbergMarquardtEngine(*arguments, NativeSquares)
-    if not isinstance(optimizer, Lbfgs | TorchOptimizer):
+    if optimizer.steps_by == "kernel":
         return NativeEngine(*arguments)
     from msnn.training.engines.torch.objectives import KernelObjective
     from msnn.training.engines.torch.torch_engine import TorchEngine

@@ -27,7 +27,7 @@ class Lesson:
     runs: Runs
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StageData:
     """Rollouts and, where a whole record is simulated, the rows t that count."""
 
@@ -62,12 +62,12 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
         findings.report(*fixed_starts(plan))
     whole = rollout.horizon == "record"
     return StageData(
-        train,
-        scored_rows(data, TRAIN, rollout.program) if whole else None,
-        watched,
-        scored_rows(data, watched_set, rollout.program) if whole else None,
-        watched_set,
-        tuple(lessons),
+        train=train,
+        train_rows=scored_rows(data, TRAIN, rollout.program) if whole else None,
+        watched=watched,
+        watched_rows=scored_rows(data, watched_set, rollout.program) if whole else None,
+        watched_set=watched_set,
+        lessons=tuple(lessons),
     )
 
 

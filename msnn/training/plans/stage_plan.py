@@ -13,6 +13,7 @@ from compiler.passes.draw_dropout import Mask, draw_dropout
 from msnn.errors import runs, second_order
 from msnn.errors import training as errors
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
+from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.curriculum import Phase, plan_curriculum
 from msnn.training.plans.learning_rate import Rule
 from msnn.training.plans.torch_optimizer_options import check_torch_optimizer
@@ -22,9 +23,12 @@ from spec_schema.errors.names import no_parameter
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.located import Located
 from spec_schema.sections.training.optimizers import (
+    Adam,
+    AdamW,
     Lbfgs,
     LevenbergMarquardt,
     OptimizerChoice,
+    Sgd,
     TorchOptimizer,
 )
 from spec_schema.sections.training.training import Stage
@@ -33,7 +37,7 @@ TOTAL = "total"
 """What a monitor is called that watches the weighted total."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StagePlan:
     """One stage of training (rule R12: keys are not inherited from the stage before)."""
 
@@ -140,13 +144,12 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     optimizer = stage.optimizer.choice
     if not trained:
         findings.report(errors.nothing_to_train(name, span))
-    if isinstance(optimizer, Lbfgs) and stage.lr:
+    if not optimizer.takes_factors and stage.lr:
         place = next(iter(stage.lr.values())).span
         findings.report(errors.no_factors_with_lbfgs(place))
-    of_squares = isinstance(optimizer, LevenbergMarquardt)
     if stage.reproducible:
         _check_reproducible(name, stage, findings)
-    if of_squares:
+    if optimizer.needs_squares:
         _check_keys(stage, findings)
     known = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
     weights = {loss.name: loss.weight * loss.share for loss in program.losses}
@@ -155,10 +158,12 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         weights |= {term.name: weight.value * term.share for term in terms}
         if not terms:
             findings.report(errors.unknown_loss(entry, weight.key or weight.span, known))
-    if of_squares and rollout is not None:
+    if optimizer.needs_squares and rollout is not None:
         _check_losses(name, rollout.program, weights, findings)
     if not any(weights.values()):
         findings.report(errors.no_objective(name, span))
+    elif rollout is not None and trained and not concerns(rollout.program, weights, trained):
+        findings.report(errors.losses_of_others(name, trained, span))
     monitor, patience = TOTAL, None
     if stage.early_stop is not None:
         patience = stage.early_stop.patience
@@ -172,9 +177,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     phases: tuple[Phase, ...] = ()
     if stage.rollout is not None:
         phases = plan_curriculum(program, stage.rollout, rollout, stage.epochs, findings)
-    all_at_once = of_squares or (
-        isinstance(optimizer, Lbfgs) and "batch" not in stage.model_fields_set
-    )
+    all_at_once = optimizer.takes_all_starts and "batch" not in stage.model_fields_set
     layers = {parameter.rpartition(".")[0] for parameter in learned}
     moved = {parameter.rpartition(".")[0] for parameter in trained}
     drawn = draw_dropout(rollout.program, layers - moved - {""})
@@ -198,7 +201,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         monitor=monitor,
         patience=patience,
         seed=stage.seed,
-        dtype="float64" if of_squares else stage.dtype,
+        dtype="float64" if optimizer.needs_squares else stage.dtype,
         engine="native" if stage.reproducible else stage.engine,
         device="cpu",
         threads=stage.threads,
@@ -212,21 +215,30 @@ def _rate(
     program: Program, stage: Stage, trained: Sequence[str], findings: Findings
 ) -> float | None:
     """The learning rate of the optimiser; None where each step has its own length."""
-    optimizer = stage.optimizer.choice
-    if isinstance(optimizer, LevenbergMarquardt):
-        return None
-    if not isinstance(optimizer, TorchOptimizer):
-        return optimizer.lr
-    moved = [program.parameter(name) for name in trained]
-    return check_torch_optimizer(optimizer, stage.weight_decay, moved, findings)
+    match stage.optimizer.choice:
+        case Adam(lr=lr) | AdamW(lr=lr) | Sgd(lr=lr) | Lbfgs(lr=lr):
+            return lr
+        case TorchOptimizer() as optimizer:
+            moved = [program.parameter(name) for name in trained]
+            return check_torch_optimizer(optimizer, stage.weight_decay, moved, findings)
+        case LevenbergMarquardt():
+            return None
 
 
 def _variant(options: Entry) -> dict[str, object]:
-    if isinstance(options, TorchOptimizer):
-        given = {name: found.value for name, found in options.options.items()}
-        return {"torch": {"name": options.name.value, "options": given}}
     name = options.noun.split()[-2]  # the adam optimizer, the cosine schedule
-    return {name: options.model_dump(exclude={"place"})}
+    keys = (key for key in type(options).model_fields if key != "place")
+    return {name: {key: _plain(getattr(options, key)) for key in keys}}
+
+
+def _plain(value: object) -> object:
+    match value:
+        case Located():
+            return value.value
+        case dict():
+            return {name: _plain(found) for name, found in value.items()}
+        case _:
+            return value
 
 
 _NOT_OF_SECOND_ORDER: Mapping[str, str] = {
@@ -252,15 +264,15 @@ def _check_keys(stage: Stage, findings: Findings) -> None:
 def _check_reproducible(name: str, stage: Stage, findings: Findings) -> None:
     """What steps outside of a kernel has the bits of other libraries."""
     place = stage.optimizer.choice.place.key
-    match stage.optimizer.choice:
-        case Lbfgs() | TorchOptimizer():
+    match stage.optimizer.choice.steps_by:
+        case "torch":
             findings.report(runs.not_reproducible(name, "its optimiser is torch's", place))
-        case LevenbergMarquardt():
+        case "LAPACK":
             reason = "levenberg_marquardt solves its equations by LAPACK"
             findings.report(runs.not_reproducible(name, reason, place))
-        case _ if stage.engine == "torch":
+        case "kernel" if stage.engine == "torch":
             findings.report(runs.not_reproducible(name, "it asks for torch", stage.place.key))
-        case _:
+        case "kernel":
             pass
 
 

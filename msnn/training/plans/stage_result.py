@@ -10,7 +10,7 @@ from msnn.data.dataset import FloatArray
 Weights = Mapping[str, FloatArray]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StageResult:
     """The best weights and where they were found; epoch 0 is what the attempt began with."""
 

@@ -16,7 +16,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.training.optimizers import OptionValue, TorchOptimizer
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Number:
     """least ≤ number ≤ most, above < number < below."""
 

@@ -9,7 +9,6 @@ from typing import Any
 from backends.native.kernel_description import KernelDescription, kernel_description
 from compiler.ir.program import Program
 from msnn.training.plans.stage_plan import StagePlan
-from spec_schema.sections.training.optimizers import Lbfgs, LevenbergMarquardt, TorchOptimizer
 
 _LAPACK = "LAPACK of numpy and the processor"
 
@@ -35,12 +34,12 @@ def _depends_on(plan: StagePlan, kernels: KernelDescription | None) -> str:
     """What else than spec and data decides the bits of a stage; empty if nothing does."""
     if plan.engine == "torch" or kernels is None:
         return "torch and the processor"
-    match plan.optimizer:
-        case Lbfgs() | TorchOptimizer():
+    match plan.optimizer.steps_by:
+        case "torch":
             return "torch and the processor"
-        case LevenbergMarquardt():
+        case "LAPACK":
             return _LAPACK
-        case _ if kernels.fuses or plan.reproducible:
+        case "kernel" if kernels.fuses or plan.reproducible:
             return ""
-        case _:
+        case "kernel":
             return "the processor: it has no fused multiply-add"

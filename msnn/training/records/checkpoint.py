@@ -25,7 +25,7 @@ _FORMAT = 3
 _RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
     """The position inside an attempt at a stage, the engine there, and the best weights so far."""
 
@@ -47,7 +47,7 @@ class Place:
     """Since the attempt began, without the time between an end and going on."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Checkpoint:
     """Where a run stands: the stages that are over, and how far the present one is."""
 
@@ -152,11 +152,11 @@ def _below(prefix: str, arrays: Mapping[str, FloatArray]) -> dict[str, FloatArra
 def _result(record: list[Any], best: Mapping[str, FloatArray]) -> StageResult:
     value, best_epoch, epochs, reason, seconds, attempt = record
     return StageResult(
-        best,
-        float(value),
-        int(best_epoch),
-        int(epochs),
-        str(reason),
-        float(seconds),
-        int(attempt),
+        best=best,
+        best_value=float(value),
+        best_epoch=int(best_epoch),
+        epochs=int(epochs),
+        reason=str(reason),
+        seconds=float(seconds),
+        attempt=int(attempt),
     )

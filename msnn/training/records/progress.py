@@ -9,7 +9,7 @@ from typing import Protocol, TextIO
 from spec_schema.diagnostics.diagnostic import Diagnostic, describe
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StageStart:
     """A stage that begins: its name, epochs, rollouts to train on and to watch."""
 
@@ -25,7 +25,7 @@ class StageStart:
     """Epochs that a resumed run has behind it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EpochEnd:
     """An epoch that is done; losses are those of the spec, the total is weighted."""
 
@@ -48,7 +48,7 @@ class EpochEnd:
     """Since the attempt began."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StageEnd:
     """A stage that is over, and why."""
 

@@ -42,7 +42,7 @@ _SHARE = 1e-3
 """Part of a direction that changes nothing from which on a number is named as a part of it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StandardErrors:
     """Standard errors in the units of the parameters; NaN for a number that has none."""
 
@@ -97,7 +97,7 @@ def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
 
 
 def _none(reason: str) -> StandardErrors:
-    return StandardErrors({}, (), {}, 0, reason)
+    return StandardErrors(errors={}, unidentified=(), noise={}, residuals=0, reason=reason)
 
 
 def _squared(program: Program, plan: StagePlan) -> Program:
@@ -174,10 +174,13 @@ def _estimated(
     sizes = np.cumsum([weights[p.name].size for p in parameters])[:-1]
     errors = np.split(np.sqrt(variances), sizes)
     return StandardErrors(
-        {p.name: e.reshape(weights[p.name].shape) for p, e in zip(parameters, errors, strict=True)},
-        _combinations(total, nothing, [names[i] for i in free]),
-        noise,
-        sum(products[name].count for name in noise),
+        errors={
+            p.name: e.reshape(weights[p.name].shape)
+            for p, e in zip(parameters, errors, strict=True)
+        },
+        unidentified=_combinations(total, nothing, [names[i] for i in free]),
+        noise=noise,
+        residuals=sum(products[name].count for name in noise),
     )
 
 

@@ -11,7 +11,7 @@ from msnn.model.spec_hash import Part
 from msnn.training.engines.devices import CPU, Device
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingOptions:
     """How a run is kept: `runs` None writes no files; `resume` goes on with the newest one."""
 

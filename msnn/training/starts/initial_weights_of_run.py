@@ -29,7 +29,7 @@ def first_weights(program: Program, data: Dataset) -> dict[str, FloatArray]:
         found = _fitted(fit, data)
         if found is None:
             place = program.parameter(f"{fit.layer}.reflection").span
-            faults.append(errors.no_fit(fit.layer, fit.input, fit.target, place))
+            faults.append(errors.no_fit(fit.layer, fit.input, fit.target.signal, place))
             continue
         for array, values in found.items():
             name = f"{fit.layer}.{array}"
@@ -54,10 +54,10 @@ def _fitted(fit: Fit, data: Dataset) -> dict[str, FloatArray] | None:
 
 def _pieces(fit: Fit, data: Dataset) -> Iterator[Piece]:
     """Input and target of every run of rows of `train` in which both are known."""
-    signal, target = data.series[fit.input], data.series[fit.target]
+    signal, target = data.series[fit.input], data.series[fit.target.signal]
     for start, stop in data.episodes(TRAIN):
-        rows = slice(start, max(start, stop - fit.ahead))
-        piece = Piece(signal[rows], target[start + fit.ahead : stop])
+        rows = slice(start, max(start, stop - fit.target.ahead))
+        piece = Piece(signal[rows], target[start + fit.target.ahead : stop])
         known = np.isfinite(piece.input) & np.isfinite(piece.output)
         edges = np.flatnonzero(np.diff(known)) + 1
         for part in np.split(np.arange(len(known)), edges):

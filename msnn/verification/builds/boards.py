@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from msnn.verification.tools import ARM_GCC, ARM_QEMU, RISCV_GCC, RISCV_QEMU, Tool
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Board:
     """A core on a machine of QEMU, with the memory that a linker script needs."""
 
@@ -41,44 +41,44 @@ _VIRT_CODE, _VIRT_RAM = (0x80000000, 16 * _MIB), (0x81000000, 16 * _MIB)
 
 BOARDS = (
     Board(
-        "m4",
-        "Cortex-M4F",
-        "mps2-an386",
-        ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
+        target="m4",
+        core="Cortex-M4F",
+        machine="mps2-an386",
+        flags=("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
         code=_MPS2_CODE,
         ram=_MPS2_RAM,
     ),
     Board(
-        "m7",
-        "Cortex-M7",
-        "mps2-an500",
-        ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16"),
+        target="m7",
+        core="Cortex-M7",
+        machine="mps2-an500",
+        flags=("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16"),
         code=_MPS2_CODE,
         ram=_MPS2_RAM,
     ),
     Board(
-        "m0",
-        "Cortex-M0",
-        "microbit",
-        ("-mcpu=cortex-m0", "-mthumb"),
+        target="m0",
+        core="Cortex-M0",
+        machine="microbit",
+        flags=("-mcpu=cortex-m0", "-mthumb"),
         code=(0x0, 256 * _KIB),
         ram=(0x20000000, 16 * _KIB),
     ),
     # an explicit _zicsr would make gcc 12 choose the libraries of rv64
     Board(
-        "rv32",
-        "RV32IMAC",
-        "virt",
-        ("-march=rv32imac", "-mabi=ilp32", "-misa-spec=2.2", "-mcmodel=medany"),
+        target="rv32",
+        core="RV32IMAC",
+        machine="virt",
+        flags=("-march=rv32imac", "-mabi=ilp32", "-misa-spec=2.2", "-mcmodel=medany"),
         code=_VIRT_CODE,
         ram=_VIRT_RAM,
         riscv=True,
     ),
     Board(
-        "rv32",
-        "RV32IMAFC",
-        "virt",
-        ("-march=rv32imafc", "-mabi=ilp32f", "-misa-spec=2.2", "-mcmodel=medany"),
+        target="rv32",
+        core="RV32IMAFC",
+        machine="virt",
+        flags=("-march=rv32imafc", "-mabi=ilp32f", "-misa-spec=2.2", "-mcmodel=medany"),
         code=_VIRT_CODE,
         ram=_VIRT_RAM,
         riscv=True,

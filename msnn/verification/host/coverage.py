@@ -20,6 +20,7 @@ class Unreached:
     """A line of a source that is not executed, or `branches` ways out of it that are not taken."""
 
     file: str
+    function: str
     text: str
     branches: int
     """0 for the line itself."""
@@ -30,7 +31,7 @@ class Unreached:
             if self.branches
             else "line"
         )
-        return f"{self.file}: {what} not reached: {self.text}"
+        return f"{self.file}: {self.function}: {what} not reached: {self.text}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +101,9 @@ def _lines(source: Path, folder: Path) -> Iterator[_Line]:
 
 def _unreached(lines: list[_Line]) -> Iterator[Unreached]:
     for path, text, line in lines:
+        function = str(line["function_name"])
         if not line["count"]:
-            yield Unreached(path.name, text, 0)
+            yield Unreached(path.name, function, text, 0)
         missed = sum(not branch["count"] for branch in line["branches"])
         if missed:
-            yield Unreached(path.name, text, missed)
+            yield Unreached(path.name, function, text, missed)

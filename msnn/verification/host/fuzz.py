@@ -23,7 +23,7 @@ def fuzz_check(model: ExportedC, seconds: int) -> Check:
     def run(folder: Path) -> Result:
         if model.fixed_point:
             detail = "integers are proved for states within their limits, which fuzzing would break"
-            return Result(check.name, check.target, "left out", detail)
+            return Result(check=check.name, target=check.target, verdict="left out", detail=detail)
         try:
             runs = fuzz(model, folder, f"-max_total_time={seconds}", seconds + 60.0)
         except FuzzerFoundError as error:

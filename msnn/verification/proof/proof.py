@@ -46,14 +46,14 @@ def _check(function: str, model: ExportedC) -> Check:
     def run(folder: Path) -> Result:
         if model.fixed_point:
             detail = "the export proved the bounds of every integer; Eva is asked about floats only"
-            return Result(check.name, check.target, "left out", detail)
+            return Result(check=check.name, target=check.target, verdict="left out", detail=detail)
         if model.constant_time:
             detail = (
                 "not proved: constant-time code takes one of two values from an array, and "
                 "intervals do not follow which; prove the export without constant_time, which has "
                 "the same bits"
             )
-            return Result(check.name, check.target, "not done", detail)
+            return Result(check=check.name, target=check.target, verdict="not done", detail=detail)
         return _proved(check, function, model, folder)
 
     check = Check("proof", function, (FRAMA_C,), run)

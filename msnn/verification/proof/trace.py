@@ -11,7 +11,7 @@ _END = re.compile(r"^\}|^ {4}/\*", re.MULTILINE)
 """Of a function, or of what a comment of its own has headed."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
     """Lines `first` … `last` of a C file, and what of the spec they compute."""
 
@@ -67,5 +67,7 @@ def _blocks(file: str, text: str) -> list[Block]:
         closed = _END.search(text, note.end(), end)
         stop = end if closed is None else closed.start()
         first, last = text.count("\n", 0, note.start()) + 1, text[:stop].rstrip().count("\n") + 1
-        blocks.append(Block(file, first, last, name, spec, int(line)))
+        blocks.append(
+            Block(file=file, first=first, last=last, name=name, spec=spec, line=int(line))
+        )
     return blocks

@@ -55,7 +55,17 @@ def _pattern(node: Scalar, findings: Findings) -> list[Node]:
         raise RefusedError
     before, first, last, after = found.groups()
     names = [f"{before}{index}{after}" for index in range(int(first), int(last) + 1)]
-    return [Scalar(name, name, True, node.positions, node.span, node.key) for name in names]
+    return [
+        Scalar(
+            text=name,
+            value=name,
+            quoted=True,
+            positions=node.positions,
+            span=node.span,
+            key=node.key,
+        )
+        for name in names
+    ]
 
 
 _COLUMN = {"type": ["string", "integer"], "minimum": 0}

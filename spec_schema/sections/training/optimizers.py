@@ -1,6 +1,6 @@
 """The optimisers of a training stage and their options."""
 
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field
 
@@ -22,7 +22,20 @@ from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, kind
 _BelowOne = Annotated[float, number(least=0.0, most=1.0)]
 
 
-class Adam(Entry):
+class OptimizerOptions(Entry):
+    """What an optimiser is set to, and what holds of it whatever the model."""
+
+    steps_by: ClassVar[Literal["kernel", "torch", "LAPACK"]] = "kernel"
+    """Whose arithmetic makes a step of the slopes that a kernel or torch has found."""
+    takes_all_starts: ClassVar[bool] = False
+    """Whether each step takes all starts, unless a stage gives its `batch`."""
+    takes_factors: ClassVar[bool] = True
+    """Whether single parameters can have steps of another length."""
+    needs_squares: ClassVar[bool] = False
+    """Whether it takes the residuals of losses that are sums of squares, in float64."""
+
+
+class Adam(OptimizerOptions):
     """Adam (Kingma, Ba 2015); `weight_decay` of the stage is added to the gradient."""
 
     noun: ClassVar[str] = "the adam optimizer"
@@ -37,7 +50,7 @@ class Adam(Entry):
     """Least divisor."""
 
 
-class AdamW(Entry):
+class AdamW(OptimizerOptions):
     """Adam with decoupled weight decay (Loshchilov, Hutter 2019)."""
 
     noun: ClassVar[str] = "the adamw optimizer"
@@ -52,7 +65,7 @@ class AdamW(Entry):
     """Least divisor."""
 
 
-class Sgd(Entry):
+class Sgd(OptimizerOptions):
     """Stochastic gradient descent with momentum."""
 
     noun: ClassVar[str] = "the sgd optimizer"
@@ -63,10 +76,13 @@ class Sgd(Entry):
     """How much of the last step is kept."""
 
 
-class Lbfgs(Entry):
+class Lbfgs(OptimizerOptions):
     """Limited-memory BFGS with a strong-Wolfe line search."""
 
     noun: ClassVar[str] = "the lbfgs optimizer"
+    steps_by = "torch"
+    takes_all_starts = True
+    takes_factors = False
 
     lr: PositiveNumber = 1.0
     """Step length of the optimiser."""
@@ -100,11 +116,12 @@ _OPTION = {"type": [*_ALONE, "array"], "items": {"type": [*_ALONE, "null"]}}
 _Option = Annotated[Located[OptionValue], reads(_read_option, _OPTION)]
 
 
-class TorchOptimizer(Entry):
+class TorchOptimizer(OptimizerOptions):
     """An optimiser of `torch.optim` by the name of its class, with arguments of that class."""
 
     noun: ClassVar[str] = "the torch optimizer"
     shorthand: ClassVar[str | None] = "name"
+    steps_by = "torch"
 
     name: LocatedText
     """Class of torch.optim, such as `RAdam`."""
@@ -112,7 +129,7 @@ class TorchOptimizer(Entry):
     """Arguments of the class."""
 
 
-class LevenbergMarquardt(Entry):
+class LevenbergMarquardt(OptimizerOptions):
     """Levenberg-Marquardt for sums of squares (Marquardt 1963), in float64.
 
     Each epoch is one step from all starts. `damping` is that of the first step, relative to the
@@ -121,6 +138,9 @@ class LevenbergMarquardt(Entry):
     """
 
     noun: ClassVar[str] = "the levenberg_marquardt optimizer"
+    steps_by = "LAPACK"
+    takes_all_starts = True
+    needs_squares = True
 
     damping: PositiveNumber = 1e-3
     """Of the first step, relative to the curvature in each parameter."""

@@ -154,7 +154,9 @@ def hostile() -> Program:
     nodes: dict[str, NodeId] = {}
     signals: list[Signal] = []
     for number, name in enumerate(HOSTILE):
-        span = Span(f"../{name}.yaml", number + 1, 1, number + 1, 2)
+        span = Span(
+            file=f"../{name}.yaml", line=number + 1, column=1, end_line=number + 1, end_column=2
+        )
         signals.append(Signal(name, Role.INPUT, doc=name, span=span))
         with b.at(span):
             read = b.signal(name, 0, 0, Type())

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from backends.torch_module.module import Frame, TorchModel, Windows
-from compiler.ir.program import Extent, Measure, Program, extents
+from compiler.ir.liveness import Extent, extents
+from compiler.ir.program import Measure, Program
 from msnn.data.dataset import BoolArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum, longest_first

@@ -1,0 +1,270 @@
+"""Reads and writes what a program is made of by the types of its fields.
+
+A class has one key for each field. Axes, units, and what has its default value are left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field
+from enum import Enum, EnumType
+from functools import cache
+from pathlib import PurePath
+from types import NoneType
+from typing import Any, Literal, TypeVar, assert_never, cast, get_args, get_origin, get_type_hints
+
+from compiler.ir.ops import Op, ReadTraining
+from compiler.ir.program import (
+    Declared,
+    Dimension,
+    History,
+    Loss,
+    Memory,
+    Origin,
+    Parameter,
+    Statistic,
+    Tape,
+)
+from compiler.ir.types import Axis, Prediction, Type
+from compiler.program_file.plain_data import (
+    Malformed,
+    Record,
+    as_integer,
+    as_number,
+    as_pair,
+    as_text,
+)
+from compiler.program_file.unit_data import unit_from_data, unit_to_data
+from spec_schema.diagnostics.source import Span
+from spec_schema.units.unit import Unit
+
+Data = dict[str, Any]
+Made = TypeVar("Made")
+
+_ALWAYS = {(Parameter, "initial"), (Loss, "weight"), (Dimension, "labels")}
+"""Written although they have a default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What the values of one file share: the names of the specs, and units read before."""
+
+    files: tuple[str, ...]
+    units: dict[str, Unit] = field(default_factory=dict[str, Unit])
+
+
+def read(make: type[Made], data: Any, place: str, shared: Shared) -> Made:
+    """The value of this class that stands at the place. Raises Malformed."""
+    record = Record(data, place)
+    made = _read_fields(make, record, shared)
+    record.close()
+    return made
+
+
+def to_data(value: object, shared: Shared) -> Data:
+    """The keys from which `read` makes it again."""
+    data: Data = {}
+    for one in _fields(type(value)):
+        found = getattr(value, one.name)
+        if one.absent is MISSING or found != one.absent:
+            written = one.form.write(found, shared)
+            data |= written if one.form.has_own_keys else {one.key: written}
+    return data
+
+
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """How the values of one type stand in a file."""
+
+    read: Callable[[Record, str, Shared], Any]
+    """The value under a key of the record, each part of it checked."""
+    write: Callable[[Any, Shared], Any] = lambda value, shared: value
+    has_own_keys: bool = False
+    """Whether `write` gives keys of the record instead of the value of one."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    name: str
+    key: str
+    form: _Form
+    absent: Any
+    """The value that is left out; MISSING if there is none."""
+
+
+@cache
+def _fields(made: type) -> tuple[_Field, ...]:
+    """The fields in the order of the file, in which the doc and the place come last."""
+    types = get_type_hints(made)
+    fields = sorted(dataclasses.fields(made), key=lambda one: one.name in ("doc", "span"))
+    return tuple(
+        _Field(
+            one.name,
+            "at" if one.name == "span" else one.name,
+            _form(types[one.name]),
+            MISSING if (made, one.name) in _ALWAYS else _EMPTY.get(types[one.name], one.default),
+        )
+        for one in fields
+    )
+
+
+def _read_fields(make: type[Made], record: Record, shared: Shared) -> Made:
+    return make(
+        **{
+            one.name: one.form.read(record, one.key, shared)
+            if one.absent is MISSING or record.has(one.key)
+            else one.absent
+            for one in _fields(make)
+        }
+    )
+
+
+def _form(type: Any) -> _Form:
+    if type in _FORMS:
+        return _FORMS[type]
+    if get_origin(type) is Literal:
+        names = {name: name for name in get_args(type)}
+        return _Form(lambda record, key, _: _chosen(record.text(key), record.place, names))
+    if isinstance(type, EnumType):
+        members = {member.value: member for member in cast("type[Enum]", type)}
+        return _Form(
+            lambda record, key, _: _chosen(record.text(key), record.place, members),
+            lambda member, _: member.value,
+        )
+    present, nothing = get_args(type)
+    assert nothing is NoneType, f"{type} has no form in program files"
+    form = _form(present)
+    return _Form(
+        lambda record, key, shared: form.read(record, key, shared) if record.has(key) else None,
+        lambda value, shared: None if value is None else form.write(value, shared),
+    )
+
+
+def _chosen(value: str, place: str, choices: dict[str, Made]) -> Made:
+    if value not in choices:
+        raise Malformed(f"{place}: {value[:40]!r} is none of {', '.join(choices)}")
+    return choices[value]
+
+
+def _list_of(item: Callable[[Any, str], Any]) -> _Form:
+    return _Form(lambda record, key, _: record.items(key, item), lambda items, _: list(items))
+
+
+# ---- types with a form of their own
+
+
+def _read_axis(data: Any, place: str) -> Axis:
+    name, size = as_pair(data, place)
+    return Axis(as_text(name, place), as_integer(size, place))
+
+
+def _read_unit(record: Record, key: str, shared: Shared) -> Unit:
+    data, place = record.raw(key), f"{record.place}.{key}"
+    if not isinstance(data, str):
+        return unit_from_data(data, place)
+    if data not in shared.units:
+        shared.units[data] = unit_from_data(data, place)
+    return shared.units[data]
+
+
+def _read_range(record: Record, key: str, _: Shared) -> tuple[float, float]:
+    low, high = as_pair(record.raw(key), record.place)
+    return (
+        -math.inf if low is None else as_number(low, record.place),
+        math.inf if high is None else as_number(high, record.place),
+    )
+
+
+def _range_to_data(bounds: tuple[float, float], _: Shared) -> list[float | None]:
+    """An infinite bound is null."""
+    return [bound if math.isfinite(bound) else None for bound in bounds]
+
+
+def _read_span(record: Record, key: str, shared: Shared) -> Span:
+    numbers = record.items(key, as_integer)
+    if len(numbers) != 5 or not 0 <= numbers[0] < len(shared.files):
+        raise Malformed(f"{record.place}.{key} is no place in a file")
+    file, line, column, end_line, end_column = numbers
+    return Span(
+        file=shared.files[file], line=line, column=column, end_line=end_line, end_column=end_column
+    )
+
+
+def _span_to_data(span: Span, shared: Shared) -> list[int]:
+    file = shared.files.index(PurePath(span.file).name)
+    return [file, span.line, span.column, span.end_line, span.end_column]
+
+
+def _read_prediction(record: Record, key: str, _: Shared) -> Prediction:
+    signal, ahead = as_pair(record.raw(key), record.place)
+    return Prediction(as_text(signal, record.place), as_integer(ahead, record.place))
+
+
+def _read_statistic(record: Record, key: str, _: Shared) -> Statistic:
+    kind, signal = as_pair(record.raw(key), record.place)
+    kinds: dict[str, Literal["mean", "std"]] = {"mean": "mean", "std": "std"}
+    known = _chosen(as_text(kind, record.place), record.place, kinds)
+    return Statistic(known, as_text(signal, record.place))
+
+
+_MEMORIES = {"of the run": True, "of the past": False}
+
+
+def _read_origin(record: Record, key: str, shared: Shared) -> Origin:
+    if record.has("memory"):
+        return Memory(_chosen(record.text("memory"), record.place, _MEMORIES))
+    if record.has("history"):
+        return History(record.text("history"))
+    if record.has("tape"):
+        found = _read_prediction(record, "tape", shared)
+        return Tape(found.signal, found.ahead)
+    return Declared()
+
+
+def _origin_to_data(origin: Origin, _: Shared) -> Data:
+    match origin:
+        case Declared():
+            return {}
+        case Memory(of_run):
+            return {"memory": "of the run" if of_run else "of the past"}
+        case History(source):
+            return {"history": source}
+        case Tape(signal, ahead):
+            return {"tape": [signal, ahead]}
+        case _:
+            assert_never(origin)
+
+
+_OPS: dict[str, type[Op]] = {op.__name__: op for op in get_args(Op) if op is not ReadTraining}
+
+
+def _read_op(record: Record, key: str, shared: Shared) -> Op:
+    return _read_fields(_chosen(record.text(key), record.place, _OPS), record, shared)
+
+
+_EMPTY: dict[Any, Any] = {tuple[Axis, ...]: (), tuple[int, ...]: (), Unit | None: None}
+"""Left out although there is no default."""
+
+_FORMS: dict[Any, _Form] = {
+    str: _Form(lambda record, key, _: record.text(key)),
+    int: _Form(lambda record, key, _: record.integer(key)),
+    float: _Form(lambda record, key, _: record.number(key)),
+    bool: _Form(lambda record, key, _: record.truth(key)),
+    tuple[str, ...]: _list_of(as_text),
+    tuple[int, ...]: _list_of(as_integer),
+    tuple[float, ...]: _list_of(as_number),
+    tuple[float, float]: _Form(_read_range, _range_to_data),
+    tuple[Axis, ...]: _Form(
+        lambda record, key, _: record.items(key, _read_axis),
+        lambda axes, _: [[axis.name, axis.size] for axis in axes],
+    ),
+    Unit: _Form(_read_unit, lambda unit, _: unit_to_data(unit)),
+    Span: _Form(_read_span, _span_to_data),
+    Statistic: _Form(_read_statistic, lambda one, _: [one.kind, one.signal]),
+    Prediction: _Form(_read_prediction, lambda one, _: [one.signal, one.ahead]),
+    Origin: _Form(_read_origin, _origin_to_data, has_own_keys=True),
+    Op: _Form(_read_op, lambda op, shared: {"op": type(op).__name__, **to_data(op, shared)}, True),
+    Type: _Form(lambda record, _, shared: _read_fields(Type, record, shared), to_data, True),
+}

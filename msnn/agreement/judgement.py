@@ -1,0 +1,64 @@
+"""Holds what runs along a record give: where they begin, and every step of the judge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Literal, TypeAlias
+
+from numpy.typing import NDArray
+
+Arrays: TypeAlias = Mapping[str, NDArray[Any]]
+
+FloatType: TypeAlias = Literal["float32", "float64"]
+FixedPoint: TypeAlias = Literal["q15", "q31"]
+NumberType: TypeAlias = FloatType | FixedPoint
+"""What an export computes in."""
+
+
+class Promise(Enum):
+    """What an export keeps of what its judge does along a record."""
+
+    BITS = "the bits of the interpreter in the same arithmetic"
+    ROUNDING = "each step as near to the interpreter in float64 as rounding allows"
+
+
+@dataclass(frozen=True, slots=True)
+class Beginning:
+    """What is known at the first step of a run."""
+
+    windows: Arrays
+    """What the first states are made of: one window a signal, (*shape)."""
+    window_firsts: Mapping[str, int]
+    """The first sample in each of them, counted from the first step."""
+    states: Arrays
+    """The first states as the judge makes them, (*shape): some targets cannot compute all."""
+
+    def window(self, signal: str, first: int, length: int) -> NDArray[Any]:
+        """As many samples of a signal from `first` on, (…, length): some backends need fewer."""
+        begin = first - self.window_firsts[signal]
+        return self.windows[signal][..., begin : begin + length]
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """Arrays (steps, *shape) by the names of the spec; `states` are those before each step.
+
+    A judge whose states are no numbers of the model, as that of fixed point, shows none.
+    """
+
+    beginning: Beginning
+    inputs: Arrays
+    states: Arrays
+    outputs: Arrays
+    next_states: Arrays
+
+    @property
+    def steps(self) -> int:
+        """How many there are."""
+        return len(next(iter(self.outputs.values())))
+
+
+Judge: TypeAlias = Callable[[NumberType], Judgement]
+"""A free run along the record in an arithmetic."""

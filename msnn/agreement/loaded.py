@@ -1,0 +1,59 @@
+"""Says what a loaded export can do: a free run, and where it shows them, single steps and slopes.
+
+It is all that comparing, and running data through an export, ask of a target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from compiler.jacobian.matrices import Jacobian
+from msnn.agreement.judgement import Arrays, Beginning
+
+Run: TypeAlias = Callable[[Beginning, Arrays, int], Arrays]
+"""Outputs (steps, *shape) of a run from a beginning, for inputs (steps, *shape)."""
+Step: TypeAlias = Callable[[Arrays, Arrays, int], tuple[Arrays, Arrays]]
+"""Outputs and next states of steps side by side, for inputs and states; all (steps, *shape)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slopes:
+    """The Jacobian that an export computes: what its matrices are, and their values."""
+
+    jacobian: Jacobian
+    at: Callable[[Arrays, Arrays, int], Arrays]
+    """Matrices (steps, rows, columns) by name, for inputs and states (steps, *shape)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """An export that was loaded from its files, without the program that they came from."""
+
+    run: Run
+    step: Step | None = None
+    """None where states cannot be set: such a target can promise bits only."""
+    slopes: Slopes | None = None
+
+
+def run_by_steps(start: Callable[[Arrays], Arrays], step: Step) -> Run:
+    """The run of an export with explicit states; `start` makes the first out of windows."""
+
+    def run(beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
+        states = start(beginning.windows)
+        found: list[Arrays] = []
+        for k in range(steps):
+            given = {name: values[k : k + 1] for name, values in inputs.items()}
+            outputs, states = step(given, states, 1)
+            found.append(outputs)
+        return {name: np.concatenate([one[name] for one in found]) for name in found[0]}
+
+    return run
+
+
+def stacked(steps: list[Arrays]) -> Arrays:
+    """Arrays of single steps as arrays (steps, *shape)."""
+    return {name: np.stack([step[name] for step in steps]) for name in steps[0]}

@@ -1,0 +1,36 @@
+"""Builds the C that an export wrote with a compiler of this machine, to run it."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from backends.c.host.build import CompilerFailedError, build_library
+from backends.c.host.library import CStep
+from backends.files.c_compiler import CompilerMissingError
+from msnn.errors.failures import MissingExtraError
+from msnn.exports.target import Written
+
+
+@contextmanager
+def built_c(written: Written) -> Generator[CStep]:
+    """One instance of the model in the files that were written, ready to run.
+
+    What else lies in the folder is not looked at. Raises MissingExtraError without a C compiler.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        alone = Path(place) / "model"
+        for file in written.files:
+            copy = alone / file.relative_to(written.folder)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, copy)
+        try:
+            library = build_library(alone, Path(place) / "model.so")
+        except CompilerMissingError:
+            raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
+        except CompilerFailedError as error:
+            raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
+        yield CStep(alone, library)

@@ -1,0 +1,53 @@
+"""Runs what was written for every target along a record of the model, beside its judge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from msnn.agreement.compare import Agreement, Subject, compare
+from msnn.agreement.record import Record, agreement_record
+from msnn.agreement.report import AgreementReport, Failure
+from msnn.exports.export import load_export
+from msnn.exports.target import AnyPlan, Weights, Written
+from msnn.model.model import Model
+
+
+def check_exports(
+    model: Model,
+    exports: Sequence[tuple[AnyPlan, Written]],
+    weights: Weights,
+    data_folder: Path,
+) -> AgreementReport:
+    """How far what was written for every plan is from its judge along a record of the model.
+
+    Relative data paths start in `data_folder`. A target that needs something which is not
+    installed, or that fails, does not keep the others from being compared: the report has the
+    error, and it is for the caller to raise it when the report is printed.
+    """
+    rows: list[Agreement] = []
+    failures: list[Failure] = []
+    origins: dict[str, None] = {}
+    for plan, written in exports:
+        record = agreement_record(model, plan.program, data_folder)
+        origins[record.origin] = None
+        try:
+            rows.append(check_export(plan, weights, written, record))
+        except Exception as error:  # noqa: BLE001  (raised again once the table is printed)
+            failures.append(Failure(plan.target.name, plan.dtype, error))
+    return AgreementReport(", ".join(origins), tuple(rows), tuple(failures))
+
+
+def check_export(plan: AnyPlan, weights: Weights, written: Written, record: Record) -> Agreement:
+    """The same of one target. MissingExtraError where it needs what is not installed."""
+    target = plan.target
+    subject = Subject(
+        target=target.name,
+        dtype=plan.dtype,
+        program=plan.program,
+        weights=weights,
+        promise=target.promise(plan.dtype),
+        judge=lambda dtype: target.judge(plan, weights, record, dtype),
+    )
+    with load_export(plan, written) as loaded:
+        return compare(subject, loaded, record)

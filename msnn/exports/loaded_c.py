@@ -1,0 +1,56 @@
+"""Runs built C in floating point: freely, in single steps, and its slopes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from backends.c.host.library import CStep
+from backends.c.interface.interface import Interface
+from msnn.agreement.judgement import Arrays, Beginning
+from msnn.agreement.loaded import Loaded, Slopes, stacked
+
+
+def loaded_c(step: CStep, interface: Interface) -> Loaded:
+    """What one instance can do; slopes where the export has a Jacobian."""
+    model = _CModel(step, interface)
+    matrices = interface.jacobian
+    slopes = None if matrices is None else Slopes(matrices.jacobian, model.slopes)
+    return Loaded(model.run, model.step_each, slopes)
+
+
+@dataclass(frozen=True, slots=True)
+class _CModel:
+    step: CStep
+    interface: Interface
+
+    def run(self, beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
+        """A run of the loop in C, its states set from the samples around the first step."""
+        windows = {
+            field.name: beginning.window(
+                field.name, port.first, port.last - port.first + 1
+            ).reshape(field.shape)
+            for field, port in self.interface.windows
+        }
+        supplied = {
+            field.name: beginning.states[state.name] for field, state in self.interface.supplied
+        }
+        self.step.reset(windows | supplied)
+        return self.step.run(inputs, steps)[0]
+
+    def step_each(self, inputs: Arrays, states: Arrays, steps: int) -> tuple[Arrays, Arrays]:
+        outputs: list[Arrays] = []
+        following: list[Arrays] = []
+        for k in range(steps):
+            self.step.set_states({name: values[k] for name, values in states.items()})
+            found, _ = self.step.step({name: values[k] for name, values in inputs.items()})
+            outputs.append(found)
+            following.append(self.step.states())
+        return stacked(outputs), stacked(following)
+
+    def slopes(self, inputs: Arrays, states: Arrays, steps: int) -> Arrays:
+        found: list[Arrays] = []
+        for k in range(steps):
+            self.step.set_states({name: values[k] for name, values in states.items()})
+            slopes, _ = self.step.linearize({name: values[k] for name, values in inputs.items()})
+            found.append(slopes)
+        return stacked(found)

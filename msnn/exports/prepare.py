@@ -1,0 +1,79 @@
+"""Prepares a model for a target as most of them want it: loops closed, pruned, in step form."""
+
+from __future__ import annotations
+
+from backends.ports.identifiers import c_identifier
+from compiler.ir.program import Program
+from compiler.passes.close_loop import LoopError, close_loop
+from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.to_step_form import to_step_form
+from msnn.errors import workflow
+from msnn.exports.target import ExportPlan, Options, OwnEntry, Request, Target
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors.states import not_closable
+from spec_schema.fields.located import Located
+from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
+
+
+def float_plan(
+    target: Target[OwnEntry, Options],
+    request: Request,
+    entry: FloatTargetEntry | None,
+    prefix: Located[str] | None = None,
+) -> ExportPlan[Options] | None:
+    """The plan of a target in floating point that needs nothing else of its entry."""
+    step = step_program(request, entry)
+    if step is None:
+        return None
+    return ExportPlan(
+        target=target,
+        program=step,
+        prefix=name_prefix(request, prefix),
+        dtype=target.dtype if entry is None or entry.dtype is None else entry.dtype,
+        options=target.options,
+    )
+
+
+def name_prefix(request: Request, given: Located[str] | None) -> str:
+    """What public names of an export begin with: what is given, or the name of the model."""
+    return c_identifier(request.model.name if given is None else given.value, set())
+
+
+def step_program(request: Request, entry: TargetEntry | None) -> Program | None:
+    """The model's program with its loops closed and pruned to the outputs of the entry.
+
+    None where a loop cannot be closed; what is wrong with the entry is reported.
+    """
+    program = _closed(request, entry)
+    return (
+        None if program is None else to_step_form(prune_outputs(program, _outputs(request, entry)))
+    )
+
+
+def loop_fault(error: LoopError, place: Span | None) -> Diagnostic:
+    """Why a signal cannot be fed back, at the place that asks for it or else where it fails."""
+    through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
+    return not_closable(error.signal, place or error.span, f"{error.kind.value}{through}")
+
+
+def _closed(request: Request, entry: TargetEntry | None) -> Program | None:
+    if entry is None:
+        return request.model.program
+    try:
+        return close_loop(request.model.program, [name.value for name in entry.close])
+    except LoopError as error:
+        place = next((name.span for name in entry.close if name.value == error.signal), None)
+        request.findings.report(loop_fault(error, place))
+        return None
+
+
+def _outputs(request: Request, entry: TargetEntry | None) -> list[str]:
+    """The names of what a target computes; equations only where its entry names them."""
+    model = request.model
+    known = [output.name for output in model.program.outputs]
+    if entry is None or entry.outputs is None:
+        return [name for name in known if name in model.spec.outputs]
+    unknown = [name for name in entry.outputs if name.value not in known]
+    request.findings.report(*(workflow.unknown_output(n.value, n.span, known) for n in unknown))
+    return [name.value for name in entry.outputs if name.value in known]

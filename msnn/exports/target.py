@@ -1,0 +1,111 @@
+"""Defines what an export target is to the product: a record, made in a file of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeAlias, TypeVar
+
+from compiler.ir.program import Program
+from msnn.agreement.judgement import FloatType, Judgement, NumberType, Promise
+from msnn.agreement.loaded import Loaded
+from msnn.agreement.record import Record
+from msnn.data.dataset import FloatArray
+from msnn.model.model import Model
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+from spec_schema.sections.exports import TargetEntry
+
+OwnEntry = TypeVar("OwnEntry", bound=TargetEntry)
+Options = TypeVar("Options")
+Weights: TypeAlias = Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What is to be exported."""
+
+    model: Model
+    findings: Findings
+    """Takes what is wrong with the target's entry."""
+    extras: Collection[str] = ()
+    """What the command line asks for, of any target, beside the step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """The files that an export wrote into a folder, which may hold others."""
+
+    folder: Path
+    files: Sequence[Path]
+
+
+def interpreted(plan: AnyPlan, weights: Weights, record: Record, dtype: NumberType) -> Judgement:
+    """What the interpreter does, the judge of targets that compute in floating point."""
+    from msnn.agreement.judge import judge
+
+    return judge(plan.program, weights, record, dtype)
+
+
+def no_faults(plan: AnyPlan) -> tuple[Diagnostic, ...]:
+    """Of targets whose plan says all."""
+    del plan
+    return ()
+
+
+def nothing_to_tell(plan: AnyPlan, folder: Path) -> str:
+    """Of targets whose files speak for themselves."""
+    del plan, folder
+    return ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target(Generic[OwnEntry, Options]):
+    """One target. Libraries that take long to load are imported inside its functions."""
+
+    name: str
+    entry: type[OwnEntry]
+    """What the spec's `export:` says of it."""
+    dtype: NumberType
+    """What it computes in unless the spec says otherwise."""
+    options: Options
+    """Its choices where the spec makes none."""
+    promise: Callable[[NumberType], Promise]
+    """What an export that computes in this keeps of what the judge does."""
+    is_verified: bool = False
+    """Whether `msnn verify` checks what it writes."""
+    prepare: Callable[[Request, OwnEntry | None], ExportPlan[Options] | None]
+    """Closes loops, prunes, and takes the options; None where what is wrong is reported."""
+    write: Callable[[ExportPlan[Options], Weights, Path], tuple[Path, ...]]
+    """Writes its files into an empty folder. SpecError for what the target cannot hold."""
+    load: Callable[[ExportPlan[Options], Written], AbstractContextManager[Loaded]]
+    """Loads them. MissingExtraError where they need a tool that is not installed."""
+    judge: Callable[[ExportPlan[Options], Weights, Record, NumberType], Judgement] = interpreted
+    """What it ought to do along a record: in float64, and in what it computes in."""
+    faults: Callable[[ExportPlan[Options]], tuple[Diagnostic, ...]] = no_faults
+    """What `msnn check` finds by trying."""
+    tell: Callable[[ExportPlan[Options], Path], str] = nothing_to_tell
+    """What the writer wants to be said of the files in a folder."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportPlan(Generic[Options]):
+    """How a target will be written: the program in step form, the beginning of its names."""
+
+    target: Target[Any, Options]
+    program: Program
+    prefix: str
+    dtype: NumberType
+    options: Options
+
+    @property
+    def float_type(self) -> FloatType:
+        """What a target without fixed point computes in."""
+        assert self.dtype == "float32" or self.dtype == "float64"
+        return self.dtype
+
+
+AnyTarget: TypeAlias = Target[Any, Any]
+"""A target of the table: its functions take its own entry and options only."""
+AnyPlan: TypeAlias = ExportPlan[Any]

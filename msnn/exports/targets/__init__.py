@@ -1,0 +1,1 @@
+"""The targets of exports, one a file; `exports/table` lists them."""

@@ -1,0 +1,110 @@
+"""The target `c`: C99 in floating point; an entry that asks for fixed point goes to that target."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+from backends.c_lowering.options import COptions
+from compiler.ir.program import Program
+from compiler.ir.types import Type
+from compiler.passes.retime import retime
+from compiler.passes.settle_zeros import settle_zeros
+from msnn.agreement.judgement import NumberType, Promise
+from msnn.agreement.loaded import Loaded
+from msnn.errors import workflow
+from msnn.exports.prepare import name_prefix, step_program
+from msnn.exports.target import AnyPlan, ExportPlan, Request, Target, Weights, Written
+from msnn.exports.targets.fixed_point import TARGET as FIXED_POINT
+from spec_schema.sections.exports import CExport, Extra
+
+MOST_ENTRIES = 250_000
+"""Of a matrix of a Jacobian: a megabyte in single precision."""
+
+
+def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
+    if entry is not None and entry.constant_time and entry.math == "libm":
+        request.findings.report(workflow.untimed_library(entry.place.key))
+    if entry is not None and entry.is_fixed_point:
+        return FIXED_POINT.prepare(request, entry)
+    step = step_program(request, entry)
+    if step is None:
+        return None
+    options = _options(request, entry)
+    if options.extras:
+        # its vector x holds samples of signals, not what retiming makes of them
+        step = settle_zeros(step)
+        _refuse_vast(step, request, entry)
+    else:
+        step = settle_zeros(retime(step, fixed_parameters=options.params != "tunable"))
+    return ExportPlan(
+        target=TARGET,
+        program=step,
+        prefix=name_prefix(request, None if entry is None else entry.prefix),
+        dtype=options.dtype,
+        options=options,
+    )
+
+
+def _options(request: Request, entry: CExport | None) -> COptions:
+    named = {*request.extras, *(() if entry is None else entry.extras)}
+    extras = tuple(extra for extra in get_args(Extra) if extra in named)
+    if entry is None:
+        return COptions(extras=extras)
+    return COptions(
+        dtype="float64" if entry.dtype == "float64" else "float32",
+        params=entry.params,
+        math=entry.math,
+        ring=entry.ring,
+        unroll=entry.unroll,
+        constant_time=entry.constant_time,
+        extras=extras,
+    )
+
+
+def _refuse_vast(step: Program, request: Request, entry: CExport | None) -> None:
+    remembered = sum(Type(state.axes).size for state in step.states)
+    numbers = remembered * max(remembered, 1)
+    if numbers > MOST_ENTRIES:
+        place = None if entry is None else entry.place.key
+        request.findings.report(workflow.vast_jacobian(numbers, MOST_ENTRIES, place))
+
+
+def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[Path, ...]:
+    from backends.c import write_c
+
+    return write_c(plan.program, weights, folder, _named(plan))
+
+
+@contextmanager
+def _load(plan: ExportPlan[COptions], written: Written) -> Generator[Loaded]:
+    from backends.c.interface.interface import c_interface
+    from msnn.exports.built_c import built_c
+    from msnn.exports.loaded_c import loaded_c
+
+    with built_c(written) as step:
+        yield loaded_c(step, c_interface(plan.program, _named(plan)))
+
+
+def _named(plan: ExportPlan[COptions]) -> COptions:
+    return replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
+
+
+def _promise(dtype: NumberType) -> Promise:
+    return Promise.BITS if dtype == "float32" else Promise.ROUNDING
+
+
+TARGET: Target[CExport, COptions] = Target(
+    name="c",
+    entry=CExport,
+    dtype="float32",
+    options=COptions(),
+    promise=_promise,
+    is_verified=True,
+    prepare=_prepare,
+    write=_write,
+    load=_load,
+)

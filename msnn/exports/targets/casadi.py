@@ -1,0 +1,96 @@
+"""The target `casadi`: a step and an initial-state function with named ports."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msnn.agreement.judgement import Arrays, Promise
+from msnn.agreement.loaded import Loaded, run_by_steps, stacked
+from msnn.errors import workflow
+from msnn.exports.prepare import float_plan
+from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
+from spec_schema.sections.exports import CasadiExport
+
+
+def _prepare(request: Request, entry: CasadiExport | None) -> ExportPlan[None] | None:
+    if entry is None:
+        return float_plan(TARGET, request, None)
+    if entry.dtype not in (None, TARGET.dtype):
+        request.findings.report(workflow.casadi_is_double(entry.place.key))
+    return float_plan(TARGET, request, entry, entry.prefix)
+
+
+def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path, ...]:
+    from backends.casadi_function.files import write_casadi
+
+    return write_casadi(plan.program, weights, folder, plan.prefix)
+
+
+@contextmanager
+def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
+    exported = _CasadiExport(written.folder, plan.prefix)
+    yield Loaded(run_by_steps(exported.start, exported.step), exported.step)
+
+
+TARGET: Target[CasadiExport, None] = Target(
+    name="casadi",
+    entry=CasadiExport,
+    dtype="float64",
+    options=None,
+    promise=lambda dtype: Promise.ROUNDING,
+    prepare=_prepare,
+    write=_write,
+    load=_load,
+)
+
+
+class _CasadiExport:
+    """The functions in `<prefix>.casadi` and `<prefix>_initial_state.casadi`, as `<prefix>.json`
+    describes them."""
+
+    def __init__(self, folder: Path, prefix: str) -> None:
+        import casadi
+
+        self._about = json.loads((folder / f"{prefix}.json").read_text(encoding="utf-8"))
+        self._step: Any = casadi.Function.load(str(folder / f"{prefix}.casadi"))
+        self._start: Any = casadi.Function.load(str(folder / f"{prefix}_initial_state.casadi"))
+        self._parameters = {
+            entry["port"]: np.array(entry["values"]) for entry in self._about["parameters"]
+        }
+
+    def start(self, windows: Arrays) -> Arrays:
+        """The states before the first step, (1, *shape) each, from windows (*shape)."""
+        given = {e["port"]: windows[e["name"]].ravel() for e in self._about["start_windows"]}
+        values = self._call(self._start, given)
+        return {e["name"]: _shaped(values[e["port"]], e)[None] for e in self._about["states"]}
+
+    def step(self, inputs: Arrays, states: Arrays, steps: int) -> tuple[Arrays, Arrays]:
+        outputs: list[Arrays] = []
+        following: list[Arrays] = []
+        for k in range(steps):
+            given = {e["port"]: inputs[e["name"]][k].ravel() for e in self._about["inputs"]}
+            given |= {e["port"]: states[e["name"]][k].ravel() for e in self._about["states"]}
+            values = self._call(self._step, given)
+            outputs.append(
+                {e["name"]: _shaped(values[e["port"]], e) for e in self._about["outputs"]}
+            )
+            following.append(
+                {e["name"]: _shaped(values[e["next_port"]], e) for e in self._about["states"]}
+            )
+        return stacked(outputs), stacked(following)
+
+    def _call(self, function: Any, given: Arrays) -> Arrays:
+        known = set(function.name_in())
+        arguments = {n: v for n, v in {**given, **self._parameters}.items() if n in known}
+        return {name: np.array(value) for name, value in function.call(arguments).items()}
+
+
+def _shaped(column: NDArray[Any], entry: Mapping[str, Any]) -> NDArray[Any]:
+    return column.ravel().reshape([axis["size"] for axis in entry["axes"]])

@@ -1,0 +1,28 @@
+"""Says whether the losses of a stage depend on what it trains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from compiler.ir.liveness import needed, needed_over_time
+from compiler.ir.ops import ReadParameter
+from compiler.ir.program import Graph, Program
+
+
+def concerns(program: Program, weights: Mapping[str, float], trained: Sequence[str]) -> bool:
+    """Whether a loss that counts, at any step of a rollout, depends on something that moves."""
+    counted = [loss for loss in program.losses if weights[loss.name]]
+    wanted = [n for loss in counted for n in (loss.prediction, loss.target) if n is not None]
+    following = {state.name: state.next for state in program.states}
+    live, states = needed_over_time(program.step, following, wanted)
+    first = needed(program.start, [s.start for s in program.states if s.name in states])
+    read = _read(program.step, live) | _read(program.start, first)
+    return not read.isdisjoint(trained)
+
+
+def _read(graph: Graph, live: Sequence[bool]) -> set[str]:
+    return {
+        node.op.name
+        for kept, (_, node) in zip(live, graph, strict=True)
+        if kept and isinstance(node.op, ReadParameter)
+    }
