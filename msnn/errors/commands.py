@@ -13,13 +13,8 @@ def refused_by_system(path: str, reason: str) -> Diagnostic:
 
 def no_program_name(path: str, meant: str) -> Diagnostic:
     """E1045: a program file under a name that tells no verb what it is."""
-    return Diagnostic(
-        "E1045",
-        "error",
-        f"a program file ends in `.program.json`, and {path} does not",
-        None,
-        help=f"write `--out {meant}`, or name the folder alone",
-    )
+    message = f"a program file ends in `.program.json`, and {path} does not"
+    return error("E1045", None, message, help=f"write `--out {meant}`, or name the folder alone")
 
 
 def folder_exists(path: str) -> Diagnostic:

@@ -33,15 +33,10 @@ def nothing_to_train(stage: str, span: Span) -> Diagnostic:
 def losses_of_others(stage: str, trained: Sequence[str], span: Span) -> Diagnostic:
     """E0934: a stage whose losses say nothing of what it trains."""
     named = ", ".join(f"`{name}`" for name in trained)
-    return Diagnostic(
-        "E0934",
-        "error",
-        f"stage `{stage}` trains {named}, but no loss with a weight depends on "
-        f"{'it' if len(trained) == 1 else 'one of them'}",
-        span,
-        "nothing to learn here",
-        help="give a loss of what depends on them a weight, or train other parameters",
-    )
+    trained_ones = "it" if len(trained) == 1 else "one of them"
+    message = f"stage `{stage}` trains {named}, but no loss with a weight depends on {trained_ones}"
+    repair = "give a loss of what depends on them a weight, or train other parameters"
+    return error("E0934", span, message, "nothing to learn here", help=repair)
 
 
 def no_factors_with_lbfgs(span: Span) -> Diagnostic:

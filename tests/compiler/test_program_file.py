@@ -81,7 +81,11 @@ def test_every_operation_comes_back_from_its_file(record: Record) -> None:
 
 def test_every_declaration_comes_back_with_all_it_can_say() -> None:
     """No value is its default, so that a field which is forgotten shows."""
-    span, axes, unit = Span("a.msnn.yaml", 3, 1, 3, 9), (Axis("k", 2),), parse_unit("N*m")
+    span, axes, unit = (
+        Span(file="a.msnn.yaml", line=3, column=1, end_line=3, end_column=9),
+        (Axis("k", 2),),
+        parse_unit("N*m"),
+    )
     b, starts = GraphBuilder(), GraphBuilder()
     x = b.signal("x", 0, 0, Type(axes, unit))
     total = b.sum(x, "k")

@@ -18,7 +18,7 @@ from spec_schema.editors.json_schema import json_schema, json_schema_text
 from spec_schema.editors.key_docs import key_doc
 from spec_schema.fields.entry_kinds import kinds_within
 from spec_schema.sections.data.data import Layout
-from spec_schema.sections.exports import CExport, OnnxExport, Target, TorchExport
+from spec_schema.sections.exports import CExport, OnnxExport, TargetEntry, TorchExport
 from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar
 from spec_schema.yaml_tree.reader import read_tree
@@ -85,7 +85,7 @@ def test_every_key_says_what_it_is_for() -> None:
 def test_a_key_is_explained_by_the_text_below_its_field() -> None:
     """Also where the key is no name of Python, or a base has the field."""
     assert key_doc(Layout, "from") == "First row (from 0) or time that is used."
-    assert key_doc(TorchExport, "outputs") == key_doc(Target, "outputs") != ""
+    assert key_doc(TorchExport, "outputs") == key_doc(TargetEntry, "outputs") != ""
     assert key_doc(CExport, "dtype") != key_doc(OnnxExport, "dtype")
 
 

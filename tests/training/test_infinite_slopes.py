@@ -186,7 +186,9 @@ def opened(engine: str, dtype: str, optimizer: str, series: dict[str, FloatArray
     plan = planned(stage_of(engine, dtype, optimizer))
     first = {"k": np.array(FIRST), "m": np.array(1.0)}
     every = runs_of([*range(len(series["u"]))], 1)
-    data = StageData(every, None, every, None, "train")
+    data = StageData(
+        train=every, train_rows=None, watched=every, watched_rows=None, watched_set="train"
+    )
     return open_engine(plan, series, first, data).engine
 
 
@@ -249,7 +251,7 @@ def test_batches_without_a_step_are_counted_over_an_interruption(tmp_path: Path)
         reductions=NO_REDUCTIONS,
         seconds=0.0,
     )
-    write_checkpoint(tmp_path / "checkpoint", Checkpoint((), {}, place=place))
+    write_checkpoint(tmp_path / "checkpoint", Checkpoint(ended=(), begin={}, place=place))
     assert read_checkpoint(tmp_path / "checkpoint").place == place
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from backends.c.selftest.drawn_inputs import Place, Record, beside, drawable, drawn_record
 from backends.c_language.literals import Dtype
-from compiler.ir.program import Program, extents
+from compiler.ir.liveness import extents
+from compiler.ir.program import Program
 
 Limits = tuple[float, float]
 
