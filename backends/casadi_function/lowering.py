@@ -68,6 +68,8 @@ def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Sym
             return _read(*symbols.ports[name], first, last)
         case ops.ReadState(name):
             return symbols.states[name]
+        case ops.ReadTraining():
+            raise AssertionError("no program reads values of training")
         case ops.Add():
             return values[0] + values[1]
         case ops.Subtract():

@@ -9,14 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import assert_never
 
 from backends.c_lowering.use_counts import demands, only_units_moved
-from compiler.differentiation.training_step import ADJOINT, SCALE, TrainingStep
+from compiler.differentiation.training_step import TrainingStep
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
-
-ROW = "row "
-"""Before the id of a node whose values over time stand in rows."""
+from compiler.ir.training_values import (
+    KeptRow,
+    LossScale,
+    NewestSample,
+    StateAdjoint,
+    TrainingValue,
+)
 
 _MOST_ELEMENTS = 96
 """Numbers a step kept in rows, all together: 25,000 steps of 16 samples take 154 MB."""
@@ -64,7 +69,7 @@ def phases(step: TrainingStep) -> Phases:
     graph = read_from_rows(step.reverse_step.graph, ahead)
     forward = len(step.program.step)
     found = step.reverse_step.gradients
-    gradients = [(n, g) for n, g in found.parameters.items() if not n.startswith(SCALE)]
+    gradients = list(found.parameters.items())
     sums = Addends(graph, [*found.states.values(), *(node for _, node in gradients)])
     late: list[LateGradient] = []
     direct: list[tuple[str, NodeId]] = []
@@ -88,7 +93,7 @@ def read_from_rows(graph: Graph, nodes: Iterable[NodeId]) -> Graph:
     found = list(graph.nodes)
     for index in nodes:
         node = found[index]
-        found[index] = Node(ops.ReadState(f"{ROW}{index}"), (), node.type, node.span)
+        found[index] = Node(ops.ReadTraining(KeptRow(index)), (), node.type, node.span)
     return Graph(tuple(found))
 
 
@@ -167,10 +172,9 @@ def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
     """What a node shows under other indices, if that is a parameter, samples or a state."""
     op = graph[node].op
     match op:
-        case ops.ReadParameter(name) | ops.ReadState(name):
-            # what the reverse step alone is given is no view of rows
-            return None if name.startswith((SCALE, ADJOINT)) else node
-        case ops.ReadSamples() | ops.Window() | ops.Constant():
+        case ops.ReadTraining(value):
+            return node if _stands_in_a_row(value) else None
+        case ops.Leaf() | ops.Window():
             return node
         case ops.Broadcast() | ops.Slice():
             return view_leaf(graph, graph[node].args[0])
@@ -180,6 +184,17 @@ def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
             return view_leaf(graph, source) if moved else None
         case _:
             return None
+
+
+def _stands_in_a_row(value: TrainingValue) -> bool:
+    """Whether it is there at all times, not given to the reverse step alone."""
+    match value:
+        case KeptRow() | NewestSample():
+            return True
+        case StateAdjoint() | LossScale():
+            return False
+        case _:
+            assert_never(value)
 
 
 def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:

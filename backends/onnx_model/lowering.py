@@ -62,6 +62,8 @@ def _lower(
             return _read(port, value, (first, last), node.type, onnx)
         case ops.ReadState(name):
             return sources.states[name]
+        case ops.ReadTraining():
+            raise AssertionError("no program reads values of training")
         case ops.Add():
             return onnx.add("Add", values)
         case ops.Subtract():

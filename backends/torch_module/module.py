@@ -14,7 +14,7 @@ from backends.ports.identifiers import c_identifier
 from backends.raw_parameters import raw_value
 from backends.torch_module.lowering import Given, Leaf, LoweredGraph, lower_graph, static_nodes
 from backends.torch_module.parameters import physical_value
-from compiler.ir.ops import Constant, ReadLog, ReadParameter, ReadSignal, ReadState
+from compiler.ir.ops import Constant, ReadLog, ReadParameter, ReadSignal, ReadState, ReadTraining
 from compiler.ir.program import Graph, NodeId, Program
 from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
 from compiler.passes.guard_untaken import guard_untaken
@@ -234,6 +234,8 @@ def _argument(
             return physical[name]
         case ReadState(name):
             return states[name]
+        case ReadTraining():
+            raise AssertionError("no program reads values of training")
         case Given(node):
             return shared[node]
         case ReadSignal(signal, first, last) | ReadLog(signal, first, last):

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from compiler.differentiation.training_step import ADJOINT, SCALE, STORED, LossTerm, TrainingStep
+from compiler.differentiation.training_step import LossTerm, TrainingStep
 from compiler.interpreter.bounded import Bounded, exact
 from compiler.interpreter.bounded_rollouts import Forward, Moment, Rollouts
 from compiler.interpreter.bounded_sums import Tape, Total
 from compiler.interpreter.operations import Array
 from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import NodeId
+from compiler.ir.training_values import LossScale, NewestSample, StateAdjoint, TrainingValue
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +44,8 @@ class InterpretedTraining:
         totals = [node for term in step.losses for node in _results(term)]
         self._forward = Forward(program, [*step.newest.values(), *totals], weights, dtype)
         found = reverse.gradients
-        self._parameters = {
-            name: node for name, node in found.parameters.items() if not name.startswith(SCALE)
-        }
         self._reverse = BoundedGraph(
-            reverse.graph, [*found.states.values(), *self._parameters.values()], weights, dtype
+            reverse.graph, [*found.states.values(), *found.parameters.values()], weights, dtype
         )
         self._reverse_start = BoundedGraph(
             start.graph, list(start.gradients.parameters.values()), weights, dtype
@@ -91,24 +89,24 @@ class InterpretedTraining:
         found = self._step.reverse_step.gradients
         for number in range(runs.steps - 1, -1, -1):
             moment = moments[number]
-            leaves = dict(moment.states)
+            given: dict[TrainingValue, Bounded] = {}
             for name, node in self._step.newest.items():
-                leaves[f"{STORED}{name}"] = moment.values[node].repeated(members)
+                given[NewestSample(name)] = moment.values[node].repeated(members)
             for name, tape in adjoints.items():
-                leaves[f"{ADJOINT}{name}"] = tape.after(number)
+                given[StateAdjoint(name)] = tape.after(number)
             for name, (value, error) in scales.items():
                 scored = number >= runs.skip
-                leaves[f"{SCALE}{name}"] = _number(
+                given[LossScale(name)] = _number(
                     value if scored else 0.0, error if scored else 0.0, members, self._dtype
                 )
-            values = self._reverse.run(runs.log, runs.t0 + number, leaves)
+            values = self._reverse.run(runs.log, runs.t0 + number, moment.states, given)
             for name, tape in adjoints.items():
                 node = found.states.get(name)
                 tape.go_back(number, None if node is None else values[node].repeated(members))
-            for name, node in self._parameters.items():
+            for name, node in found.parameters.items():
                 gradient[name].add(values[node].repeated(members))
-        leaves = {f"{ADJOINT}{name}": tape.at_start() for name, tape in adjoints.items()}
-        values = self._reverse_start.run(runs.log, runs.t0, leaves)
+        at_start = {StateAdjoint(name): tape.at_start() for name, tape in adjoints.items()}
+        values = self._reverse_start.run(runs.log, runs.t0, {}, {**at_start})
         for name, node in self._step.reverse_start.gradients.parameters.items():
             gradient[name].add(values[node].repeated(members))
         return gradient

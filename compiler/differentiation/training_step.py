@@ -12,19 +12,11 @@ from dataclasses import dataclass, replace
 
 from compiler.differentiation.reverse_mode import StepGradients, step_gradients
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import ReadState, Relation, Slice, Window
+from compiler.ir.ops import ReadTraining, Relation, Slice, Window
 from compiler.ir.program import Graph, Loss, Measure, Node, NodeId, Program, State
+from compiler.ir.training_values import LossScale, NewestSample, StateAdjoint
 from compiler.ir.types import WINDOW, Type
 from compiler.passes.guard_untaken import guard_untaken
-
-ADJOINT = "adjoint of "
-"""Before the name of a state: ∂S/∂(its next value), of a buffer ∂S/∂(its newest sample)."""
-
-STORED = "stored "
-"""Before the name of a buffer: the newest sample that the forward step gave it."""
-
-SCALE = "scale of "
-"""Before the name of a loss: ∂S/∂(its sum over the elements of this step)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +150,7 @@ def _reverse_step(
         builder = GraphBuilder(program.step)
         adjoints: dict[NodeId, NodeId] = {}
         for term in losses:
-            scale = builder.parameter(f"{SCALE}{term.loss.name}", Type(unit=None))
+            scale = builder.emit(ReadTraining(LossScale(term.loss.name)), (), Type(unit=None))
             _add(builder, adjoints, term.total, scale)
         for state in program.states:
             result = newest.get(state.name, state.next)
@@ -179,7 +171,7 @@ def _reverse_step(
 def _seed(builder: GraphBuilder, state: State, result: NodeId, infinite: Collection[str]) -> NodeId:
     """The adjoint of what a step or the start gives a state."""
     type = builder.type(result).with_unit(None)
-    seed = builder.state(f"{ADJOINT}{state.name}", type)
+    seed = builder.emit(ReadTraining(StateAdjoint(state.name)), (), type)
     if state.name in infinite:
         builder.infinite_values.expect(seed)
     return seed
@@ -190,7 +182,7 @@ def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]
     nodes: list[Node] = []
     for index, node in graph:
         if index in newest:
-            node = Node(ReadState(f"{STORED}{newest[index]}"), (), node.type, node.span)
+            node = Node(ReadTraining(NewestSample(newest[index])), (), node.type, node.span)
         nodes.append(node)
     return Reverse(Graph(tuple(nodes)), gradients)
 

@@ -110,6 +110,8 @@ class Lowering(Elementwise):
                 return self._reads(self, node)
             case ops.ReadState(name):
                 return self._states(self, name)
+            case ops.ReadTraining():
+                raise AssertionError("no program reads values of training")
             case ops.Window(name):
                 before, newest = self._states(self, name), values[0]
                 return np.concatenate([before, newest[..., np.newaxis]], -1)

@@ -73,6 +73,8 @@ def evaluator(
             return _read(name, first, last, node.type, dtype)
         case ops.ReadState(name):
             return lambda values, around: around.states[name]
+        case ops.ReadTraining():
+            raise AssertionError("no program reads values of training")
         case ops.Add():
             return _binary(np.add, args)
         case ops.Subtract():

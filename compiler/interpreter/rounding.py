@@ -30,6 +30,7 @@ from compiler.ir import ops
 from compiler.ir.liveness import needed
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.training_values import TrainingValue
 
 FUNCTION_ERROR = {"float32": 4e-6, "float64": 1e-14}
 """Relative error of a scalar function in any backend: what tests/native/test_lane_kernels holds the
@@ -44,7 +45,8 @@ class _Given:
     """What one evaluation reads from outside."""
 
     around: Surroundings
-    leaves: Mapping[str, Bounded]
+    states: Mapping[str, Bounded]
+    training: Mapping[TrainingValue, Bounded]
 
 
 _Extreme = ops.Minimum | ops.Maximum | ops.Clamp
@@ -54,8 +56,8 @@ _Alone = _Extreme | ops.Multiply | ops.Divide | ops.Compare | ops.Select | ops.A
 class BoundedGraph:
     """The wanted nodes of a graph, ready to be evaluated in one precision.
 
-    `weights` are physical arrays by name; parameters that are not among them, and states, are given
-    with each evaluation.
+    `weights` are physical arrays by name; states and values of training are given with each
+    evaluation.
     """
 
     def __init__(
@@ -71,11 +73,15 @@ class BoundedGraph:
         self._steps = [(index, node, self._evaluator(node)) for index, node in graph if live[index]]
 
     def run(
-        self, log: Mapping[str, Array], t: NDArray[np.int64], leaves: Mapping[str, Bounded]
+        self,
+        log: Mapping[str, Array],
+        t: NDArray[np.int64],
+        states: Mapping[str, Bounded],
+        training: Mapping[TrainingValue, Bounded] | None = None,
     ) -> list[Bounded]:
         """Every wanted node, and those that it needs, at rows t; the others are missing."""
         found: list[Any] = [None] * len(self._graph)
-        given = _Given(Surroundings(log, t, {}), leaves)
+        given = _Given(Surroundings(log, t, {}), states, training or {})
         with np.errstate(all="ignore"):
             for index, node, meaning in self._steps:
                 args = [found[arg] for arg in node.args]
@@ -85,9 +91,7 @@ class BoundedGraph:
     def _evaluator(self, node: Node) -> Evaluator | None:
         """The node's meaning for any operands in their order; None for what `run` is given."""
         op = node.op
-        if isinstance(op, ops.ReadState) or (
-            isinstance(op, ops.ReadParameter) and op.name not in self._weights
-        ):
+        if isinstance(op, ops.ReadState | ops.ReadTraining):
             return None
         types = tuple(self._graph[arg].type for arg in node.args)
         in_order = replace(node, args=tuple(range(len(node.args))))
@@ -98,8 +102,9 @@ class BoundedGraph:
     ) -> Bounded:
         op = node.op
         if meaning is None:
-            assert isinstance(op, ops.ReadState | ops.ReadParameter)
-            return given.leaves[op.name]
+            assert isinstance(op, ops.ReadState | ops.ReadTraining)
+            is_state = isinstance(op, ops.ReadState)
+            return given.states[op.name] if is_state else given.training[op.value]
         match op:
             case ops.ReadState():
                 raise AssertionError("states are given")
@@ -108,7 +113,7 @@ class BoundedGraph:
             case ops.Structure() | ops.Identity() | ops.Negate():
                 return moved(meaning, args)
             case ops.Window(state):
-                return pushed(meaning, args[0], state, given.leaves[state])
+                return pushed(meaning, args[0], state, given.states[state])
             case ops.Add() | ops.Subtract():
                 left, right = args
                 value = meaning([left.value, right.value], NOWHERE)

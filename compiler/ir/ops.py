@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
 
+from compiler.ir.training_values import TrainingValue
+
 
 class Relation(Enum):
     """How `Compare` relates its two operands."""
@@ -81,6 +83,13 @@ class ReadState(Read):
     """The current value of a state."""
 
     name: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReadTraining(Read):
+    """A value that the loops of training give; only graphs derived for them read it."""
+
+    value: TrainingValue
 
 
 # ---- elementwise
@@ -273,35 +282,12 @@ class Window:
     arity: ClassVar[int | None] = 1
 
 
-AnyRead = ReadParameter | ReadSignal | ReadLog | ReadState
+AnyRead = ReadParameter | ReadSignal | ReadLog | ReadState | ReadTraining
 """What a backend must know the place of."""
 
-Computed = (
-    Add
-    | Subtract
-    | Multiply
-    | Divide
-    | Negate
-    | Minimum
-    | Maximum
-    | Clamp
-    | Compare
-    | Select
-    | Apply
-)
+_Arithmetic = Add | Subtract | Multiply | Divide | Negate
+Computed = _Arithmetic | Minimum | Maximum | Clamp | Compare | Select | Apply
 """The elementwise operations that are more than their operand."""
 
-Op = (
-    Constant
-    | AnyRead
-    | Computed
-    | Dropout
-    | Named
-    | Broadcast
-    | Reshape
-    | Slice
-    | Concat
-    | Sum
-    | Contract
-    | Window
-)
+_Moved = Broadcast | Reshape | Slice | Concat
+Op = Constant | AnyRead | Computed | Dropout | Named | _Moved | Sum | Contract | Window

@@ -132,6 +132,8 @@ def _operation(node: Node) -> str:
             return f"log {name}{_times(first, last, node.type)}"
         case ops.ReadState(name):
             return f"state {name}"
+        case ops.ReadTraining(value):
+            return f"training {value}"
         case ops.Add():
             return " + ".join(args)
         case ops.Subtract():

@@ -178,7 +178,7 @@ class _Made:
         match node.op:
             case ops.ReadState() | ops.ReadSignal() | ops.ReadParameter():
                 return self._part(node.op, node.type, element.fixed)
-            case ops.ReadLog():
+            case ops.ReadLog() | ops.ReadTraining():
                 raise AssertionError("outputs and next states do not read the record")
             case ops.Constant(values):
                 numbers = np.reshape(values, node.type.shape)

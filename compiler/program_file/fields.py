@@ -16,7 +16,7 @@ from pathlib import PurePath
 from types import NoneType
 from typing import Any, Literal, TypeVar, assert_never, cast, get_args, get_origin, get_type_hints
 
-from compiler.ir.ops import Op
+from compiler.ir.ops import Op, ReadTraining
 from compiler.ir.program import (
     Declared,
     Dimension,
@@ -238,7 +238,7 @@ def _origin_to_data(origin: Origin, _: Shared) -> Data:
             assert_never(origin)
 
 
-_OPS: dict[str, type[Op]] = {op.__name__: op for op in get_args(Op)}
+_OPS: dict[str, type[Op]] = {op.__name__: op for op in get_args(Op) if op is not ReadTraining}
 
 
 def _read_op(record: Record, key: str, shared: Shared) -> Op:

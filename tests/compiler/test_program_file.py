@@ -210,6 +210,11 @@ def _changed(change: Callable[[dict[str, Any]], object]) -> str:
 
 E1050 = "error[E1050]: model.json is not a program file: "
 E1052 = "error[E1052]: model.json holds no legal program: "
+_OPERATIONS = (
+    "Constant, ReadParameter, ReadSignal, ReadLog, ReadState, Add, Subtract, Multiply, Divide,"
+    " Negate, Minimum, Maximum, Clamp, Compare, Select, Apply, Dropout, Named, Broadcast, Reshape,"
+    " Slice, Concat, Sum, Contract, Window"
+)
 BAD: dict[str, tuple[str, str]] = {
     "no json": ("{", E1050 + "it is not JSON"),
     "a yaml spec": ("name: msd\ninputs: {}\n", E1050 + "it is not JSON"),
@@ -234,10 +239,11 @@ BAD: dict[str, tuple[str, str]] = {
     ),
     "unknown op": (
         _changed(lambda d: d["step"][0].update(op="__import__")),
-        E1050
-        + "the file.step[0]: '__import__' is none of Constant, ReadParameter, ReadSignal, ReadLog,"
-        " ReadState, Add, Subtract, Multiply, Divide, Negate, Minimum, Maximum, Clamp, Compare,"
-        " Select, Apply, Dropout, Named, Broadcast, Reshape, Slice, Concat, Sum, Contract, Window",
+        E1050 + f"the file.step[0]: '__import__' is none of {_OPERATIONS}",
+    ),
+    "op that only graphs of training have": (
+        _changed(lambda d: d["step"][0].update(op="ReadTraining")),
+        E1050 + f"the file.step[0]: 'ReadTraining' is none of {_OPERATIONS}",
     ),
     "text for a number": (
         _changed(lambda d: d["parameters"][0].update(initial=["1"])),

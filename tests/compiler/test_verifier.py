@@ -27,6 +27,7 @@ from compiler.ir.program import (
 )
 from compiler.ir.rules.op_rules import LARGEST_SIZE, MOST_AXES
 from compiler.ir.rules.verifier import InvalidProgram, verify
+from compiler.ir.training_values import StateAdjoint
 from compiler.ir.types import Axis, Kind, Prediction, Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
@@ -99,6 +100,7 @@ BROKEN: dict[str, Program] = {
     ),
     "there is no parameter `q`": _with(ops.ReadParameter("q"), (), K),
     "parameter `p` has axes [k=3]": _with(ops.ReadParameter("p"), ()),
+    "a program reads no value of training": _with(ops.ReadTraining(StateAdjoint("x")), (), K),
     "there is no state `z`": _with(ops.ReadState("z"), (), K),
     "there is no signal `q`": _with(ops.ReadSignal("q", 0, 0), (), K),
     "samples 1 … 0 are no window": _with(ops.ReadSignal("s", 1, 0), (), K),

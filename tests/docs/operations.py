@@ -9,7 +9,7 @@ from typing import get_args
 from backends.casadi_function import function as casadi_function
 from backends.onnx_model import draft as onnx_draft
 from backends.torch_module.operations import NATIVE_FUNCTIONS
-from compiler.ir.ops import Op
+from compiler.ir.ops import Op, ReadTraining
 from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS, ScalarFunction
 from tests.docs.markdown import paragraph, table
@@ -41,10 +41,12 @@ def lowered_by(path: str) -> set[str]:
 
 
 def core_operations() -> str:
-    """A row an operation of the IR, a column a backend."""
+    """A row an operation of programs, a column a backend."""
     lowered = {column: lowered_by(path) for column, path in LOWERINGS.items()}
     rows: list[tuple[str, ...]] = []
     for op in get_args(Op):
+        if op is ReadTraining:
+            continue
         name = op.__name__
         cells = ["●" if name in known else "" for known in lowered.values()]
         own = [record for record in OP_RECORDS if record.rstrip("<>=") == name]

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.native.kernel import Kernel, Method, Rule, Variables
+from backends.native.kernel import Kernel
+from backends.native.variables import Method, Rule
 from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from tests.language.compiled import compiled
@@ -43,7 +44,7 @@ def main() -> None:
         program = close_loop(compiled(text), closed)
         kernel = Kernel(program, "float32")
         rates = {parameter.name: 1e-4 for parameter in program.parameters}
-        variables = Variables(kernel, Rule(Method.ADAM, 0.9, 0.999, 1e-8), calm(program), rates)
+        variables = kernel.variables(Rule(Method.ADAM, 0.9, 0.999, 1e-8), calm(program), rates)
         t0 = np.arange(10, 26)
         groups, bounds = kernel.batches(t0, np.full(len(t0), STEPS), len(t0))
         data = kernel.data(log_of(program, STEPS + 50))

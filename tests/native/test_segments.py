@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from backends.c_language.literals import Dtype
-from backends.native.kernel import Kernel, flat
+from backends.native.kernel import Kernel
+from backends.native.variables import flat
 from compiler.passes.close_loop import close_loop
 from tests.conditions import require_tool
 from tests.language.compiled import compiled

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from backends.c_language.literals import Dtype
-from backends.native.kernel import Kernel, Method, Rule, Variables
+from backends.native.kernel import Kernel
+from backends.native.variables import Method, Rule
 from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from tests.conditions import require_tool
@@ -34,7 +35,7 @@ def trained(program: Program, dtype: Dtype, threads: int) -> tuple[NDArray[np.fl
     log = log_of(program, rows=600)
     kernel = Kernel(program, dtype, threads)
     rates = {parameter.name: 0.01 for parameter in program.parameters}
-    variables = Variables(kernel, Rule(Method.ADAM, 0.9, 0.999, 1e-8), initial(program), rates)
+    variables = kernel.variables(Rule(Method.ADAM, 0.9, 0.999, 1e-8), initial(program), rates)
     t0 = np.arange(10, 510)
     steps = 3 + t0 % 5
     groups, bounds = kernel.batches(t0, steps, 300)

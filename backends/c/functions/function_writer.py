@@ -17,7 +17,15 @@ from backends.c_language.tree import Argument, Comment, Discard, Function, Name,
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState
-from compiler.ir.ops import AnyRead, ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ir.ops import (
+    AnyRead,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    ReadTraining,
+    Window,
+)
 from compiler.ir.program import Formula, Graph
 from compiler.ir.types import Type
 
@@ -75,6 +83,8 @@ class FunctionWriter:
                 return self._memory[name].samples
             case ReadLog(name, first, last):
                 return self._window(name, first, last, type)
+            case ReadTraining():
+                raise AssertionError("no program reads values of training")
             case _:
                 assert_never(op)
 

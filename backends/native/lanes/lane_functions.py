@@ -17,11 +17,25 @@ from backends.c_lowering.sums import sum_along
 from backends.c_lowering.values import Value, copy_value
 from backends.native.lanes.lane_memory import Memory, read_of
 from backends.native.late_adjoints import Echo
-from backends.native.loop_splitting import ROW
 from backends.native.tiled_sums import HORIZON, TIME, Factor
-from compiler.differentiation.training_step import ADJOINT, SCALE, STORED
-from compiler.ir.ops import AnyRead, Contract, ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ir.ops import (
+    AnyRead,
+    Contract,
+    ReadLog,
+    ReadParameter,
+    ReadSignal,
+    ReadState,
+    ReadTraining,
+    Window,
+)
 from compiler.ir.program import Graph, Node, NodeId, State
+from compiler.ir.training_values import (
+    KeptRow,
+    LossScale,
+    NewestSample,
+    StateAdjoint,
+    TrainingValue,
+)
 from compiler.ir.types import WINDOW, Type
 
 UNROLL = 4
@@ -60,12 +74,14 @@ class LaneWriter:
     def read(self, op: AnyRead, type: Type) -> Place:
         match op:
             case ReadParameter(name):
-                return self._parameter(name, type)
+                return array(PARAMETERS, type.shape, Index(self.memory.parameters[name]))
             case ReadSignal(name) | ReadLog(name):
                 tape = self.memory.signals[name]
                 return self._now(read_of(tape, op, type.axes), tape.elements)
             case ReadState(name):
                 return self._state(name, type)
+            case ReadTraining(value):
+                return self._given(value, type)
             case _:
                 assert_never(op)
 
@@ -78,24 +94,24 @@ class LaneWriter:
             copy_value(newest, row, scope, UNROLL)
         return self._now(tape.place((*newest.shape, count), 0, count), tape.elements)
 
-    def _parameter(self, name: str, type: Type) -> Place:
-        if name.startswith(SCALE):
-            names = [term.loss.name for term in self.memory.step.losses]
-            index = Index(names.index(name.removeprefix(SCALE)))
-            return Place(Name("scale"), (), (), index)
-        offset = Index(self.memory.parameters[name])
-        return array(PARAMETERS, type.shape, offset)
+    def _given(self, value: TrainingValue, type: Type) -> Place:
+        match value:
+            case LossScale(loss):
+                names = [term.loss.name for term in self.memory.step.losses]
+                return Place(Name("scale"), (), (), Index(names.index(loss)))
+            case KeptRow(node):
+                tape = self.memory.rows[node]
+                return self._now(array(tape.name, type.shape), tape.elements)
+            case NewestSample(buffer):
+                tape = self.memory.buffers[buffer]
+                return self._now(tape.place(type.shape, tape.last, None), tape.elements)
+            case StateAdjoint(state):
+                return self._adjoint(state, type)
+            case _:
+                assert_never(value)
 
     def _state(self, name: str, type: Type) -> Place:
         buffers, plain = self.memory.buffers, self.memory.plain
-        if name.startswith(ROW):
-            tape = self.memory.rows[name]
-            return self._now(array(tape.name, type.shape), tape.elements)
-        if name.startswith(STORED):
-            tape = buffers[name.removeprefix(STORED)]
-            return self._now(tape.place(type.shape, tape.last, None), tape.elements)
-        if name.startswith(ADJOINT):
-            return self._adjoint(name.removeprefix(ADJOINT), type)
         if name in plain:
             return self._now(array(plain[name][0], type.shape), type.size)
         tape = buffers[name]

@@ -8,12 +8,12 @@ from functools import cached_property
 from backends.c_language.places import Index, Place, c_strides
 from backends.c_language.tree import Name
 from backends.native.late_adjoints import Echo, echoes
-from backends.native.loop_splitting import ROW, Phases, phases
+from backends.native.loop_splitting import Phases, phases
 from backends.ports.identifiers import c_identifier
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir.liveness import Extent, extents
 from compiler.ir.ops import ReadLog, ReadSignal
-from compiler.ir.program import Program, State
+from compiler.ir.program import NodeId, Program, State
 from compiler.ir.types import WINDOW, Axis
 
 
@@ -123,12 +123,11 @@ class Memory:
         return phases(self.step)
 
     @cached_property
-    def rows(self) -> dict[str, Tape]:
-        """The values over time of nodes that are kept, by the names that reads of them have."""
+    def rows(self) -> dict[NodeId, Tape]:
+        """The values over time of nodes that are kept."""
         reverse = self.step.reverse_step.graph
         return {
-            f"{ROW}{node}": Tape(f"row_{node}", reverse[node].type.size, 0, 0)
-            for node in self.phases.rows
+            node: Tape(f"row_{node}", reverse[node].type.size, 0, 0) for node in self.phases.rows
         }
 
     @cached_property

@@ -93,7 +93,8 @@ class MsnnEngine(Contender):
         return {name: values.ravel().tolist() for name, values in found.items()}
 
     def _native(self, weights: dict[str, FloatArray], batch: Runs) -> dict[str, FloatArray]:
-        from backends.native.kernel import Kernel, by_parameter, flat
+        from backends.native.kernel import Kernel
+        from backends.native.variables import by_parameter, flat
 
         program = self.plan.rollout.program
         kernel = Kernel(program, "float32")

@@ -12,7 +12,8 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from msnn_engine import MsnnEngine
 from serve import serve
 
-from backends.native.kernel import Kernel, Method, Rule, Variables
+from backends.native.kernel import Kernel
+from backends.native.variables import Method, Rule
 from msnn.model.weights_file import initial_weights
 
 
@@ -29,7 +30,7 @@ class MsnnKernel(MsnnEngine):
         program = self.plan.rollout.program
         rates = {parameter.name: self.settings["lr"] for parameter in program.parameters}
         rule = Rule(Method.ADAM, 0.9, 0.999, 1e-8)
-        self._variables = Variables(self._kernel, rule, initial_weights(program), rates)
+        self._variables = self._kernel.variables(rule, initial_weights(program), rates)
 
     def reset(self) -> None:
         super().reset()

@@ -60,6 +60,8 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str
             return _from(f"state `{name}`", sources.states.get(name), type)
         case ops.ReadSignal(name, first, last) | ops.ReadLog(name, first, last):
             return _read(sources.signals.get(name), name, first, last, type)
+        case ops.ReadTraining():
+            return "a program reads no value of training"
         case ops.Dropout(rate) if not 0 <= rate < 1:
             return f"a share of {rate} cannot be left out"
         case ops.Named(name) if _is_no_name(name):

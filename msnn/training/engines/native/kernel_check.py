@@ -14,8 +14,9 @@ import numpy as np
 
 from backends.gauss_newton_products import Products
 from backends.native.compile_kernel import Built
-from backends.native.kernel import Kernel, by_parameter, flat
+from backends.native.kernel import Kernel
 from backends.native.sensitivity_kernel import SensitivityKernel
+from backends.native.variables import by_parameter, flat
 from compiler.differentiation.interpreted_products import interpreted_products
 from compiler.differentiation.interpreted_training import InterpretedTraining
 from compiler.differentiation.sensitivities import Sensitivities

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from backends.native.kernel import Kernel, Method, Rule, Variables
+from backends.native.kernel import Kernel
 from backends.native.lanes.lane_groups import Groups
+from backends.native.variables import Method, Rule
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum
@@ -57,7 +58,7 @@ class NativeEngine:
         )
         rule, rate = _rule(plan)
         rates = {name: rate * plan.lr_factors.get(name, 1.0) for name in plan.trained}
-        self._variables = Variables(self._kernel, rule, weights, rates)
+        self._variables = self._kernel.variables(rule, weights, rates)
         self.moved = self._variables.moved
         series = with_all_kept(series, plan.masks)
         own = with_all_kept(series, plan.masks)  # the factors of dropout change in these

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from backends.gauss_newton_products import Products
-from backends.native.kernel import Kernel, flat
+from backends.native.kernel import Kernel
 from backends.native.kernel_data import Data
 from backends.native.sensitivity_kernel import SensitivityKernel
+from backends.native.variables import flat
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from msnn.data.dataset import BoolArray, FloatArray

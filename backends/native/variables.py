@@ -1,0 +1,112 @@
+"""Variables that an optimiser moves inside a kernel, and which optimiser it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from backends.native.kernel_structs import OptimizerStruct, VariablesStruct
+from backends.raw_parameters import mapping_of, raw_value
+from compiler.ir.program import Parameter, Program
+
+FloatArray = NDArray[np.float64]
+
+
+class Method(IntEnum):
+    """Optimisers that run inside a kernel; the numbers are those of its source."""
+
+    ADAM = 0
+    ADAMW = 1
+    SGD = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """An optimiser as the kernel runs it: which one, and its constants."""
+
+    method: Method
+    beta1: float
+    beta2: float = 0.0
+    epsilon: float = 0.0
+    decay: float = 0.0
+    clip: float = 0.0
+    """Largest norm of a gradient; 0 for no limit."""
+
+
+class Variables:
+    """Raw variables, their physical values and the optimiser's memory, each array flat.
+
+    `rates` are learning rates by parameter; one that is absent or 0 is held at its weight.
+    """
+
+    def __init__(
+        self,
+        *,
+        program: Program,
+        dtype: np.dtype[Any],
+        rule: Rule,
+        weights: Mapping[str, FloatArray],
+        rates: Mapping[str, float],
+    ) -> None:
+        self._program = program
+        parameters = program.parameters
+        held = {p.name for p in parameters if not rates.get(p.name)}
+        raws = {p.name: raw_value(p, weights[p.name]) for p in parameters if p.name not in held}
+        self.moved = tuple(name for name, (_, moved) in raws.items() if moved)
+        """Parameters that were on a bound and had to be moved off it."""
+
+        def numbers(of: Callable[[Parameter], ArrayLike]) -> FloatArray:
+            parts = [np.broadcast_to(of(p), np.shape(weights[p.name])).ravel() for p in parameters]
+            return np.concatenate([np.zeros(0), *parts])
+
+        arrays: dict[str, NDArray[Any]] = {
+            "kind": numbers(lambda p: int(mapping_of(p))).astype(np.int32),
+            "low": numbers(lambda p: p.minimum or 0.0),
+            "high": numbers(lambda p: p.maximum or 0.0),
+            "scale": numbers(lambda p: p.scale),
+            "rate": numbers(lambda p: rates.get(p.name, 0.0)).astype(dtype),
+            "raw": numbers(lambda p: raws[p.name][0] if p.name in raws else 0.0).astype(dtype),
+            "physical": numbers(lambda p: weights[p.name]).astype(dtype),
+        }
+        self._rates = numbers(lambda p: rates.get(p.name, 0.0))
+        arrays["first"] = np.zeros_like(arrays["raw"])
+        arrays["second"] = np.zeros_like(arrays["raw"])
+        self.arrays = arrays
+        self.addresses = VariablesStruct(*(array.ctypes.data for array in arrays.values()))
+        constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
+        self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0, 1.0, 1.0, 0)
+
+    def scale_rates(self, factor: float) -> None:
+        """Sets the learning rates to so many times those that were given."""
+        self.arrays["rate"][:] = factor * self._rates
+
+    @property
+    def physical(self) -> FloatArray:
+        """Physical values of all numbers, in the order of the program's parameters."""
+        return self.arrays["physical"].astype(float)
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values by parameter."""
+        return by_parameter(self._program, self.physical)
+
+
+def flat(program: Program, weights: Mapping[str, FloatArray]) -> FloatArray:
+    """All numbers of the weights, in the order of the program's parameters."""
+    return np.concatenate([np.zeros(0), *(weights[p.name].ravel() for p in program.parameters)])
+
+
+def by_parameter(program: Program, numbers: FloatArray) -> dict[str, FloatArray]:
+    """The arrays whose numbers `flat` puts in a row."""
+    found: dict[str, FloatArray] = {}
+    begin = 0
+    for parameter in program.parameters:
+        shape = tuple(axis.size for axis in parameter.axes)
+        end = begin + int(np.prod(shape))
+        found[parameter.name] = numbers[begin:end].reshape(shape)
+        begin = end
+    return found
