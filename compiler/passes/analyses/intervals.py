@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 
 @dataclass(frozen=True, slots=True)

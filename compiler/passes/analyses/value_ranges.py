@@ -8,33 +8,7 @@ from typing import assert_never
 
 import numpy as np
 
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Compare,
-    Concat,
-    Constant,
-    Contract,
-    Divide,
-    Dropout,
-    Maximum,
-    Minimum,
-    Multiply,
-    Negate,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    Relation,
-    Reshape,
-    Select,
-    Slice,
-    Subtract,
-    Sum,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Graph, History, Node, NodeId, Parameter, Program, Tape
 from compiler.passes.analyses import intervals
 from compiler.passes.analyses.intervals import ANYTHING, Interval
@@ -80,49 +54,49 @@ class ValueRanges:
 
     def _interval(self, node: Node, of: list[Interval]) -> Interval:
         match node.op:
-            case Constant(values):
+            case ops.Constant(values):
                 return _of_numbers(values)
-            case ReadParameter(name):
+            case ops.ReadParameter(name):
                 return self._parameters[name]
-            case ReadSignal(name) | ReadLog(name):
+            case ops.ReadSignal(name) | ops.ReadLog(name):
                 return self._signals.get(name, ANYTHING)
-            case ReadState(name):
+            case ops.ReadState(name):
                 return self._signals.get(self._buffers[name], ANYTHING)
-            case Window(name):
+            case ops.Window(name):
                 past = self._signals.get(self._buffers[name], ANYTHING)
                 return intervals.union([past, of[0]])
-            case Add():
+            case ops.Add():
                 return intervals.total(of[0], of[1])
-            case Subtract():
+            case ops.Subtract():
                 return intervals.total(of[0], intervals.negative(of[1]))
-            case Multiply() if node.args[0] == node.args[1]:
+            case ops.Multiply() if node.args[0] == node.args[1]:
                 return intervals.square(of[0])
-            case Multiply():
+            case ops.Multiply():
                 return intervals.product(of[0], of[1])
-            case Divide():
+            case ops.Divide():
                 return intervals.quotient(of[0], of[1])
-            case Negate():
+            case ops.Negate():
                 return intervals.negative(of[0])
-            case Minimum():
+            case ops.Minimum():
                 return intervals.least(of[0], of[1])
-            case Maximum():
+            case ops.Maximum():
                 return intervals.largest(of[0], of[1])
-            case Clamp():
+            case ops.Clamp():
                 return intervals.clamped(of[0], of[1], of[2])
-            case Select():
+            case ops.Select():
                 return intervals.union(of[1:])
-            case Apply(function):
+            case ops.Apply(function):
                 return intervals.of_function(function, of)
-            case Broadcast() | Reshape() | Slice() | Dropout():
+            case ops.Identity() | ops.Broadcast() | ops.Reshape() | ops.Slice():
                 return of[0]
-            case Concat():
+            case ops.Concat():
                 return intervals.union(of)
-            case Sum(axis=axis):
+            case ops.Sum(axis=axis):
                 return intervals.repeated(of[0], self._length(node.args[0], axis))
-            case Contract(axis=axis):
+            case ops.Contract(axis=axis):
                 length = self._length(node.args[0], axis)
                 return intervals.repeated(intervals.product(of[0], of[1]), length)
-            case Compare():
+            case ops.Compare() | ops.ReadTraining():
                 return ANYTHING
             case _:
                 assert_never(node.op)
@@ -138,15 +112,15 @@ def holding(
 ) -> dict[NodeId, Interval]:
     """What is known of the operands of a comparison where it holds, or where it does not."""
     node = graph[condition]
-    while isinstance(node.op, Broadcast):
+    while isinstance(node.op, ops.Broadcast):
         node = graph[node.args[0]]
-    if not isinstance(node.op, Compare):
+    if not isinstance(node.op, ops.Compare):
         return {}
     left, right = node.args
     relation = node.op.relation if holds else _OTHERWISE[node.op.relation]
-    if relation in (Relation.GREATER, Relation.GREATER_EQUAL):
+    if relation in (ops.Relation.GREATER, ops.Relation.GREATER_EQUAL):
         left, right = right, left
-    strict = relation in (Relation.LESS, Relation.GREATER)
+    strict = relation in (ops.Relation.LESS, ops.Relation.GREATER)
     most, fewest = ranges.of(right).high, ranges.of(left).low
     found: dict[NodeId, Interval] = {}
     _add(graph, found, left, Interval(high=math.nextafter(most, -math.inf) if strict else most))
@@ -155,10 +129,10 @@ def holding(
 
 
 _OTHERWISE = {
-    Relation.LESS: Relation.GREATER_EQUAL,
-    Relation.LESS_EQUAL: Relation.GREATER,
-    Relation.GREATER: Relation.LESS_EQUAL,
-    Relation.GREATER_EQUAL: Relation.LESS,
+    ops.Relation.LESS: ops.Relation.GREATER_EQUAL,
+    ops.Relation.LESS_EQUAL: ops.Relation.GREATER,
+    ops.Relation.GREATER: ops.Relation.LESS_EQUAL,
+    ops.Relation.GREATER_EQUAL: ops.Relation.LESS,
 }
 """Where a relation of numbers does not hold the other one does."""
 
@@ -167,10 +141,10 @@ def _add(graph: Graph, found: dict[NodeId, Interval], node: NodeId, known: Inter
     """Of what is repeated the same holds; what has a magnitude above 0 is not 0."""
     found[node] = known.within(found.get(node, ANYTHING))
     made = graph[node]
-    if isinstance(made.op, Broadcast):
+    if isinstance(made.op, ops.Broadcast):
         _add(graph, found, made.args[0], known)
-    even = isinstance(made.op, Multiply) and made.args[0] == made.args[1]
-    if known.low > 0.0 and (made.op == Apply("abs") or even):
+    even = isinstance(made.op, ops.Multiply) and made.args[0] == made.args[1]
+    if known.low > 0.0 and (made.op == ops.Apply("abs") or even):
         _add(graph, found, made.args[0], Interval(nonzero=True))
 
 
