@@ -38,21 +38,25 @@ def points(program: Program, judged: Judgement) -> Points:
     """The first steps along the record, then drawn ones, the same every time (Philox).
 
     Drawn are: all 0; inputs 0 and states a hair above; every range at its lower, at its upper
-    limit; and mixtures, each quantity of which is one of these or what it is somewhere along the
-    record. All are within their ranges.
+    limit; and mixtures, each quantity of which is one of these, drawn from its range, or what it is
+    somewhere along the record. All are within their ranges; one that has none stays within its
+    largest magnitude along the record, or within 1 where it never leaves 0.
     """
     random = np.random.Generator(np.random.Philox(0))
     corners: list[_Draw] = [
         lambda seen, range, is_input: np.zeros_like(seen[0]),
         lambda seen, range, is_input: np.full_like(seen[0], 0.0 if is_input else TINY),
-        lambda seen, range, is_input: _limit(seen[0], range[0]),
-        lambda seen, range, is_input: _limit(seen[0], range[1]),
+        lambda seen, range, is_input: np.full_like(seen[0], range[0]),
+        lambda seen, range, is_input: np.full_like(seen[0], range[1]),
     ]
 
     def mixed(seen: NDArray[Any], range: _Range, is_input: bool) -> NDArray[Any]:
         kind = int(random.integers(2 * len(corners)))
         if kind < len(corners):
             return corners[kind](seen, range, is_input)
+        if kind % 2:
+            low, high = range
+            return random.uniform(low, high, seen.shape[1:])
         return seen[int(random.integers(len(seen)))]
 
     draws = [*corners, *[mixed] * _MIXTURES]
@@ -62,7 +66,7 @@ def points(program: Program, judged: Judgement) -> Points:
     def extended(arrays: Arrays, *, are_inputs: bool) -> Arrays:
         found: dict[str, NDArray[Any]] = {}
         for name, seen in arrays.items():
-            low, high = ranges[name]
+            low, high = _finite(ranges[name], seen)
             drawn = [np.clip(draw(seen, (low, high), are_inputs), low, high) for draw in draws]
             found[name] = np.concatenate([seen[:steps], np.array(drawn, seen.dtype)])
         return found
@@ -97,8 +101,15 @@ def _samples(port: Port, values: NDArray[Any]) -> NDArray[Any]:
     return values[:, np.newaxis] if port.type.window is None else np.moveaxis(values, -1, 1)
 
 
-def _limit(value: NDArray[Any], limit: float) -> NDArray[Any]:
-    return np.full_like(value, limit if math.isfinite(limit) else 0.0)
+def _finite(range: _Range, seen: NDArray[Any]) -> _Range:
+    """The range, with an end that follows what is seen along the record where it has none."""
+    largest = float(np.abs(np.where(np.isfinite(seen), seen, 0.0)).max(initial=0.0))
+    span = largest if largest > TINY else 1.0
+    low, high = range
+    return (
+        low if math.isfinite(low) else min(-span, high),
+        high if math.isfinite(high) else max(span, low),
+    )
 
 
 def _ranges(program: Program) -> dict[str, _Range]:
