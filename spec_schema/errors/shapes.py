@@ -55,10 +55,8 @@ def wrong_axes(
     repair: str | None = None,
     operand: str | None = None,
 ) -> Diagnostic:
-    """E0402: a value with other axes than its place needs.
-
-    `operand` are the axes of the part of it that is shown.
-    """
+    """E0402: a value with other axes than its place needs."""
+    # `operand` names the axes of the part of the value that is underlined, where that is one
     message = f"{what} must be {wanted}, not {found}"
     return error("E0402", span, message, f"this is {operand or found}", help=repair)
 
