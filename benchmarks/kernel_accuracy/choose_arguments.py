@@ -1,0 +1,169 @@
+"""Writes `compiler/kernels/tables/telling_arguments.py`: where a last digit of a constant shows.
+
+Each constant of each kernel is moved to its neighbours in the interpreter. Of many arguments those
+few are kept that together tell every changed kernel from the right one, if any of them does. What
+nothing tells is printed: `choose_arguments.py [KERNEL…]` prints it of these and writes nothing.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.selftest.kernel_cases import plain_points
+from benchmarks.kernel_accuracy.changed_constants import Site, changed_constants
+from compiler.ir.scalar_functions import SCALAR_FUNCTIONS
+from compiler.kernels.evaluate import routine
+from compiler.kernels.tables.formats import FORMATS, RealName
+from compiler.kernels.trace.run_routine import run_routine
+from compiler.kernels.trace.statements import Routine
+
+Array = NDArray[Any]
+_FIRST = 1024
+"""Arguments of each kind that are tried of every changed kernel."""
+_THEN = (2**13,)
+"""Arguments of each kind that are tried, one after the other, where those tell nothing."""
+
+_HEAD = '''"""Arguments at which the last digit of some constant of a kernel shows in its value.
+
+Written by benchmarks/kernel_accuracy/choose_arguments.py, which says how they are chosen.
+"""
+
+from __future__ import annotations
+
+from compiler.kernels.tables.formats import RealName
+
+_HEXADECIMAL: dict[tuple[str, RealName], str] = {
+'''
+
+_TAIL = '''}
+
+
+def telling_arguments(kernel: str, real: RealName, arity: int) -> list[tuple[float, ...]]:
+    """The arguments of a kernel, which takes `arity` of them, beside those of its branches."""
+    numbers = [float.fromhex(text) for text in _HEXADECIMAL[kernel, real].split()]
+    return [tuple(numbers[i : i + arity]) for i in range(0, len(numbers), arity)]
+'''
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """Arguments of a kernel, which of its changes they or plain ones tell, and which nothing."""
+
+    points: Array
+    told: int
+    untold: tuple[Site, ...]
+
+
+def main() -> None:
+    names = sys.argv[1:] or sorted({row.kernel for row in SCALAR_FUNCTIONS.values() if row.kernel})
+    parts = [_HEAD]
+    for name in names:
+        for real in FORMATS:
+            chosen = chosen_arguments(name, real)
+            what = f"{len(chosen.points)} arguments, {chosen.told} told, {len(chosen.untold)} not"
+            print(f"{name} {real}: {what}: {chosen.untold}", flush=True)
+            numbers = [float(x).hex() for point in chosen.points for x in point]
+            lines = "\n".join(f"        {line}" for line in _lines(numbers)) or '        ""'
+            parts.append(f'    ("{name}", "{real}"): (\n{lines}\n    ),\n')
+    if not sys.argv[1:]:
+        target = Path("compiler/kernels/tables/telling_arguments.py")
+        target.write_text("".join([*parts, _TAIL]), encoding="utf-8")
+
+
+def chosen_arguments(name: str, real: RealName) -> Chosen:
+    """Few arguments that tell what plain ones do not."""
+    right = routine(name, real)
+    random = np.random.Generator(np.random.Philox(7))
+    plain = np.array(plain_points(name, real), right.format.dtype)
+    first = _drawn(name, right, _FIRST, random)
+    later = [_drawn(name, right, count, random) for count in _THEN]
+    told, untold = 0, list[Site]()
+    left: list[Routine] = []
+    found: list[Array] = []
+    rows: list[NDArray[np.bool_]] = []
+    for site, changed in changed_constants(right):
+        if _differs(right, changed, plain).any():
+            told += 1
+            continue
+        row = _differs(right, changed, first)
+        late = None if row.any() else _first_of(right, changed, later)
+        if row.any() or late is not None:
+            told += 1
+            left.append(changed)
+            rows.append(row)
+            found += [] if late is None else [late]
+        else:
+            untold.append(site)
+    points = np.concatenate([first, *found])
+    tells = np.zeros((len(left), len(points)), np.bool_)
+    for number, (changed, row) in enumerate(zip(left, rows, strict=True)):
+        tells[number, : len(first)] = row
+        if found:
+            tells[number, len(first) :] = _differs(right, changed, points[len(first) :])
+    return Chosen(points[_cover(tells)], told, tuple(untold))
+
+
+def _cover(tells: NDArray[np.bool_]) -> list[int]:
+    """Few columns that together have a True in each row: always the one that most rows lack."""
+    chosen: list[int] = []
+    while len(tells):
+        best = int(np.argmax(tells.sum(axis=0)))
+        chosen.append(best)
+        tells = tells[~tells[:, best]]
+    return chosen
+
+
+def _first_of(right: Routine, changed: Routine, sets: list[Array]) -> Array | None:
+    for points in sets:
+        for part in np.array_split(points, max(1, len(points) // 8192)):
+            row = _differs(right, changed, part)
+            if row.any():
+                return part[row][:1]
+    return None
+
+
+def _differs(right: Routine, changed: Routine, points: Array) -> NDArray[np.bool_]:
+    (expected,) = run_routine(right, tuple(points.T))
+    (given,) = run_routine(changed, tuple(points.T))
+    return (given != expected) & ~(np.isnan(given) & np.isnan(expected))
+
+
+def _drawn(name: str, right: Routine, count: int, random: np.random.Generator) -> Array:
+    """Within the domain of tests, evenly over the binades around 1, and any bits."""
+    dtype = right.format.dtype
+    word = np.uint32 if dtype == np.float32 else np.uint64
+    (domain, *_) = [r.domain for r in SCALAR_FUNCTIONS.values() if name in (r.kernel, r.name)]
+    columns: list[Array] = []
+    for low, high in domain:
+        bits = random.integers(0, np.iinfo(word).max, count, word, endpoint=True).view(dtype)
+        signs = random.choice([-1.0, 1.0], count)
+        around = (signs * np.exp2(random.uniform(-24.0, 12.0, count))).astype(dtype)
+        columns.append(np.concatenate([random.uniform(low, high, count).astype(dtype), around]))
+        columns[-1] = np.concatenate([columns[-1], bits])
+    mixed = [columns[0], *(random.permutation(column) for column in columns[1:])]
+    points = np.stack(mixed, 1)
+    return points[~np.isnan(points).any(axis=1)]
+
+
+def _lines(numbers: list[str]) -> Iterator[str]:
+    line = ""
+    for number in numbers:
+        if len(line) + len(number) > 84:
+            yield f'"{line}"'
+            line = ""
+        line += number + " "
+    if line:
+        yield f'"{line.rstrip()}"'
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,267 @@
+"""Arguments at which the last digit of some constant of a kernel shows in its value.
+
+Written by benchmarks/kernel_accuracy/choose_arguments.py, which says how they are chosen.
+"""
+
+from __future__ import annotations
+
+from compiler.kernels.tables.formats import RealName
+
+_HEXADECIMAL: dict[tuple[str, RealName], str] = {
+    ("acos", "float"): (
+        "0x1.8a9d860000000p-1 0x1.a1965e0000000p-1 -0x1.d5d2c00000000p-3 0x1.c36ee40000000p-2"
+    ),
+    ("acos", "double"): (
+        "0x1.2aa6e5480ed1ep-1 0x1.328b2d24908d2p-1 -0x1.f31571110aa00p-2 -0x1.a20cfb73bc21ep-2"
+    ),
+    ("asin", "float"): (
+        "-0x1.f574660000000p-2 -0x1.21b7a40000000p-1 -0x1.12387c0000000p-1 0x1.b557660000000p-2"
+    ),
+    ("asin", "double"): (
+        "0x1.3202a78da9f5cp-1 0x1.4a51d8e85fd30p-1 0x1.79a36ae24d0e8p-2 -0x1.b88051e8fa9f8p-2"
+    ),
+    ("atan", "float"): (
+        "-0x1.3215e40000000p+1 -0x1.823f700000000p-2 -0x1.2cddea0000000p+3 "
+        "0x1.6082c80000000p-2 -0x1.719f620000000p+0 0x1.8fcbec0000000p-1 0x1.bf7f9a0000000p-1 "
+        "0x1.5263960000000p-1 -0x1.08da780000000p-1 0x1.d850260000000p+0"
+    ),
+    ("atan", "double"): (
+        "0x1.be59a73b57591p+0 0x1.72af472328e50p+2 -0x1.14f4c8d9b91bfp-1 "
+        "-0x1.2f13e4f038682p+1 0x1.446ebdc280d80p-2 0x1.907f48b290659p-1 "
+        "-0x1.43d0fc6f494dcp-1 -0x1.a7e1d92dbadf2p-1 -0x1.59c72121bb5d0p+1"
+    ),
+    ("atan2", "float"): (
+        "-0x1.61b6cc0000000p+0 0x1.ae7b420000000p+1 0x1.7d5c060000000p-3 "
+        "-0x1.8aace00000000p-4 -0x1.057d300000000p+2 0x1.83f2200000000p+0 "
+        "0x1.04ad860000000p+1 -0x1.2cb2a40000000p+1 -0x1.2e798c0000000p+2 "
+        "-0x1.f824380000000p+0 -0x1.d2d8620000000p+0 0x1.19c0320000000p-1 "
+        "-0x1.99ed520000000p+1 0x1.dadb8c0000000p+1 0x1.47c60c0000000p+1 0x1.e0c6380000000p+1"
+    ),
+    ("atan2", "double"): (
+        "-0x1.f1e96c4185b54p+0 -0x1.84c3135985e6ep+1 0x1.8e546002cc2c0p+1 "
+        "-0x1.3119903457268p+0 0x1.1ccd4d07ae96ap+2 -0x1.e0f5e025e88a0p+0 "
+        "-0x1.02cae1393db34p+0 0x1.56b796041d26cp+1 -0x1.4e2e4f5b5b1b4p+1 "
+        "0x1.7d1630611396ap+1 -0x1.79cce97103c34p+0 0x1.13eb041754c30p+1 0x1.32dd18860632cp+1 "
+        "-0x1.73c9f135ae3fbp+1 0x1.4e0b3c4d2ebecp+0 -0x1.ac891563570aap+1"
+    ),
+    ("cos", "float"): (
+        "0x1.6972a80000000p+50 0x1.32058e0000000p+10 -0x1.c3cd860000000p+127 "
+        "0x1.dcb3080000000p+1 -0x1.6e370e0000000p+10 0x1.e2b8c20000000p+5 "
+        "-0x1.476f9a0000000p+4 0x1.6ff8660000000p+5 0x1.8d153c0000000p+6"
+    ),
+    ("cos", "double"): (
+        "-0x1.c926877a2a587p+466 0x1.ea7ac50a83edap+909 0x1.00d9f0fe127afp+771 "
+        "-0x1.fd7c9b3c2c1e5p+226 -0x1.367959a0e9d24p+352 0x1.f12c45ae46e98p+5 "
+        "0x1.8c369276405b5p+153 -0x1.907b43c4030b8p+577 0x1.eef5409d6e350p+5 "
+        "0x1.34269e2c504a6p+11 0x1.639968ba9d343p+816 0x1.7f6114734465cp+977 "
+        "-0x1.f7186ed7a5208p+371 -0x1.4a478b13490b4p+6"
+    ),
+    ("cosh", "float"): (
+        "0x1.0cfa180000000p+0 -0x1.ca8e820000000p+0 0x1.4871f60000000p+6 0x1.1e91160000000p+6 "
+        "0x1.03a30c0000000p+5 0x1.91aae00000000p+2"
+    ),
+    ("cosh", "double"): (
+        "-0x1.bc7d706e654a0p+0 -0x1.e9aef741870a0p-1 -0x1.234a8cfc26127p+7 "
+        "0x1.c436356953bcbp+8 0x1.2647ce1985af1p+8 -0x1.33c80c74e408fp+8 "
+        "-0x1.8accdc9bc3013p+6 -0x1.54ccdc79eba15p+5 0x1.69041e870ffd7p+8 "
+        "0x1.59e787a06114dp+6 0x1.5695fdc474daap+9 -0x1.caab0c97bca3ap+5 "
+        "-0x1.cc4d2d4d5147ep+7 -0x1.f25fe809753d9p+6 0x1.08d63ecf23d4cp+9 "
+        "-0x1.4dc1df3b4c0e0p+9 0x1.502099736529ap+7 -0x1.5f3174a6d4107p+9 "
+        "-0x1.e4abad5c7242bp+7 -0x1.36a465a4e2621p+9 0x1.7a9bcb1a5d148p+8 "
+        "0x1.85d1806bd254fp+8 0x1.03754273117a0p+9 0x1.9d2123ac90181p+7 0x1.2fa8755e05ef6p+9 "
+        "-0x1.ca352b883443ap+8 0x1.498b36e833d01p+8 -0x1.150a5b56aeb4cp+9 "
+        "-0x1.0d5cc2239b5fep+8 0x1.9a8571b910174p+8 -0x1.dc07e06decdbbp+8 "
+        "0x1.26b2c8fdff58ap+2 0x1.1cef7dbaf75c5p+9 -0x1.3eac54761c284p+9"
+    ),
+    ("exp", "float"): (
+        "-0x1.4febc60000000p+5 0x1.8ac4020000000p+4 0x1.4871f60000000p+6 0x1.1e91160000000p+6 "
+        "0x1.03a30c0000000p+5 -0x1.3d419e0000000p+6 -0x1.5b4b580000000p+6 "
+        "0x1.5826aa0000000p+3"
+    ),
+    ("exp", "double"): (
+        "0x1.5695fdc474daap+9 -0x1.234a8cfc26127p+7 0x1.c436356953bcbp+8 0x1.2647ce1985af1p+8 "
+        "-0x1.33c80c74e408fp+8 -0x1.8accdc9bc3013p+6 -0x1.54ccdc79eba15p+5 "
+        "0x1.69041e870ffd7p+8 0x1.59e787a06114dp+6 0x1.23a4e877d4763p+6 -0x1.cc4d2d4d5147ep+7 "
+        "0x1.08d63ecf23d4cp+9 -0x1.4dc1df3b4c0e0p+9 0x1.01e3922ffd8b6p+7 "
+        "-0x1.37cc2d72f4f94p+6 0x1.502099736529ap+7 0x1.dae33504254bap+6 0x1.3d1b6e535e9fcp+8 "
+        "-0x1.3ccf1a34e28f0p+7 -0x1.047b4c8e149abp+9 -0x1.5f3174a6d4107p+9 "
+        "-0x1.b7211387ab6c0p+8 -0x1.a06fceb9a1e83p+6 -0x1.e4abad5c7242bp+7 "
+        "-0x1.1d0f606ef1d79p+8 0x1.107c2e181eda4p+5 -0x1.36a465a4e2621p+9 "
+        "0x1.7a9bcb1a5d148p+8 0x1.85d1806bd254fp+8 0x1.e8bc1a23ff0a6p+7 -0x1.5db760409a33ap+8 "
+        "0x1.9d2123ac90181p+7 0x1.2fa8755e05ef6p+9 -0x1.ca352b883443ap+8 0x1.b097475b91b2ap+7 "
+        "-0x1.81ebcb56b9bb4p+8 0x1.2fba2a3aa0d7fp+7 0x1.498b36e833d01p+8 0x1.36c853c39e2a3p+9 "
+        "-0x1.150a5b56aeb4cp+9 0x1.015d4f1742172p+9 -0x1.5854d4fb42da2p+7 "
+        "-0x1.0d5cc2239b5fep+8 0x1.9a8571b910174p+8 -0x1.81baf5ef213c0p+7 "
+        "-0x1.70f6be32179adp+9 -0x1.554aa08d518a0p+9 -0x1.3eac54761c284p+9 "
+        "-0x1.289eabe8b84f7p+9 -0x1.1d76f374354cfp+9 -0x1.065e08b8c1b33p+9 "
+        "-0x1.f2fa55119a7efp+8 -0x1.aad6e470fc98ep+8 -0x1.896b589e65cafp+8 "
+        "-0x1.4466352a70bfdp+8 0x1.05bf631fb3e66p+8 0x1.c51bb475ecf93p+8 0x1.ec392e72137a1p+8 "
+        "0x1.101b7da71015cp+9 0x1.1cef7dbaf75c5p+9 0x1.42100ba1a7a5cp+9 0x1.4bdc3e4f9b92ap+9 "
+        "0x1.5ccc9fa0e3f3cp+9 0x1.e13f26822b754p+3 -0x1.7005524c0d1f5p+3"
+    ),
+    ("log", "float"): (
+        "0x1.5a12d40000000p-1 0x1.2622ec0000000p+7 0x1.0d7f580000000p+2 0x1.b946440000000p+8 "
+        "0x1.6e13e00000000p+0 0x1.491ac40000000p+1 0x1.3cfb180000000p+16 "
+        "0x1.3657fc0000000p-72 0x1.72f4fa0000000p-72 0x1.319ae00000000p+8 "
+        "0x1.08d1f40000000p+4 0x1.0220d60000000p+64 0x1.475c0c0000000p+32"
+    ),
+    ("log", "double"): (
+        "0x1.3c4b8dd54e183p+1 0x1.5684e6fcda6c3p+2 0x1.450940175573cp+8 0x1.907f48b290659p-1 "
+        "0x1.f00d9fb8c1828p+0 0x1.42edec81c4101p+4 0x1.549f1e6ac0ee9p+1 "
+        "0x1.1d9d1e9a3d8d0p+217 0x1.2bac5aded2e3ep+33 0x1.2747984ee153cp+82 "
+        "0x1.a5ea3fc026dfdp+557 0x1.12d3e9f936bb8p-929 0x1.529f639fcbb45p-647 "
+        "0x1.48942a16976d8p+19 0x1.85ae4f1df7bd2p+661 0x1.4bfe6d87b7832p+256 "
+        "0x1.68d34edf2e55ap-1"
+    ),
+    ("pow", "float"): (
+        "0x1.9d42ea0000000p-71 0x1.ebf97c0000000p-1 0x1.837dd80000000p+0 0x1.7b256a0000000p+7 "
+        "0x1.10e4420000000p+1 0x1.d9e21e0000000p+3 0x1.503de80000000p+2 -0x1.7a31500000000p+5 "
+        "0x1.59426a0000000p+8 -0x1.5672f20000000p+1 0x1.f8ec1c0000000p+22 "
+        "0x1.9fce080000000p+1 0x1.9f4fc60000000p+1 0x1.5219d60000000p-2 0x1.894fa60000000p+2 "
+        "0x1.426aa20000000p+4 0x1.02c80e0000000p+11 -0x1.ae619e0000000p+3 "
+        "0x1.1d39940000000p+4 -0x1.0dc7300000000p+1 0x1.23f7fe0000000p-16 "
+        "0x1.67fc520000000p+1 0x1.3cfb180000000p+16 -0x1.da0ef80000000p+0 "
+        "0x1.262a360000000p+64 0x1.a93e060000000p+0 0x1.779fb60000000p-11 "
+        "-0x1.5742600000000p-2"
+    ),
+    ("pow", "double"): (
+        "0x1.a36f2e66b0cd1p+4 -0x1.64663293a552ep+3 0x1.4fa4408275027p+515 "
+        "-0x1.497c6065c7b34p+0 0x1.95d2c4e1f00d6p-1 0x1.71c923485a8dap+11 "
+        "0x1.052333539de20p+1 0x1.f4526070eff68p+3 0x1.b90e6e46b59c1p-614 "
+        "-0x1.ea1d7ea7c32ecp-1 0x1.d7c221cae8ed4p+0 -0x1.a04a1a7f7cb17p+0 "
+        "0x1.0e5927edbd912p+2 -0x1.e6b2107968111p+3 0x1.c436356953bcbp+8 0x1.6ed223d998e5ap+6 "
+        "0x1.1d9d1e9a3d8d0p+217 0x1.1f046cb1d513bp+1 0x1.2bac5aded2e3ep+33 "
+        "-0x1.559f307aa8994p+1 0x1.7a0fc7c602b3ap+84 0x1.7600f5d99ab5ep+1 "
+        "0x1.3dfccbd94e12ap+2 0x1.c325a0c86b831p+5 0x1.bbcf6fedae048p+1 0x1.f742113528324p+4 "
+        "0x1.00174c1a42be2p+2 0x1.6539509997cb8p+8 0x1.2dc101fe0032cp+3 0x1.2d3efb2ca3defp+8 "
+        "0x1.1a199f74750f1p+3 0x1.19f51048a6ecbp+6 0x1.3f5cb47f9270cp+2 -0x1.e2938f9044922p+5 "
+        "0x1.1bef4e8f237ebp+3 -0x1.258904079e509p+7 0x1.08e3ea079be1cp+2 "
+        "-0x1.0e4c6c600ddd9p+8 0x1.ba9547f31b6e5p+1 -0x1.78b5331523324p+7 "
+        "0x1.6ede9d78aac77p+1 -0x1.4781159052ec9p+7 0x1.1023b7643b4f8p+3 0x1.4dc88c56be1a3p+7 "
+        "0x1.040a4d48e8271p+3 -0x1.1fc320502d92cp+6 0x1.23fd70fa62912p+2 0x1.54569d7908decp+7 "
+        "0x1.2bbcd071ffb5dp+1 -0x1.12ceaeae2ae9ap+7 0x1.1f88b7b025f99p+3 0x1.b24ceae0d54c9p+6 "
+        "0x1.355a37f624bf6p-2 0x1.15462336cb74ap+8 0x1.388aa30cf02e1p+2 0x1.18b0e25705733p+7 "
+        "0x1.18916d0f44355p+3 0x1.5a85262fcdb15p+7 0x1.24e645bd0ac2ap+1 0x1.71e1c2e7b551dp+8 "
+        "0x1.37fb02f513810p+2 0x1.6fc570dd41adfp+5 0x1.b0cc38bc6fa25p-20 "
+        "-0x1.fbdd33e1e1a83p+2 0x1.704b407cf282cp+10 0x1.d09b3dc0ba224p+5 "
+        "0x1.36d8d79eb4196p+10 -0x1.3275c6283d49ep+6 0x1.42adb3b9998c3p-455 "
+        "0x1.db33445077af8p+0 0x1.f722ddd84c387p-449 0x1.05761499b744cp+1 "
+        "0x1.aa9abbe16ccefp-165 -0x1.3a26919c88ae8p+1 0x1.565d22aba58f6p+194 "
+        "-0x1.8d127d498fcf0p+0 0x1.934840ecdbd8ep-891 -0x1.7c7d37fd9fd71p-1 "
+        "0x1.1daa6101e75d2p+459 0x1.9c932326eb09ep+0 0x1.d749936936d38p+201 "
+        "-0x1.efdccb760127dp+0 0x1.dfa6b1f058754p-429 -0x1.79892d08953afp+0 "
+        "0x1.6e916479e7d8cp-738 0x1.013900d094284p+0 0x1.ec395f1268c65p+444 "
+        "0x1.b8add6bd50538p+0 0x1.18b8ec66a86e7p-380 0x1.5c516e63a7040p+0 "
+        "0x1.ea1755805a3ddp-571 0x1.d8421bb2a9e08p+0 0x1.11390748b49d0p-87 "
+        "0x1.1f395b15a0498p+1 0x1.cefd4a1ef5898p+737 0x1.19ed3ff8dbf20p-2 "
+        "0x1.f4e70793e5df3p+254 0x1.a586f66e0c98cp+1 0x1.f5d4aabd13d93p+373 "
+        "0x1.5d20488365ca4p+1 0x1.8a571be9b8703p+477 -0x1.3f0ddee0c9f71p+0 "
+        "0x1.2c0b610782a1cp+957 0x1.f24dd75ca3e80p-1 0x1.b9e6b5826a177p+536 "
+        "0x1.9486edf2f8024p+0 0x1.9828e3dcb3200p-840 0x1.034bba09cc7dcp-1 "
+        "0x1.93991ff05f747p-463 0x1.01b63d2034db3p+1 0x1.22764921cccd4p+630 "
+        "-0x1.1f7ba494d5ccap+0 0x1.11cc3d2ae49d4p+348 -0x1.3edb5905794e0p+1 "
+        "0x1.7d146b68cd576p-540 0x1.eb71764a074b0p+0 0x1.b1821496e1fc3p+253 "
+        "-0x1.7ef5f646396cap+1 0x1.0ad74f7b76707p+482 0x1.321a475e57430p-1 "
+        "0x1.885790e501cf8p+2 -0x1.73b3701651688p+8 0x1.356d0734146a9p+3 "
+        "-0x1.8030ff0566cafp+7 0x1.15373d68c14cep+3 -0x1.812b417364419p+7 "
+        "0x1.a2d7233ac894dp-3 0x1.3aa6446345363p+7 0x1.349366ce1e208p+3 0x1.105a2629190d5p+8 "
+        "0x1.f51d3de239648p+1 0x1.e42d46abe5756p+8 0x1.2647ce1985af1p+8 0x1.16db0bf4a95ecp+1 "
+        "0x1.340525fb5fb0fp+4 0x1.2b7f78357c92fp-2 0x1.48942a16976d8p+19 "
+        "-0x1.6fc95af38e990p-1 0x1.6f441accbb0aap+2 -0x1.93986efc9b7d1p+4 "
+        "0x1.5951167021331p-582 0x1.41073990a3a45p-9"
+    ),
+    ("sigmoid", "float"): (
+        "-0x1.4febc60000000p+5 0x1.1015c20000000p+0 -0x1.74283c0000000p-2 "
+        "-0x1.3d419e0000000p+6 -0x1.3b879e0000000p+4 -0x1.5b4b580000000p+6 "
+        "-0x1.1d08060000000p+4 -0x1.4685e80000000p+3 -0x1.6046280000000p+4"
+    ),
+    ("sigmoid", "double"): (
+        "-0x1.37cc2d72f4f94p+6 -0x1.4a42dd0f9c04fp+8 -0x1.91e762faf7341p-2 "
+        "-0x1.234a8cfc26127p+7 -0x1.33c80c74e408fp+8 -0x1.8accdc9bc3013p+6 "
+        "-0x1.54ccdc79eba15p+5 -0x1.cc4d2d4d5147ep+7 -0x1.4dc1df3b4c0e0p+9 "
+        "-0x1.3ccf1a34e28f0p+7 -0x1.047b4c8e149abp+9 -0x1.5f3174a6d4107p+9 "
+        "-0x1.b7211387ab6c0p+8 -0x1.a06fceb9a1e83p+6 -0x1.e4abad5c7242bp+7 "
+        "-0x1.1d0f606ef1d79p+8 -0x1.36a465a4e2621p+9 -0x1.5db760409a33ap+8 "
+        "-0x1.ca352b883443ap+8 -0x1.81ebcb56b9bb4p+8 -0x1.150a5b56aeb4cp+9 "
+        "-0x1.5854d4fb42da2p+7 -0x1.0d5cc2239b5fep+8 -0x1.81baf5ef213c0p+7 "
+        "0x1.2e4fe4d97aea4p+0 -0x1.554aa08d518a0p+9 -0x1.3eac54761c284p+9 "
+        "-0x1.289eabe8b84f7p+9 -0x1.1d76f374354cfp+9 -0x1.065e08b8c1b33p+9 "
+        "-0x1.f2fa55119a7efp+8 -0x1.aad6e470fc98ep+8 -0x1.896b589e65cafp+8 "
+        "-0x1.0457516277926p+4 -0x1.70f6be32179adp+9"
+    ),
+    ("sin", "float"): (
+        "-0x1.1607ec0000000p+9 0x1.2fc97a0000000p+91 -0x1.09e9880000000p+6 "
+        "-0x1.42d3560000000p+127 0x1.84a8760000000p+4 0x1.9549940000000p-1 "
+        "0x1.29de9a0000000p+4 0x1.1466760000000p+5 -0x1.0018ea0000000p+5"
+    ),
+    ("sin", "double"): (
+        "-0x1.c5fa6f61dc10fp+507 -0x1.aa9927eac0a82p+884 0x1.7aff347d26d9ap+244 "
+        "0x1.55cf4cf12d881p+372 -0x1.545b8f0b3dd82p+749 -0x1.54be3997b07d8p+453 "
+        "0x1.d16a7e5443808p+4 -0x1.3d0473ec50860p+6 -0x1.35e81799821a6p+6 "
+        "0x1.34269e2c504a6p+11 -0x1.739ee04e94026p+967 -0x1.d0e44c58d0676p+42 "
+        "-0x1.907b43c4030b8p+577 -0x1.c0cb98a98b4e8p+325 0x1.bfa39f31ea44ap+690"
+    ),
+    ("sinh", "float"): (
+        "0x1.95bab20000000p+0 -0x1.a63a320000000p+0 0x1.4871f60000000p+6 0x1.1e91160000000p+6 "
+        "0x1.03a30c0000000p+5 0x1.8bb1b00000000p-1 -0x1.a49ce80000000p-2 0x1.1f9a580000000p+2 "
+        "0x1.4f91860000000p+2"
+    ),
+    ("sinh", "double"): (
+        "0x1.ceabaa1cb6280p+0 -0x1.ea0f98edff44bp+5 -0x1.cd36b88cf9200p-1 "
+        "-0x1.234a8cfc26127p+7 0x1.c436356953bcbp+8 0x1.2647ce1985af1p+8 "
+        "-0x1.33c80c74e408fp+8 -0x1.8accdc9bc3013p+6 -0x1.54ccdc79eba15p+5 "
+        "0x1.69041e870ffd7p+8 0x1.59e787a06114dp+6 0x1.5695fdc474daap+9 -0x1.cc4d2d4d5147ep+7 "
+        "-0x1.f25fe809753d9p+6 0x1.08d63ecf23d4cp+9 -0x1.4dc1df3b4c0e0p+9 "
+        "0x1.502099736529ap+7 -0x1.5f3174a6d4107p+9 -0x1.e4abad5c7242bp+7 "
+        "-0x1.36a465a4e2621p+9 0x1.7a9bcb1a5d148p+8 0x1.85d1806bd254fp+8 0x1.03754273117a0p+9 "
+        "0x1.9d2123ac90181p+7 0x1.2fa8755e05ef6p+9 -0x1.ca352b883443ap+8 0x1.498b36e833d01p+8 "
+        "-0x1.150a5b56aeb4cp+9 -0x1.0d5cc2239b5fep+8 0x1.9a8571b910174p+8 "
+        "-0x1.dc07e06decdbbp+8 0x1.fc2fc09c9ffc0p-2 -0x1.e9e6da50faf58p+1 "
+        "0x1.1cef7dbaf75c5p+9 -0x1.3eac54761c284p+9 0x1.a577107609884p+2 0x1.7a0a218121364p+1"
+    ),
+    ("softplus", "float"): (
+        "-0x1.93de720000000p-1 -0x1.72748e0000000p-2 -0x1.4febc60000000p+5 "
+        "-0x1.1975680000000p+0 -0x1.3d419e0000000p+6 -0x1.3b879e0000000p+4 "
+        "-0x1.107e600000000p+4 -0x1.5b4b580000000p+6 -0x1.5324300000000p-1 "
+        "-0x1.8e30b40000000p+1 -0x1.8c817a0000000p-1 -0x1.6046280000000p+4"
+    ),
+    ("softplus", "double"): (
+        "-0x1.37cc2d72f4f94p+6 -0x1.fffd87ee3b7f0p-2 -0x1.4a42dd0f9c04fp+8 "
+        "-0x1.5a32b295f1690p+0 -0x1.234a8cfc26127p+7 -0x1.33c80c74e408fp+8 "
+        "-0x1.8accdc9bc3013p+6 -0x1.54ccdc79eba15p+5 -0x1.cc4d2d4d5147ep+7 "
+        "-0x1.4dc1df3b4c0e0p+9 -0x1.3ccf1a34e28f0p+7 -0x1.047b4c8e149abp+9 "
+        "-0x1.5f3174a6d4107p+9 -0x1.b7211387ab6c0p+8 -0x1.a06fceb9a1e83p+6 "
+        "-0x1.e4abad5c7242bp+7 -0x1.1d0f606ef1d79p+8 -0x1.36a465a4e2621p+9 "
+        "-0x1.5db760409a33ap+8 -0x1.ca352b883443ap+8 -0x1.fda2b800b44a6p-2 "
+        "-0x1.81ebcb56b9bb4p+8 -0x1.150a5b56aeb4cp+9 -0x1.5854d4fb42da2p+7 "
+        "-0x1.0d5cc2239b5fep+8 -0x1.81baf5ef213c0p+7 -0x1.f2d43ff0d2eedp+3 "
+        "-0x1.554aa08d518a0p+9 -0x1.3eac54761c284p+9 -0x1.289eabe8b84f7p+9 "
+        "-0x1.1d76f374354cfp+9 -0x1.065e08b8c1b33p+9 -0x1.f2fa55119a7efp+8 "
+        "-0x1.aad6e470fc98ep+8 -0x1.896b589e65cafp+8 -0x1.b243e64b190b6p+4 "
+        "-0x1.04bdd1e83f5f0p+0 -0x1.70f6be32179adp+9"
+    ),
+    ("tan", "float"): (
+        "0x1.2fc97a0000000p+91 -0x1.2abf400000000p-1 0x1.e200400000000p-1 "
+        "-0x1.1607ec0000000p+9 0x1.5aca460000000p-1 -0x1.7f74a40000000p+7 "
+        "-0x1.5fd3040000000p+4 -0x1.f7ccd20000000p+127 0x1.bd51bc0000000p+49 "
+        "0x1.dc3fe60000000p-1"
+    ),
+    ("tan", "double"): (
+        "-0x1.2de95f7d43171p+772 -0x1.34b9261d5a99bp+276 -0x1.32d194660edcbp+909 "
+        "0x1.ecace51064855p+138 -0x1.1e6c316d5c93ep+1015 0x1.35a3aca3beff1p+455 "
+        "0x1.7e4bdf94f8ac5p+722 -0x1.1aa98deef3af4p+577 -0x1.0036d9809938fp+0 "
+        "-0x1.9516a5540c4ddp+374 0x1.2bac5aded2e3ep+33 -0x1.554aa08d518a0p+9"
+    ),
+    ("tanh", "float"): (
+        "0x1.bea0d00000000p-1 0x1.d480f00000000p-1 -0x1.e269bc0000000p-1 -0x1.4847240000000p+0"
+    ),
+    ("tanh", "double"): (
+        "0x1.e4a49d9437049p-2 -0x1.05bd018a15260p-1 -0x1.d3b9f50328020p-1 -0x1.b9e3a36ce6d60p-1"
+    ),
+}
+
+
+def telling_arguments(kernel: str, real: RealName, arity: int) -> list[tuple[float, ...]]:
+    """The arguments of a kernel, which takes `arity` of them, beside those of its branches."""
+    numbers = [float.fromhex(text) for text in _HEXADECIMAL[kernel, real].split()]
+    return [tuple(numbers[i : i + arity]) for i in range(0, len(numbers), arity)]
