@@ -168,8 +168,9 @@ class Printer:
     def statement(self, statement: Statement) -> Iterable[str]:
         """The lines of a statement."""
         match statement:
-            case Declare(type, name, value, size, elements, constant, volatile):
-                words = f"{'const ' if constant else ''}{'volatile ' if volatile else ''}"
+            case Declare(type, name, value, size, elements, constant, volatile, static):
+                words = "static " if static else ""
+                words += f"{'const ' if constant else ''}{'volatile ' if volatile else ''}"
                 head = f"{words}{self.type(type)} {name}"
                 if size is not None:
                     head = f"{head}[{size}]"

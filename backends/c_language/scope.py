@@ -63,11 +63,14 @@ class Scope:
     def add(self, statement: Statement) -> None:
         self.statements.append(statement)
 
-    def note(self, text: str) -> None:
-        """A comment before the next statement, unless it is the one that was written last."""
-        if text and text != self._note:
-            self._note = text
-            self.add(Comment(text))
+    def note(self, text: str, about: str = "") -> bool:
+        """A comment before the next statement, unless the last one was about the same."""
+        about = about or text
+        if not text or about == self._note:
+            return False
+        self._note = about
+        self.add(Comment(text))
+        return True
 
     def constant(self, name: str, value: Expression, type: CType = CType.REAL) -> Name:
         """A new constant with that value."""

@@ -152,6 +152,7 @@ class Declare:
     elements: tuple[Expression, ...] = ()
     constant: bool = False
     volatile: bool = False
+    static: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,9 +117,9 @@ class GraphLowering:
             return self._active_degrees(index, node)
         args = [self._values[arg] for arg in node.args]
         match node.op:
-            case ops.Constant(values):
-                name = node.label or "constants"
-                return self._locals.known(values, node.type, name, self._scope)
+            case ops.Constant(values, name):
+                shown = name or node.label or "constants"
+                return self._locals.known(values, node.type, shown, self._scope, of_spec=bool(name))
             case ops.Read():
                 return self._surroundings.read(node.op, node.type)
             case ops.Broadcast():

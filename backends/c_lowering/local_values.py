@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from backends.c_language.functions import FunctionTable
 from backends.c_language.operations import expression_size
 from backends.c_language.places import Index, Place
 from backends.c_language.scope import Scope
-from backends.c_language.tree import CType, Expression, Name, Real, Table
+from backends.c_language.tree import (
+    Comment,
+    CType,
+    Declare,
+    Expression,
+    Name,
+    Real,
+    Statement,
+    Table,
+)
+from backends.c_language.used_names import used_names
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.values import Computed, Value, copy_value
 from compiler.ir.program import Node
@@ -26,6 +38,8 @@ class LocalValues:
         unroll: int,
         parallel_sums: int = 1,
         block: int = 1,
+        *,
+        names_constants: bool = False,
     ) -> None:
         self.functions = functions
         self.notes = notes
@@ -35,8 +49,12 @@ class LocalValues:
         """Elements up to which loops are written out."""
         self.block = block
         """Terms of a long sum that one turn of its loop adds."""
-        self.tables: list[Table] = []
-        """Constant arrays that the statements use: to be declared before them."""
+        self.names_constants = names_constants
+        """Whether numbers that the spec names have their name in the text too."""
+        self._known: dict[str, Table | Declare] = {}
+        """By their names in the text: constants that statements may use."""
+        self._units: dict[str, str] = {}
+        """Of constants of the spec."""
 
     def name(self, node: Node) -> str:
         return node.label or self.notes.part_name(node, "part")
@@ -69,16 +87,43 @@ class LocalValues:
         """A new local array for the value, not yet filled."""
         return Place.array(scope.array(name, node.type.size, _c_type(node)), node.type.shape)
 
-    def known(self, values: tuple[float, ...], type: Type, name: str, scope: Scope) -> Place:
-        """Numbers that stand in the text, in a table too once a loop runs over them."""
+    def constants(self, statements: Sequence[Statement]) -> tuple[Statement, ...]:
+        """Constants that the statements use, to be declared before them."""
+        used = used_names(statements)
+        known = [(name, each) for name, each in self._known.items() if name in used]
+        shown = [f"{name} [{self._units[name]}]" for name, _ in known if name in self._units]
+        comment = (Comment(f"constants of the spec: {', '.join(shown)}"),) if shown else ()
+        return (*comment, *(each for _, each in known))
+
+    def known(
+        self,
+        values: tuple[float, ...],
+        type: Type,
+        name: str,
+        scope: Scope,
+        *,
+        of_spec: bool = False,
+    ) -> Place:
+        """Numbers that stand in the text, in a table too once a loop runs over them.
+
+        A number that the spec names is a constant of that name.
+        """
         if len({value.hex() for value in values}) == 1 and type.kind == "real":
-            return Place.single(Real(values[0])).reshaped_single(type.shape)
+            if not (of_spec and self.names_constants):
+                return Place.single(Real(values[0])).reshaped_single(type.shape)
+            local = Name(scope.fresh(name))
+            self._known[local.text] = Declare(
+                CType.REAL, local.text, Real(values[0]), constant=True, static=True
+            )
+            if type.unit is not None:
+                self._units[local.text] = type.unit.text
+            return Place.single(local).reshaped_single(type.shape)
         declared: list[Name] = []
 
         def table() -> Expression:
             if not declared:
                 declared.append(Name(scope.fresh(name)))
-                self.tables.append(Table(declared[0].text, values))
+                self._known[declared[0].text] = Table(declared[0].text, values)
             return declared[0]
 
         return Place.array(values, type.shape, table).of_kind(boolean=type.kind == "bool")

@@ -1,12 +1,16 @@
-"""Says of generated statements which line of the spec they come from."""
+"""Says of generated statements which line and formula of the spec they come from."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import PurePath
 
 from backends.c_language.scope import Scope
-from compiler.ir.program import Graph, Node
+from compiler.ir.program import Formula, Graph, Node
 from spec_schema.diagnostics.source import Span
+
+_LONGEST_FORMULA = 120
+"""Characters of a formula that a comment shows."""
 
 
 class SpecNotes:
@@ -15,23 +19,60 @@ class SpecNotes:
     A node inside an equation has no name of its own: it goes by that of the equation on its line.
     """
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: Graph, formulas: Sequence[Formula] = ()) -> None:
         self._names: dict[tuple[str, int], str] = {}
         for node in graph.nodes:
             if node.span is not None and node.label is not None:
                 self._names.setdefault((node.span.file, node.span.line), node.label)
+        self._formulas: dict[tuple[str, int], list[Formula]] = {}
+        for formula in formulas:
+            span = formula.span
+            for line in range(span.line, span.end_line + 1):
+                self._formulas.setdefault((span.file, line), []).append(formula)
+        self._shown: set[Formula] = set()
 
     def write(self, node: Node, scope: Scope) -> None:
-        """Puts the place of the node before the next statement of the block."""
-        if node.span is not None:
-            name = self._equation(node)
-            place = span_text(node.span)
-            scope.note(f"spec: {name} ({place})" if name else f"spec: {place}")
+        """Puts what the node is before the next statement of the block.
+
+        The formula is shown once: a step evaluates some equations many times.
+        """
+        if node.span is None:
+            return
+        formula = self._formula(node.span)
+        if formula in self._shown:
+            formula = None
+        said, place = self._what(node, formula), span_text(node.span)
+        about = f"{self._equation(node)} {place}"
+        if scope.note(f"spec: {said} ({place})" if said else f"spec: {place}", about) and formula:
+            self._shown.add(formula)
 
     def part_name(self, node: Node, kind: str) -> str:
         """A name for a value inside an equation: `drag_sum`, or `sum` where nothing is known."""
         equation = self._equation(node)
         return f"{equation}_{kind}" if equation else kind
+
+    def _what(self, node: Node, formula: Formula | None) -> str:
+        """`travel [m] = w - z`, `dz_1 [m/s], der(dz) = load / body`, or the name alone."""
+        name = self._equation(node) or ""
+        if formula is None:
+            return name
+        right = formula.right
+        if len(right) > _LONGEST_FORMULA:
+            right = f"{right[:_LONGEST_FORMULA]}..."
+        own = node.label is not None and node.type.unit is not None
+        unit = f" [{node.type.unit.text}]" if own and node.type.unit is not None else ""
+        if formula.left == name:
+            return f"{name}{unit} = {right}"
+        return f"{name}{unit}, {formula.left} = {right}" if name else f"{formula.left} = {right}"
+
+    def _formula(self, span: Span) -> Formula | None:
+        """The formula that the place is in."""
+        place = (span.line, span.column)
+        for formula in self._formulas.get((span.file, span.line), ()):
+            whole = formula.span
+            if (whole.line, whole.column) <= place < (whole.end_line, whole.end_column):
+                return formula
+        return None
 
     def _equation(self, node: Node) -> str | None:
         if node.label is not None or node.span is None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from compiler.elaboration.deep_recursion import room_for
+from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.histories import Known
 from compiler.elaboration.losses.losses import default_loss, lower_loss
 from compiler.elaboration.names import Elaboration
@@ -107,6 +108,7 @@ def compile_linked(
         expected=tuple(lowered.expected),
         fits=tuple(elaborated.layers.fits.values()),
         dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in spec.dims.items()),
+        formulas=formulas_of(spec),
         doc=spec.doc or "",
         spec_hash=spec_hash,
     )

@@ -86,7 +86,7 @@ class Elaboration:
                 return self._signal(name.name, signal, name.span, environment, logged=logged)
             case Constant() as constant:
                 array = self.constants.value(name.name, constant)
-                return builder.constant(array.values, array.axes, array.unit)
+                return builder.constant(array.values, array.axes, array.unit, name.name)
             case Parameter() as parameter:
                 self._forbid_in_constant(name.name, name.span, environment)
                 self.arrays.parameter(name.name, parameter)

@@ -40,9 +40,10 @@ class GraphBuilder(NodeStore):
         value: float | Sequence[float] | Array,
         axes: tuple[Axis, ...] = (),
         unit: Unit | None = ONE,
+        name: str = "",
     ) -> NodeId:
         values = tuple(float(v) for v in np.asarray(value, dtype=float).ravel())
-        return self.emit(ops.Constant(values), (), Type(axes, unit))
+        return self.emit(ops.Constant(values, name), (), Type(axes, unit))
 
     def parameter(self, name: str, type: Type) -> NodeId:
         return self.emit(ops.ReadParameter(name), (), type)

@@ -40,6 +40,8 @@ class Constant(Leaf):
     """Numbers known at compile time, in C order of the node's axes."""
 
     values: tuple[float, ...]
+    name: str = ""
+    """What the spec calls them, for generated code; equal numbers of two names are two values."""
 
 
 @dataclass(frozen=True, slots=True)

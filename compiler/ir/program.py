@@ -187,6 +187,16 @@ class Expected:
     span: Span | None = field(default=None, compare=False)
 
 
+@dataclass(frozen=True, slots=True)
+class Formula:
+    """What the spec writes for a value, to be read beside generated code: `travel` = `w - z`."""
+
+    left: str
+    """A name, `der(x)` or `next(x)`."""
+    right: str
+    span: Span
+
+
 class Measure(Enum):
     """How a loss becomes a number: the mean over steps, starts, window and dims of …."""
 
@@ -258,6 +268,8 @@ class Program:
     fits: tuple[Fit, ...] = ()
     """Layers that training starts by least squares; while there are losses."""
     dimensions: tuple[Dimension, ...] = ()
+    formulas: tuple[Formula, ...] = ()
+    """Of equations, outputs and states, for people."""
     doc: str = ""
     spec_hash: str = ""
     """sha256 of the spec's text, so that weights and generated files can name their source."""

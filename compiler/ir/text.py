@@ -122,8 +122,8 @@ def _operation(node: Node) -> str:
     args = [f"%{arg}" for arg in node.args]
     listed = ", ".join(args)
     match node.op:
-        case ops.Constant(values):
-            return f"constant {_numbers(values)}"
+        case ops.Constant(values, name):
+            return f"constant {_numbers(values)}{f' ({name})' if name else ''}"
         case ops.ReadParameter(name):
             return f"parameter {name}"
         case ops.ReadSignal(name, first, last):

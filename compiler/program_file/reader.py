@@ -9,6 +9,7 @@ from compiler.ir.fit import Fit
 from compiler.ir.program import (
     Dimension,
     Expected,
+    Formula,
     Graph,
     Loss,
     Node,
@@ -46,6 +47,7 @@ def read_program(data: Any) -> Program:
         expected=record.items("expected", reading(Expected)) if record.has("expected") else (),
         fits=record.items("fits", reading(Fit)) if record.has("fits") else (),
         dimensions=record.items("dimensions", reading(Dimension)),
+        formulas=record.items("formulas", reading(Formula)) if record.has("formulas") else (),
         doc=record.text("doc"),
         spec_hash=record.text("spec_hash"),
     )

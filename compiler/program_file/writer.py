@@ -38,6 +38,8 @@ def program_to_data(program: Program) -> Data:
         data["expected"] = [to_data(entry, shared) for entry in program.expected]
     if program.fits:
         data["fits"] = [to_data(fit, shared) for fit in program.fits]
+    if program.formulas:
+        data["formulas"] = [to_data(formula, shared) for formula in program.formulas]
     return data
 
 
@@ -45,6 +47,6 @@ def _files(program: Program) -> tuple[str, ...]:
     spans = [node.span for graph in (program.start, program.step) for node in graph.nodes]
     for declared in (program.signals, program.parameters, program.states):
         spans += [item.span for item in declared]
-    for declared in (program.outputs, program.losses, program.expected):
+    for declared in (program.outputs, program.losses, program.expected, program.formulas):
         spans += [item.span for item in declared]
     return tuple(dict.fromkeys(PurePath(span.file).name for span in spans if span is not None))

@@ -49,7 +49,7 @@ def _model_texts(
     """The same, and the kernels that the code calls."""
     prefix, options = interface.prefix, interface.options
     table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
-    model = Model(interface, weights, table)
+    model = Model(interface, weights, table, program.formulas)
     every = program.sample_time
     sample_time = None if every is None else real_literal(every, options.dtype)
     functions = {

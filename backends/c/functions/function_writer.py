@@ -26,7 +26,7 @@ from compiler.ir.ops import (
     ReadTraining,
     Window,
 )
-from compiler.ir.program import Graph
+from compiler.ir.program import Formula, Graph
 from compiler.ir.types import Type
 
 _BLOCK = 6
@@ -45,6 +45,7 @@ class Model:
     interface: Interface
     weights: Weights
     functions: FunctionTable
+    formulas: tuple[Formula, ...] = ()
 
 
 class FunctionWriter:
@@ -56,7 +57,13 @@ class FunctionWriter:
         self.unroll = model.interface.options.unroll
         self.scope = Scope(LocalNames(model.interface.prefix))
         block = _BLOCK if self.unroll >= _FEWEST_WRITTEN_OUT else self.unroll
-        self.locals = LocalValues(model.functions, SpecNotes(graph), self.unroll, block=block)
+        self.locals = LocalValues(
+            model.functions,
+            SpecNotes(graph, model.formulas),
+            self.unroll,
+            block=block,
+            names_constants=True,
+        )
         self.inputs: dict[str, Place] = {}
         """Where the step finds its checked inputs."""
         self.checked_windows: dict[str, Place] = {}
@@ -121,7 +128,8 @@ class FunctionWriter:
         if self.interface.takes_parameters:
             arguments.append(Argument(f"const {prefix}_params_t *", "p"))
             unused += [] if self._reads_parameters else [Discard("p")]
-        body = (*unused, *self.locals.tables, *self.scope.statements)
+        statements = self.scope.statements
+        body = (*unused, *self.locals.constants(statements), *statements)
         return Function(f"{prefix}_{name}", result, (*arguments, *structs), body, doc)
 
     def _parameter(self, field: Field, type: Type) -> Place:

@@ -185,7 +185,10 @@ class LaneWriter:
         ]
 
     def function(self, name: str, arguments: Sequence[Argument], doc: str) -> Function:
-        body: tuple[Statement, ...] = (*self.locals.tables, *self.scope.statements)
+        body: tuple[Statement, ...] = (
+            *self.locals.constants(self.scope.statements),
+            *self.scope.statements,
+        )
         return Function(name, "void", tuple(arguments), body, doc, static=True, inline=True)
 
 

@@ -48,6 +48,8 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str
     if reason is not None:
         return reason
     match node.op:
+        case ops.Constant(name=name) if name and _is_no_name(name):
+            return "a constant has no proper name"
         case ops.Constant(values):
             if len(values) != type.size or not all(math.isfinite(value) for value in values):
                 return f"{len(values)} numbers for {describe_axes(axes)}, or one is not finite"

@@ -12,7 +12,6 @@ the report says so of each state. See decisions/0185.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -29,10 +28,9 @@ from msnn.verification.proof.drawn_values import (
 from msnn.verification.proof.eva import PRECISION, Alarm, Analysis, Values, analysed
 from msnn.verification.proof.kernel_bounds import kernel_bounds
 from msnn.verification.proof.root_alarms import roots_first
+from msnn.verification.proof.trace import place_of, traced
 from msnn.verification.proof_step import Check, Result
 from msnn.verification.tools import FRAMA_C
-
-_SPEC = re.compile(r"/\* spec: (?:.*\()?([^ ()]+:\d+)\)? *\*/")
 
 
 def proof_checks(model: ExportedC) -> Iterator[Check]:
@@ -166,15 +164,6 @@ def _joined(runs: list[Analysis], name: str) -> Values | None:
 
 
 def _shown_alarm(alarm: Alarm, model: ExportedC) -> str:
-    place = _spec_line(model, alarm.file, alarm.line)
+    source = model.folder / "src" / alarm.file
+    place = place_of(traced((source,)), alarm.file, alarm.line) if source.is_file() else None
     return f"{alarm.file}:{alarm.line}: {alarm.claim}" + (f" (spec {place})" if place else "")
-
-
-def _spec_line(model: ExportedC, name: str, line: int) -> str | None:
-    """Where the spec says what the generated line computes: the last such comment before it."""
-    source = model.folder / "src" / name
-    if not source.is_file():
-        return None
-    above = source.read_text(encoding="utf-8").splitlines()[:line]
-    found = (match[1] for text in reversed(above) if (match := _SPEC.search(text)))
-    return next(found, None)

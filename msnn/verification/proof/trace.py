@@ -6,7 +6,11 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-_NOTE = re.compile(r"/\*\s*spec:\s*(\S[^*]*?:\d+\)?)\s*\*/")
+_NOTE = re.compile(r"/\*\s*spec:\s*((?:(?!\*/).)*?:\d+\)?)\s*\*/", re.DOTALL)
+_FOLD = re.compile(r"\s*\n\s*\*?\s*")
+"""Between two lines of one comment."""
+_FORMULA = re.compile(r" \[|, | = ")
+"""What follows the name: unit and formula, the first time that they are computed."""
 _END = re.compile(r"^\}|^ {4}/\*", re.MULTILINE)
 """Of a function, or of what a comment of its own has headed."""
 
@@ -41,6 +45,12 @@ def traced(sources: tuple[Path, ...]) -> tuple[Block, ...]:
     )
 
 
+def place_of(blocks: tuple[Block, ...], file: str, line: int) -> str | None:
+    """Where the spec says what a line of C computes: the last note before it."""
+    before = [block.place for block in blocks if block.file == file and block.first <= line]
+    return before[-1] if before else None
+
+
 def by_spec_line(blocks: tuple[Block, ...]) -> list[tuple[str, str, str]]:
     """Place in the spec, name, and all lines of C that compute it."""
     found: dict[tuple[str, int], list[Block]] = {}
@@ -61,12 +71,13 @@ def _blocks(file: str, text: str) -> list[Block]:
     ends = [note.start() for note in notes[1:]] + [len(text)]
     blocks: list[Block] = []
     for note, end in zip(notes, ends, strict=False):
-        said = " ".join(note.group(1).split())
-        name, _, place = said.removesuffix(")").rpartition(" (")
-        spec, _, line = (place if name else said).rpartition(":")
+        said = _FOLD.sub(" ", note.group(1))
+        what, _, place = said.removesuffix(")").rpartition(" (")
+        spec, _, line = (place if what else said).rpartition(":")
         closed = _END.search(text, note.end(), end)
         stop = end if closed is None else closed.start()
         first, last = text.count("\n", 0, note.start()) + 1, text[:stop].rstrip().count("\n") + 1
+        name = _FORMULA.split(what)[0]
         blocks.append(
             Block(file=file, first=first, last=last, name=name, spec=spec, line=int(line))
         )
