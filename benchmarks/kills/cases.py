@@ -74,13 +74,7 @@ class Subject:
 
 def subjects(place: Path, epochs: int, most_lost: float) -> dict[Kind, Subject]:
     """What is killed, each run once undisturbed."""
-    spec = place / "gain.msnn.yaml"
-    spec.write_text(_SPEC.replace("EPOCHS", str(epochs)))
-    model = msnn.load(spec)
-    x, u = np.zeros(_ROWS), np.random.default_rng(0).uniform(-1, 1, _ROWS)
-    for t in range(_ROWS - 1):
-        x[t + 1] = 0.8 * x[t] + 0.3 * u[t] + 0.01 * np.sin(t)
-    frame = {"x": x, "u": u}
+    model, frame = gain_model(place, epochs), gain_frame()
     trained = {"a": np.array(0.75), "b": np.array(0.25)}
 
     def options(folder: Path, resume: bool) -> TrainingOptions:
@@ -120,6 +114,21 @@ def subjects(place: Path, epochs: int, most_lost: float) -> dict[Kind, Subject]:
         seconds = time.monotonic() - began
         found[kind] = Subject(kind, run, seconds, _left(kind, folder), exported_before)
     return found
+
+
+def gain_model(place: Path, epochs: int) -> Model:
+    """A small model whose two stages have so many epochs each; its spec is written there."""
+    spec = place / "gain.msnn.yaml"
+    spec.write_text(_SPEC.replace("EPOCHS", str(epochs)))
+    return msnn.load(spec)
+
+
+def gain_frame() -> dict[str, np.ndarray]:
+    """Rows that the model fits but for a small disturbance."""
+    x, u = np.zeros(_ROWS), np.random.default_rng(0).uniform(-1, 1, _ROWS)
+    for t in range(_ROWS - 1):
+        x[t + 1] = 0.8 * x[t] + 0.3 * u[t] + 0.01 * np.sin(t)
+    return {"x": x, "u": u}
 
 
 def _data(model: Model, frame: dict[str, np.ndarray]) -> Dataset:
