@@ -74,13 +74,7 @@ class Subject:
 
 def subjects(place: Path, epochs: int, most_lost: float) -> dict[Kind, Subject]:
     """What is killed, each run once undisturbed."""
-    spec = place / "gain.msnn.yaml"
-    spec.write_text(_SPEC.replace("EPOCHS", str(epochs)))
-    model = msnn.load(spec)
-    x, u = np.zeros(_ROWS), np.random.default_rng(0).uniform(-1, 1, _ROWS)
-    for t in range(_ROWS - 1):
-        x[t + 1] = 0.8 * x[t] + 0.3 * u[t] + 0.01 * np.sin(t)
-    frame = {"x": x, "u": u}
+    model, frame = gain_model(place, epochs), gain_frame()
     trained = {"a": np.array(0.75), "b": np.array(0.25)}
 
     def options(folder: Path, resume: bool) -> TrainingOptions:
@@ -122,6 +116,21 @@ def subjects(place: Path, epochs: int, most_lost: float) -> dict[Kind, Subject]:
     return found
 
 
+def gain_model(place: Path, epochs: int) -> Model:
+    """A small model whose two stages have so many epochs each; its spec is written there."""
+    spec = place / "gain.msnn.yaml"
+    spec.write_text(_SPEC.replace("EPOCHS", str(epochs)))
+    return msnn.load(spec)
+
+
+def gain_frame() -> dict[str, np.ndarray]:
+    """Rows that the model fits but for a small disturbance."""
+    x, u = np.zeros(_ROWS), np.random.default_rng(0).uniform(-1, 1, _ROWS)
+    for t in range(_ROWS - 1):
+        x[t + 1] = 0.8 * x[t] + 0.3 * u[t] + 0.01 * np.sin(t)
+    return {"x": x, "u": u}
+
+
 def _data(model: Model, frame: dict[str, np.ndarray]) -> Dataset:
     """The frame as the spec divides it."""
     return measured(model, frame, None, "training")
@@ -138,6 +147,7 @@ def killed(subject: Subject, folder: Path, seed: int) -> Outcome:
     kills, lost, whole, stayed, told = 0, 0.0, True, True, False
     for _ in range(random.choice((1, 1, 2, 3))):
         number = random.choice(_SIGNALS)
+        began = time.time()
         process = _started(subject.run, folder, _is_unfinished(folder))
         time.sleep(random.uniform(0.0, subject.seconds))
         moment = time.time()
@@ -149,7 +159,7 @@ def killed(subject: Subject, folder: Path, seed: int) -> Outcome:
         if subject.kind == "export":
             whole &= _is_whole(_left("export", folder), earlier, subject.left)
         else:
-            lost = max(lost, _lost(folder, moment))
+            lost = max(lost, _lost(folder, began, moment))
             told |= number != signal.SIGKILL  # whoever is told how to go on has the weights, too
             stayed &= told or not _leads_to_unfinished(folder)
     ended = _wait(_started(subject.run, folder, _is_unfinished(folder))) == 0
@@ -187,10 +197,14 @@ def _leads_to_unfinished(folder: Path) -> bool:
     return checkpoint.is_file() and read_checkpoint(checkpoint).place is not None
 
 
-def _lost(folder: Path, moment: float) -> float:
-    """Seconds between the last checkpoint, or the begin of the run or fold, and the kill."""
+def _lost(folder: Path, began: float, moment: float) -> float:
+    """Seconds between the last checkpoint, or the begin of the run or fold, and the kill.
+
+    What a process that was killed before had lost is not lost again: `began` is this one's begin.
+    """
     kept = [*folder.rglob(CHECKPOINT), *folder.rglob(DESCRIPTION)]
-    return max(0.0, moment - max((path.stat().st_mtime for path in kept), default=moment))
+    last = max((path.stat().st_mtime for path in kept), default=moment)
+    return max(0.0, moment - max(last, began))
 
 
 def _left(kind: Kind, folder: Path) -> dict[str, bytes]:

@@ -1,21 +1,23 @@
-"""Changes derivatives and training kernels in one place at a time, and tries right ones at random.
+"""Changes derivatives and training kernels in one place at a time, and tries right ones.
 
 `kernels.py rules`: rules of reverse and forward mode and of the table of derivatives, judged by
 the suite's comparison of graphs. `kernels.py emitter [MODEL…]`: the C that the emitter writes,
-judged by the check of fresh kernels. `kernels.py alarms [COUNT [FIRST]]`: kernels of random stages,
-1,000 by default, none of which the check may refuse. Needs gcc.
+judged by the check of fresh kernels. None of the right kernels may be refused by it:
+`kernels.py alarms [COUNT [FIRST]]`, those of random stages by their numbers, 1,000 by default, so
+that a run of many is divided into several; `kernels.py gallery`. Needs gcc.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -25,28 +27,29 @@ import numpy as np
 from backends.c_language.literals import Dtype
 from backends.native import compile_kernel
 from backends.native import kernel as kernel_module
-from backends.native.compile_kernel import KernelBuildError
 from backends.native.kernel import Kernel
 from backends.native.kernel_source import KernelSource, kernel_source
-from backends.native.sensitivity_kernel import SensitivityKernel
 from benchmarks.mutation.derivative_mutants import derivative_mutants
+from benchmarks.mutation.kernel_equivalents import kernel_reason
 from benchmarks.mutation.kernel_problems import COVERING, covering_problems
-from benchmarks.mutation.mutants import Mutant, mutants
-from benchmarks.mutation.random_stages import RandomStage, random_stage
-from compiler.differentiation.sensitivities import sensitivities
-from compiler.differentiation.training_step import TrainingStep
+from benchmarks.mutation.kernel_schemata import CHOICE, with_all
+from benchmarks.mutation.mutants import value_mutants
+from benchmarks.mutation.right_kernels import alarms, gallery
+from compiler.differentiation.interpreted_training import InterpretedLosses
+from compiler.differentiation.training_step import TrainingStep, training_step
+from compiler.interpreter.bounded_rollouts import Rollouts
 from compiler.passes.close_loop import close_loop
 from msnn.data.starts import Runs
+from msnn.training.engines.native import kernel_check
 from msnn.training.engines.native.kernel_check import (
     WrongKernelError,
     check_kernel,
-    check_sensitivities,
 )
 from tests.language.compiled import compiled
 from tests.native.graph_slopes import Problem, assert_slopes_agree
 from tests.native.test_kernel import MODELS, initial, log_of
 
-_SECONDS = 60
+_SECONDS = 10
 """After which a changed kernel counts as found: it does not end."""
 
 
@@ -56,6 +59,8 @@ class Score:
 
     found: int
     missed: tuple[str, ...]
+    alike: int = 0
+    """Of those that change no answer, each with its reason in `kernel_equivalents.py`."""
 
 
 def main() -> None:
@@ -72,10 +77,16 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as cache:
             os.environ["MSNN_CACHE"] = cache
             alarms(range(first, first + count))
+    elif verb == "gallery":
+        with tempfile.TemporaryDirectory() as place:
+            os.environ["MSNN_CACHE"] = str(Path(place) / "cache")
+            gallery(Path(place))
 
 
 def _tell(name: str, score: Score) -> None:
-    print(f"{name}: {score.found} of {score.found + len(score.missed)} changes found", flush=True)
+    count = score.found + len(score.missed)
+    alike = f", {score.alike} change no answer" if score.alike else ""
+    print(f"{name}: {score.found} of {count} changes found{alike}", flush=True)
     for change in score.missed:
         print(f"  missed: {change}")
 
@@ -112,43 +123,67 @@ def emitter_score(name: str, every: int = 1, dtype: Dtype = "float32") -> Score:
     """Of every so many changes of the functions of a model's kernel: the check finds it."""
     text, closed = MODELS[name]
     program = close_loop(compiled(text), closed)
-    made: list[KernelSource] = []
-
-    def kept(step: TrainingStep, dtype: Dtype) -> KernelSource:
-        made.append(kernel_source(step, dtype))
-        return made[-1]
-
     log, weights = log_of(program), initial(program)
+    # inside the sets of fuzzy logic and beyond the outermost
+    logs = [{name: size * values for name, values in log.items()} for size in (1.0, 3.0)]
     runs = Runs(np.arange(10, 70), np.full(60, 12), 0, 90)
-    with _source(kept), _fast_compiler():
-        check_kernel(Kernel(program, dtype), log, runs, weights)
-    (right,) = made
-    found, missed = 0, list[str]()
-    for mutant in [*_of_model(right.text)][::every]:
-        changed = replace(right, text=mutant.text)
+    whole = kernel_source(training_step(program), dtype)
+    head, model, tail = _of_model(whole.text)
+    changed = [*value_mutants(model)][::every]
+    all_in_one = replace(whole, text=head + with_all(model, changed) + tail)
+    with _source(all_in_one), _fast_compiler():
+        kernel = Kernel(program, dtype)
+    choice = ctypes.c_int.in_dll(kernel.built.library, CHOICE)
+    found, missed, alike = 0, list[str](), 0
+    with _judged_once():
 
-        def checked(changed: KernelSource = changed) -> None:
-            with _source(lambda step, dtype: changed), _fast_compiler():
-                check_kernel(Kernel(program, dtype), log, runs, weights)
+        def checked(number: int) -> None:
+            choice.value = number
+            for each in logs:
+                check_kernel(kernel, each, runs, weights)
 
-        outcome = _in_a_process(checked)
-        found += outcome is True
-        if outcome is False:
-            missed.append(f"{mutant.change}: {mutant.line}")
-    return Score(found, tuple(missed))
+        checked(0)
+        for number, mutant in enumerate(changed, start=1):
+            if _in_a_process(partial(checked, number)):
+                found += 1
+            elif kernel_reason(name, mutant) is not None:
+                alike += 1
+            else:
+                missed.append(f"{mutant.change}: {mutant.line}")
+    return Score(found, tuple(missed), alike)
 
 
-def _of_model(text: str) -> Iterator[Mutant]:
-    """Changes of what the emitter writes: the functions of the model, not the loops around them."""
+def _of_model(text: str) -> tuple[str, str, str]:
+    """What the emitter writes, the functions of the model, and what stands around them."""
     begin, end = text.index("kernel_start("), text.index("struct problem {")
-    begin = text.rindex("\n\n", 0, begin)
-    head, model, tail = text[:begin], text[begin:end], text[end:]
-    for mutant in mutants(model):
-        yield replace(mutant, text=head + mutant.text + tail)
+    begin = text.rindex("\n/*", 0, begin) + 1
+    end = text.rindex("}\n", 0, end) + 2
+    return text[:begin], text[begin:end], text[end:]
 
 
-def _in_a_process(check: Callable[[], None]) -> bool | None:
-    """Whether the check refuses; a changed kernel may crash. None where the change is no C."""
+@contextmanager
+def _judged_once() -> Iterator[None]:
+    """The interpreter answers each question once: it is asked the same of every mutant."""
+    right = kernel_check.InterpretedTraining
+    answers: dict[tuple[bytes, bytes, int], InterpretedLosses] = {}
+
+    class Remembering(right):
+        def losses(self, runs: Rollouts, loss_weights: Mapping[str, float]) -> InterpretedLosses:
+            rows = b"".join(np.asarray(values).tobytes() for values in runs.log.values())
+            asked = (rows, runs.t0.tobytes(), runs.steps)
+            if asked not in answers:
+                answers[asked] = super().losses(runs, loss_weights)
+            return answers[asked]
+
+    kernel_check.InterpretedTraining = Remembering
+    try:
+        yield
+    finally:
+        kernel_check.InterpretedTraining = right
+
+
+def _in_a_process(check: Callable[[], None]) -> bool:
+    """Whether the check refuses; a changed kernel may crash, or never end."""
     child = os.fork()
     if child == 0:
         signal.alarm(_SECONDS)
@@ -157,19 +192,21 @@ def _in_a_process(check: Callable[[], None]) -> bool | None:
             check()
         except WrongKernelError:
             code = 1
-        except KernelBuildError:
-            code = 2
         os._exit(code)
     _, status = os.waitpid(child, 0)
-    code = os.waitstatus_to_exitcode(status)
-    return None if code == 2 else code != 0
+    return os.waitstatus_to_exitcode(status) != 0
 
 
 @contextmanager
-def _source(source: Callable[[TrainingStep, Dtype], KernelSource]) -> Iterator[None]:
-    """Kernels are made of another source."""
+def _source(source: KernelSource) -> Iterator[None]:
+    """Kernels are made of this source."""
     before = kernel_module.kernel_source
-    kernel_module.kernel_source = source
+
+    def other(step: TrainingStep, dtype: Dtype, *, reproducible: bool = False) -> KernelSource:
+        del step, dtype, reproducible
+        return source
+
+    kernel_module.kernel_source = other
     try:
         yield
     finally:
@@ -186,36 +223,6 @@ def _fast_compiler() -> Iterator[None]:
         yield
     finally:
         compile_kernel.FLAGS = before
-
-
-# ---- right kernels
-
-
-def alarms(seeds: Iterable[int]) -> int:
-    """How many right kernels the check refuses."""
-    tried = refused = 0
-    began = time.monotonic()
-    for seed in seeds:
-        stage = random_stage(seed)
-        tried += 1
-        try:
-            check_stage(stage)
-        except WrongKernelError as error:
-            refused += 1
-            print(f"  {seed}: {error}\n{stage.text}", flush=True)
-    seconds = time.monotonic() - began
-    print(f"{refused} of {tried} random stages refused, {seconds:.0f} s")
-    return refused
-
-
-def check_stage(stage: RandomStage) -> None:
-    """Checks the kernel of a random stage, and that of its sensitivities if it is to have one."""
-    kernel = Kernel(stage.program, stage.dtype)
-    check_kernel(kernel, stage.log, stage.runs, stage.weights)
-    if stage.second_order:
-        found = sensitivities(stage.program, [p.name for p in stage.program.parameters])
-        products = SensitivityKernel(found)
-        check_sensitivities(products, found, stage.log, stage.runs, stage.weights)
 
 
 if __name__ == "__main__":

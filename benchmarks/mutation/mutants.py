@@ -49,6 +49,15 @@ def mutants(export: Path, prefix: str) -> Iterator[Mutant]:
                 yield from _mutants(kind, path.name, source, changes)
 
 
+_SEEN_SQUARED = 0.1
+"""Added to constants of kernels, where a 0 may stand for an error whose square is summed."""
+
+
+def value_mutants(source: str) -> Iterator[Mutant]:
+    """Constants, indices, bounds, signs and comparisons of the functions of any other C."""
+    yield from _mutants("value", "", source, lambda code: _values(code, _SEEN_SQUARED))
+
+
 def _mutants(
     kind: str, file: str, source: str, changes: Callable[[str], Iterator[tuple[Change, ...]]]
 ) -> Iterator[Mutant]:
@@ -71,17 +80,17 @@ def _function(code: str, place: int) -> str:
     return names[-1] if names else ""
 
 
-def _values(code: str) -> Iterator[tuple[Change, ...]]:
+def _values(code: str, added: float = 0.001) -> Iterator[tuple[Change, ...]]:
     """Constants by 1 %, indices, bounds, signs and comparisons of every function."""
     for body in _BODY.finditer(code):
-        for begin, end, instead in _values_of(body[1]):
+        for begin, end, instead in _values_of(body[1], added):
             yield ((body.start(1) + begin, body.start(1) + end, instead),)
 
 
-def _values_of(code: str) -> Iterator[Change]:
+def _values_of(code: str, added: float) -> Iterator[Change]:
     for match in _REAL.finditer(code):
         value = float(match[1])
-        yield match.start(), match.end(), f"{value * 1.01 + 0.001!r}f"
+        yield match.start(), match.end(), f"{value * 1.01 + added!r}f"
     for match in _INDEX.finditer(code):
         if match[2]:
             yield match.start(2), match.end(2), ""

@@ -154,6 +154,16 @@ def test_an_infinite_slope_times_0_is_0_and_stays_in() -> None:
     assert native.left_out == 0
 
 
+def test_a_pole_that_saturates_has_slope_0() -> None:
+    """The divisor is a signal, so that the dividend alone moves."""
+    series = measured(at_first=0)
+    series["u"][5] = 0.0
+    native, torch = both("atan(k / u) + m", "", series, runs_of([*range(40)], 1))
+    assert_alike(native, torch)
+    assert native.left_out == 0
+    assert np.isfinite(native.curvature).all()
+
+
 def test_training_goes_on_with_one_warning(engine: str) -> None:
     progress = Warned()
     result = run(LM.replace("ENGINE", engine), measured(at_first=2), progress)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.mutation.kernels import check_stage, rules_score
+from benchmarks.mutation.kernels import rules_score
 from benchmarks.mutation.random_stages import random_stage
+from benchmarks.mutation.right_kernels import check_stage
 from tests.conditions import require_tool
 
 

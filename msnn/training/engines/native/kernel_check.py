@@ -23,15 +23,19 @@ from compiler.differentiation.sensitivities import Sensitivities
 from compiler.differentiation.training_step import training_step
 from compiler.interpreter.bounded_rollouts import Rollouts
 from compiler.interpreter.bounded_sums import Total
+from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Program, Role
-from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
+from msnn.data.starts import Runs, reach
 
 _AS_GIVEN = 4
 """Steps of the rollouts over the data as they are."""
 
 _AS_DRAWN = 10
 """Steps of the rollouts over drawn rows: kernels take up to eight at once, then one by one."""
+
+_GAP = 3
+"""One of so many targets is missing among drawn rows."""
 
 _MORE = 3
 """Rollouts more than a group of lanes has: one group is full and one is not."""
@@ -123,7 +127,8 @@ def cases(
         t0 = np.sort(random.choice(starts, members))
         few = Rollouts(series, t0, steps, skip=min(1, steps - 1))
         if drawn:
-            few = replace(few, log=_drawn_rows(program, series, random))
+            log = _without_some_targets(program, _drawn_rows(program, series, random), t0)
+            few = replace(few, log=log)
         yield Case(few, _nearby(program, weights, random) if drawn else weights)
 
 
@@ -137,6 +142,25 @@ def _drawn_rows(program: Program, series: Weights, random: np.random.Generator) 
     among = np.flatnonzero(whole) if whole.any() else np.arange(rows)
     chosen = random.choice(among, rows)
     return {name: values[chosen] for name, values in series.items()}
+
+
+def _without_some_targets(program: Program, log: Weights, t0: IntArray) -> Weights:
+    """The logs with gaps where only losses read them, so that what tells them apart is run too."""
+    read = {node.op.signal for _, node in program.step if isinstance(node.op, ReadSignal)}
+    around = reach(program)
+    begun = np.arange(-around.back, around.start_ahead + 1)
+    gaps = np.ones(len(next(iter(log.values()))), bool)
+    gaps[(t0[:, None] + begun).ravel()] = False  # what the start reads
+    gaps[np.arange(len(gaps)) % _GAP != 0] = False
+    return {
+        name: values if name in read else _with_gaps(values, gaps) for name, values in log.items()
+    }
+
+
+def _with_gaps(values: FloatArray, gaps: BoolArray) -> FloatArray:
+    found = np.array(values, float)
+    found[gaps] = np.nan
+    return found
 
 
 def _nearby(program: Program, weights: Weights, random: np.random.Generator) -> Weights:
