@@ -49,7 +49,9 @@ def is_of_this_model(read: ReadResult, parts: Sequence[Part], weights: Path) -> 
 
 def _is_kept(part: Part, kept: object, weights: Path) -> bool:
     """Whether a sub-model is what the run of the weights has kept of it."""
-    if not isinstance(kept, dict) or kept.get("weights_sha256") != part.weights:
+    if not isinstance(kept, dict):
+        return False
+    if cast("dict[str, Any]", kept).get("weights_sha256") != part.weights:
         return False
     file = weights.parent / PARTS / f"{Path(part.name).name}.msnn.yaml"
     then = _read(file, ())
