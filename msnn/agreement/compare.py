@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from msnn.agreement.rounding import (
     rounding_errors,
     single_steps,
     step_limit,
+    vanishing,
 )
 from msnn.data.dataset import FloatArray
 from msnn.exports.export import ExportPlan, FixedPoint
@@ -110,6 +112,9 @@ def _explicit(
     wanted = judge(plan.program, weights, record, np.float64)
     outputs, following = artefact.step(wanted.inputs, wanted.states, record.steps)
     found = deviations(labelled(outputs, following), labelled(wanted.outputs, wanted.next_states))
+    if not all(map(math.isfinite, found.values())):
+        nothing = vanishing(plan.program, weights, record, wanted, labelled(outputs, following))
+        found |= dict.fromkeys(nothing, 0.0)
     errors = rounding_errors(single_steps(plan.program, weights, record, wanted), wanted)
     free = worst_deviation(_free_run(artefact, wanted, record), wanted.outputs)
     return Agreement(

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from compiler.interpreter.bounded import exact
 from compiler.interpreter.interpreter import Interpreter
+from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import Program
 from msnn.agreement.deviation import Arrays, deviations
 from msnn.agreement.judge import Judgement
@@ -53,6 +55,35 @@ def rounding_errors(single: Mapping[str, Arrays], wanted: Judgement) -> dict[str
         labelled(single["outputs"], single["next_states"]),
         labelled(wanted.outputs, wanted.next_states),
     )
+
+
+def vanishing(
+    program: Program,
+    weights: Mapping[str, FloatArray],
+    record: Record,
+    wanted: Judgement,
+    found: Arrays,
+) -> set[str]:
+    """The labels of values that are 0 in every step of the judge, and found to be so but for what
+    rounding may leave, as of a difference of equal numbers in another order (decision 0180).
+
+    A value of magnitude 0 says nothing of how large the numbers were that it was made of.
+    """
+    judged = labelled(wanted.outputs, wanted.next_states)
+    nodes = {f"`{output.name}`": output.node for output in program.outputs}
+    nodes |= {f"the state `{state.name}`": state.next for state in program.states}
+    zero = [name for name in judged if name in nodes and not judged[name].any()]
+    graph = BoundedGraph(
+        program.step, [nodes[name] for name in zero], weights, np.dtype(np.float64)
+    )
+    rows = record.t0 + np.arange(record.steps)
+    leaves = {name: exact(values) for name, values in wanted.states.items()}
+    values = graph.run(record.log, rows, leaves)
+    return {
+        name
+        for name in zero
+        if np.all(np.abs(found[name]) <= values[nodes[name]].spread(graph.unit)[: len(found[name])])
+    }
 
 
 def step_limit(dtype: str, rounding: float) -> float:
