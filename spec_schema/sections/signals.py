@@ -7,7 +7,7 @@ from pydantic import ValidationInfo, model_validator
 from spec_schema.errors import states as state_errors
 from spec_schema.fields.entry import Entry, findings_of
 from spec_schema.fields.formulas import ExpressionField, PredictionField
-from spec_schema.fields.located import Located
+from spec_schema.fields.located import Choice
 from spec_schema.fields.plain import NonNegativeNumber, References, Text, choice, located_choice
 from spec_schema.fields.quantities import RangeField, UnitField
 
@@ -46,9 +46,9 @@ class State(Entry):
     init: ExpressionField | None = None
     history: ExpressionField | None = None
     range: RangeField | None = None
-    on_range: (
-        Annotated[Located[RangePolicy], located_choice("flag", "saturate", "reset")] | None
-    ) = None
+    on_range: Annotated[Choice[RangePolicy], located_choice("flag", "saturate", "reset")] | None = (
+        None
+    )
     doc: Text | None = None
 
     @property
