@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +22,7 @@ from msnn.agreement.rounding import (
     rounding_errors,
     single_steps,
     step_limit,
-    vanishing,
+    within_rounding,
 )
 from msnn.data.dataset import FloatArray
 from msnn.exports.export import ExportPlan, FixedPoint
@@ -112,10 +111,13 @@ def _explicit(
     wanted = judge(plan.program, weights, record, np.float64)
     outputs, following = artefact.step(wanted.inputs, wanted.states, record.steps)
     found = deviations(labelled(outputs, following), labelled(wanted.outputs, wanted.next_states))
-    if not all(map(math.isfinite, found.values())):
-        nothing = vanishing(plan.program, weights, record, wanted, labelled(outputs, following))
-        found |= dict.fromkeys(nothing, 0.0)
     errors = rounding_errors(single_steps(plan.program, weights, record, wanted), wanted)
+    far = {fault.of for fault in _far(plan, found, errors)}
+    if far and plan.dtype == "float64":
+        values = labelled(outputs, following)
+        doubted = {name: value for name, value in values.items() if name in far}
+        inside = within_rounding(plan.program, weights, record, wanted, doubted)
+        found |= dict.fromkeys(inside, 0.0)
     free = worst_deviation(_free_run(artefact, wanted, record), wanted.outputs)
     return Agreement(
         target=plan.target,

@@ -57,33 +57,34 @@ def rounding_errors(single: Mapping[str, Arrays], wanted: Judgement) -> dict[str
     )
 
 
-def vanishing(
+def within_rounding(
     program: Program,
     weights: Mapping[str, FloatArray],
     record: Record,
     wanted: Judgement,
     found: Arrays,
 ) -> set[str]:
-    """The labels of values that are 0 in every step of the judge, and found to be so but for what
-    rounding may leave, as of a difference of equal numbers in another order (decision 0180).
+    """The labels of values found that are no farther from the judge than float64 may round them.
 
-    A value of magnitude 0 says nothing of how large the numbers were that it was made of.
+    A bound of its own for every value (decision 0180): one that is nothing but what rounding leaves
+    of a difference of equal numbers says by its magnitude nothing of how large these were.
     """
     judged = labelled(wanted.outputs, wanted.next_states)
     nodes = {f"`{output.name}`": output.node for output in program.outputs}
     nodes |= {f"the state `{state.name}`": state.next for state in program.states}
-    zero = [name for name in judged if name in nodes and not judged[name].any()]
-    graph = BoundedGraph(
-        program.step, [nodes[name] for name in zero], weights, np.dtype(np.float64)
-    )
+    named = {name: nodes[name] for name in found if name in nodes}
+    graph = BoundedGraph(program.step, named.values(), weights, np.dtype(np.float64))
     rows = record.t0 + np.arange(record.steps)
     leaves = {name: exact(values) for name, values in wanted.states.items()}
     values = graph.run(record.log, rows, leaves)
-    return {
-        name
-        for name in zero
-        if np.all(np.abs(found[name]) <= values[nodes[name]].spread(graph.unit)[: len(found[name])])
-    }
+    inside: set[str] = set()
+    for name, node in named.items():
+        count = len(found[name])
+        # both are within the spread of the exact value
+        spread = 2.0 * np.broadcast_to(values[node].spread(graph.unit), judged[name].shape)
+        if np.all(np.abs(found[name] - judged[name][:count]) <= spread[:count]):
+            inside.add(name)
+    return inside
 
 
 def step_limit(dtype: str, rounding: float) -> float:
