@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from numpy.typing import NDArray
@@ -17,12 +17,12 @@ from compiler.fixed_point.integers.program import (
     IntegerProgram,
     Memory,
     ReadWord,
-    StepError,
     Width,
     WordPort,
 )
 from compiler.fixed_point.invariants import is_buffer, proved_bounds
 from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
+from compiler.fixed_point.step_errors import step_errors
 from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import (
     Expected,
@@ -108,7 +108,7 @@ class _Compilation:
             tuple(step.builder.nodes),
             tuple(first.builder.nodes),
             tuple(self._expected(entry, step) for entry in program.expected),
-            tuple(self._step_errors(step, outputs, memories)),
+            tuple(step_errors(program, step.builder, outputs, memories)),
             program.doc,
             program.spec_hash,
             program.sample_time,
@@ -270,37 +270,6 @@ class _Compilation:
         if len(words) < len(newest):
             return None
         return words[0].port, tuple(word.index for word in words)
-
-    def _step_errors(
-        self,
-        step: Lowering,
-        outputs: tuple[tuple[WordPort, tuple[int, ...]], ...],
-        memories: tuple[Memory, ...],
-    ) -> Iterator[StepError]:
-        """Of each output and state the error of its worst element."""
-        errors = step.builder.errors
-        for port, nodes in outputs:
-            yield StepError(port.name, False, max(errors[node] for node in nodes))
-        for memory in memories:
-            state = self.program.state(memory.name)
-            error = max(errors[node] for node in memory.next)
-            limits = None if is_buffer(state, self.program.step) else finite(state.range)
-            if limits is not None:  # both are kept within their limits, which are rounded
-                ends = zip(limits, (memory.low, memory.high), strict=True)
-                error = max(error, *(abs(a - math.ldexp(b, -memory.fraction)) for a, b in ends))
-            if memory.restarts and self._may_leave(step, memory):
-                error = math.inf  # one of the two may start anew
-            yield StepError(memory.name, True, error)
-
-    @staticmethod
-    def _may_leave(step: Lowering, memory: Memory) -> bool:
-        """Whether the exact next value of a memory can be outside of its range."""
-        room = [
-            min(step.builder[n].low - memory.low, memory.high - step.builder[n].high)
-            for n in memory.next
-        ]
-        worst = max(step.builder.errors[node] for node in memory.next)
-        return math.ldexp(min(room), -memory.fraction) <= worst
 
     @staticmethod
     def _expected(entry: Expected, step: Lowering) -> ExpectedWords:
