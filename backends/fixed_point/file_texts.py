@@ -22,7 +22,7 @@ from backends.fixed_point.structs import port_comment, structs
 from compiler.fixed_point.deviation import OutputError
 from compiler.fixed_point.golden import GoldenRun, GoldenStart, golden_run, golden_starts
 from compiler.fixed_point.integers.interpret import FixedStatus
-from compiler.fixed_point.integers.program import IntegerProgram, WordPort
+from compiler.fixed_point.integers.program import IntegerProgram, StepError, WordPort
 from spec_schema.version import __version__
 
 SELFTEST_STEPS = 16
@@ -131,6 +131,7 @@ def _readme(
         ports=_ports(program, names),
         errors=[_error_row(error) for error in errors],
         error_steps=errors[0].steps if errors else 0,
+        step_errors=[_step_row(error) for error in program.step_errors if error.largest],
     )
 
 
@@ -254,6 +255,14 @@ def _error_row(error: OutputError) -> dict[str, str]:
     }
 
 
+def _step_row(error: StepError) -> dict[str, str]:
+    return {
+        "kind": "state" if error.is_state else "output",
+        "name": error.name,
+        "largest": f"{error.largest:.2g}" if math.isfinite(error.largest) else "not proved",
+    }
+
+
 def _metadata(
     program: IntegerProgram,
     names: FixedNames,
@@ -279,7 +288,22 @@ def _metadata(
             },
         },
         "errors": [
-            {"output": e.name, "largest": e.largest, "rms": e.rms, "range": e.span} for e in errors
+            {
+                "output": e.name,
+                "largest": e.largest,
+                "rms": e.rms,
+                "range": e.span,
+                "steps": e.steps,
+            }
+            for e in errors
+        ],
+        "step_errors": [
+            {
+                "name": e.name,
+                "kind": "state" if e.is_state else "output",
+                "largest": e.largest if math.isfinite(e.largest) else None,
+            }
+            for e in program.step_errors
         ],
     }
     return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

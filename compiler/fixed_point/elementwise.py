@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from compiler.fixed_point.forms import Form
-from compiler.fixed_point.integers.builder import CannotFitError
+from compiler.fixed_point.integers.builder import CannotFitError, share
 from compiler.fixed_point.settle import Settler
+from compiler.fixed_point.steepness import furthest
 from compiler.fixed_point.tables import fitted_table
+from compiler.fixed_point.thresholds import Condition, Decided, reach_beside
 from compiler.ir.ops import Relation
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """left relation right, of nodes at one scale."""
-
-    relation: Relation
-    left: int
-    right: int
 
 
 class Elementwise(Settler):
@@ -32,7 +24,11 @@ class Elementwise(Settler):
     def quotient(self, left: Form, right: Form) -> Form:
         """left / right, by a table of reciprocals where right varies."""
         if not right.terms:
-            return left.times(1.0 / right.constant)
+            form = left.times(1.0 / right.constant)
+            end = abs(right.constant)
+            return form.within(
+                share(left.reach, furthest("1/x", end, end, right.error)) if right.error else 0.0
+            )
         return left * self._tabled("1/x", np.reciprocal, right)
 
     def lesser(self, left: Form, right: Form) -> Form:
@@ -46,23 +42,30 @@ class Elementwise(Settler):
     def _extreme(self, left: Form, right: Form, *, largest: bool) -> Form:
         if not left.terms and not right.terms:
             pick = max if largest else min
-            return self.number(pick(left.constant, right.constant))
+            error = max(left.error, right.error)
+            return self.number(pick(left.constant, right.constant)).within(error)
         a, b = self._aligned(left, right)
         found = self.builder.larger(a, b) if largest else self.builder.smaller(a, b)
         return self._simple(found)
 
     def _simple(self, node: int) -> Form:
         low, high = self.builder.bounds(node)
-        return self.number(low) if low == high else self.form(node)
+        if low == high:
+            return self.number(low).within(self.builder.errors[node])
+        return self.form(node)
 
-    def condition(self, relation: Relation, left: Form, right: Form) -> Condition | bool:
-        """left relation right; a bool where it is known, from the bounds of both too."""
+    def condition(self, relation: Relation, left: Form, right: Form) -> Condition | Decided:
+        """left relation right; decided where it is known, from the bounds of both too."""
         if not left.terms and not right.terms:
-            return _holds(relation, left.constant, right.constant)
+            error = left.error + right.error
+            is_sure = not error or abs(left.constant - right.constant) > error
+            return Decided(_holds(relation, left.constant, right.constant), is_sure)
         first, second = self._aligned(left, right)
         a, b = self.builder[first], self.builder[second]
         most, least = (_holds(relation, *ends) for ends in ((a.low, b.high), (a.high, b.low)))
-        return most if most == least else Condition(relation, first, second)
+        if most == least:
+            return Decided(most, not self.builder.is_doubtful(first, second))
+        return Condition(relation, first, second, left - right)
 
     def _aligned(self, left: Form, right: Form) -> tuple[int, int]:
         """Both values at one scale; a number that is out of reach stays beyond all values."""
@@ -73,7 +76,11 @@ class Elementwise(Settler):
                 found = self.builder[node]
                 scaled = math.ldexp(this.constant, found.fraction)
                 value = round(min(max(scaled, found.low - 1), found.high + 1))
-                literal = self.builder.literal(value, found.fraction)
+                error = abs(math.ldexp(value, -found.fraction) - this.constant)
+                if not found.low - 1 <= scaled <= found.high + 1:
+                    # beyond the node's bounds is as good as far beyond, but for the node's error
+                    error = min(error, 2.0 * self.builder.errors[node])
+                literal = self.builder.literal(value, found.fraction, error + this.error)
                 return (literal, node) if this is left else (node, literal)
         a, b = self.node(left), self.node(right)
         fraction = max(self.builder[a].fraction, self.builder[b].fraction)
@@ -83,19 +90,22 @@ class Elementwise(Settler):
             except CannotFitError:
                 fraction -= 1
 
-    def selected(self, condition: Condition | bool, then: Form, otherwise: Form) -> Form:
+    def selected(self, condition: Condition | Decided, then: Form, otherwise: Form) -> Form:
         """A choice; one between two numbers is linear in a node that is 0 or 1."""
-        if not isinstance(condition, Condition):
-            return then if condition else otherwise
+        if isinstance(condition, Decided):
+            taken = then if condition.holds else otherwise
+            return taken if condition.is_sure else taken.within(then.reach + otherwise.reach)
         relation, left, right = condition.relation, condition.left, condition.right
         if not then.terms and not otherwise.terms:
             one, zero = self.builder.literal(1, 0), self.builder.literal(0, 0)
             chosen = self.builder.choose(relation, left, right, one, zero)
-            self.indicators.add(chosen)
+            self.indicators[chosen] = condition
             difference = then.constant - otherwise.constant
-            return self.form(chosen).times(difference) + self.number(otherwise.constant)
+            form = self.form(chosen).times(difference) + self.number(otherwise.constant)
+            return form.within(max(then.error, otherwise.error))
         a, b = self._same_scale(then, otherwise)
-        return self.form(self.builder.choose(relation, left, right, a, b))
+        apart = reach_beside(self.builder, condition, then - otherwise)
+        return self.form(self.builder.choose(relation, left, right, a, b, apart))
 
     def _same_scale(self, left: Form, right: Form) -> tuple[int, int]:
         """As `_aligned`, with numbers kept as they are."""
@@ -112,7 +122,11 @@ class Elementwise(Settler):
         """A function of the table in `scalars/table.py`."""
         row = SCALAR_FUNCTIONS[function]
         if all(not form.terms for form in forms):
-            return self.number(float(row.numpy(*(np.float64(f.constant) for f in forms))))
+            value = self.number(float(row.numpy(*(np.float64(f.constant) for f in forms))))
+            if not any(form.error for form in forms):
+                return value
+            (end, off) = forms[0].constant, forms[0].error
+            return value.within(furthest(function, end, end, off) if len(forms) == 1 else math.inf)
         if len(forms) != 1:
             raise CannotFitError(f"calls `{function}` of more than one variable")
         form = forms[0]
@@ -137,8 +151,10 @@ class Elementwise(Settler):
             )
         except CannotFitError as error:
             raise CannotFitError(f"calls `{name}`, which {error}") from None
+        error = fitted.error + furthest(name, *builder.bounds(node), builder.errors[node])
         argument = builder.saturated(node, fitted.low, fitted.high)
-        return self._simple(builder.lookup(argument, fitted.table, fitted.fraction))
+        value = builder.lookup(argument, fitted.table, fitted.fraction)
+        return self._simple(builder.allow(value, error))
 
 
 def _holds(relation: Relation, left: float, right: float) -> bool:

@@ -6,8 +6,10 @@ becomes one sum with one rounding, and Σ μᵢ(x) · (wᵢ c + bᵢ) becomes c 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
+
+from compiler.fixed_point.integers.builder import share
 
 Monomial = tuple[int, ...]
 """One node, or the two nodes of a product in ascending order."""
@@ -24,24 +26,44 @@ class FormContext(Protocol):
         """left · right as one rounded node."""
         ...
 
+    def size(self, monomial: Monomial) -> float:
+        """The largest magnitude of a product of nodes."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Form:
-    """constant + Σ coefficient · monomial."""
+    """constant + Σ coefficient · monomial, which is within `error` of what it stands for.
+
+    That is 0 but where something was decided or left out by bounds alone; the errors of the nodes
+    are counted where they are read.
+    """
 
     context: FormContext
     constant: float
     terms: tuple[tuple[Monomial, float], ...] = ()
+    error: float = 0.0
 
     @property
     def degree(self) -> int:
         return max((len(monomial) for monomial, _ in self.terms), default=0)
 
+    @property
+    def reach(self) -> float:
+        """The largest magnitude that it can stand for."""
+        sizes = (share(c, self.context.size(monomial)) for monomial, c in self.terms)
+        return abs(self.constant) + sum(sizes) + self.error
+
+    def within(self, error: float) -> Form:
+        """The same for something that it can be so much further from."""
+        return replace(self, error=self.error + error)
+
     def __add__(self, other: Form) -> Form:
         terms = dict(self.terms)
         for monomial, coefficient in other.terms:
             terms[monomial] = terms.get(monomial, 0.0) + coefficient
-        return _form(self.context, self.constant + other.constant, terms)
+        error = self.error + other.error
+        return _form(self.context, self.constant + other.constant, terms, error)
 
     def __neg__(self) -> Form:
         return self.times(-1.0)
@@ -51,9 +73,9 @@ class Form:
 
     def __mul__(self, other: Form) -> Form:
         if not other.terms:
-            return self.times(other.constant)
+            return self.times(other.constant).within(share(self.reach, other.error))
         if not self.terms:
-            return other.times(self.constant)
+            return other.times(self.constant).within(share(other.reach, self.error))
         thin = self.context.is_thin(self) or self.context.is_thin(other)
         if thin and _is_short(self) and _is_short(other):
             return _expanded(self, other)
@@ -61,7 +83,8 @@ class Form:
 
     def times(self, factor: float) -> Form:
         terms = {monomial: coefficient * factor for monomial, coefficient in self.terms}
-        return _form(self.context, self.constant * factor, terms)
+        error = share(factor, self.error)
+        return _form(self.context, self.constant * factor, terms, error)
 
 
 _SHORT = 2
@@ -79,14 +102,22 @@ def _expanded(left: Form, right: Form) -> Form:
             monomial = tuple(sorted((*first, *second)))
             terms[monomial] = terms.get(monomial, 0.0) + a * b
     constant = terms.pop((), 0.0)
-    return _form(left.context, constant, terms)
+    error = share(left.reach, right.error) + share(right.reach, left.error)
+    return _form(left.context, constant, terms, error)
 
 
 _NEGLIGIBLE = 1e-12
 """What is left of a coefficient that cancelled, relative to the largest."""
 
 
-def _form(context: FormContext, constant: float, terms: dict[Monomial, float]) -> Form:
+def _form(
+    context: FormContext, constant: float, terms: dict[Monomial, float], error: float
+) -> Form:
     largest = max((abs(coefficient) for coefficient in terms.values()), default=0.0)
-    kept = [(m, c) for m, c in sorted(terms.items()) if abs(c) > _NEGLIGIBLE * largest]
-    return Form(context, constant, tuple(kept))
+    kept: list[tuple[Monomial, float]] = []
+    for monomial, coefficient in sorted(terms.items()):
+        if abs(coefficient) > _NEGLIGIBLE * largest:
+            kept.append((monomial, coefficient))
+        else:
+            error += share(coefficient, context.size(monomial))
+    return Form(context, constant, tuple(kept), error)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import Any, assert_never
@@ -16,6 +17,7 @@ from compiler.fixed_point.forms import Form
 from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.integers.program import Width
 from compiler.fixed_point.settle import Ramp, Settler
+from compiler.fixed_point.thresholds import Condition, Decided
 from compiler.interpreter.operations import NOWHERE, evaluator
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
@@ -130,7 +132,8 @@ class Lowering(Elementwise):
             case ops.Clamp():
                 return _each(self.lesser, _each(self.greater, *values[:2]), values[2])
             case ops.Compare(relation):
-                return _each(partial(self.condition, relation), *values)
+                found = _each(partial(self.condition, relation), *values)
+                return _each(_sure, found) if self._is_clamped_above(node) else found
             case ops.Select():
                 return _each(self.selected, *values)
             case ops.Apply(function):
@@ -139,6 +142,13 @@ class Lowering(Elementwise):
                 raise AssertionError(f"parameter {name} is a constant by now")
             case _:
                 assert_never(node.op)
+
+    def _is_clamped_above(self, node: Node) -> bool:
+        """Whether a value is compared with the limit that it is clamped to: only NaN is below."""
+        clamped, low = node.args
+        if node.op != ops.Compare(ops.Relation.GREATER_EQUAL):
+            return False
+        return isinstance(self.graph[clamped].op, ops.Clamp) and self.graph[clamped].args[1] == low
 
     def _by_numpy(self, node: Node) -> Elements:
         types = tuple(self.graph[arg].type for arg in node.args)
@@ -165,14 +175,24 @@ class Lowering(Elementwise):
             bounds = builder[node].low - low, builder[node].high - low
             shifted = builder.weighted_sum(-low, [(1, node)], fraction, bounds)
             ramp = builder.saturated(shifted, 0, high - low)
+            # a degree is clip((x − p) / l): what x, p and l are off, each at most once
+            begin, end = points.values[place : place + 2]
+            off = abs(math.ldexp(low, -fraction) - begin) + builder.errors[node]
+            off += abs(math.ldexp(high - low, -fraction) - (end - begin))
             if builder[ramp].low == builder[ramp].high:
-                ramps.append(self.number(float(builder[ramp].low > 0)))
+                degree = self.number(float(builder[ramp].low > 0))
+                ramps.append(degree.within(off * math.ldexp(1.0, fraction) / (high - low)))
                 continue
+            builder.allow(ramp, off)
             self.ramps[ramp] = Ramp(index, place)
             ramps.append(self.form(ramp).times(math.ldexp(1.0, fraction) / (high - low)))
         ends = [self.number(1.0), *ramps, self.number(0.0)]
         degrees = [before - after for before, after in pairwise(ends)]
         return _elements(degrees, self.graph[index].type.shape)
+
+
+def _sure(condition: Condition | Decided) -> Condition | Decided:
+    return condition if isinstance(condition, Condition) else replace(condition, is_sure=True)
 
 
 def _square(form: Form) -> Form:

@@ -7,14 +7,21 @@ from collections import Counter
 from dataclasses import dataclass
 
 from compiler.fixed_point.forms import Form, Monomial
-from compiler.fixed_point.integers.builder import CannotFitError, IntegerBuilder
+from compiler.fixed_point.integers.builder import CannotFitError, IntegerBuilder, share
 from compiler.fixed_point.integers.program import Width
+from compiler.fixed_point.thresholds import Condition, reach_beside
 
 _ROOM = 0.9
 """Part of the range of a sum that values may fill; the rest is for roundings."""
 
+_ROUNDING = 2.0**-45
+"""What float64 itself may lose of a term in a sum of hundreds: the reference is rounded too."""
+
 _WORTH_A_SHIFT = 3
 """Bits that the coefficients of a part of a sum gain by a rounding of its own."""
+
+
+_Key = tuple[float, tuple[tuple[Monomial, float], ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +42,8 @@ class Settler:
     def __init__(self, width: Width) -> None:
         self.builder = IntegerBuilder(width)
         self.ramps: dict[int, Ramp] = {}
-        self.indicators: set[int] = set()
-        self._settled: dict[tuple[float, tuple[tuple[Monomial, float], ...]], int] = {}
+        self.indicators: dict[int, Condition] = {}
+        self._settled: dict[_Key, tuple[int, float]] = {}
 
     def form(self, node: int) -> Form:
         return Form(self, 0.0, (((node,), 1.0),))
@@ -47,24 +54,59 @@ class Settler:
     def is_thin(self, form: Form) -> bool:
         return all(n in self.ramps or n in self.indicators for m, _ in form.terms for n in m)
 
+    def size(self, monomial: Monomial) -> float:
+        return math.prod(self.builder.reach(node) + self.builder.errors[node] for node in monomial)
+
     def product(self, left: Form, right: Form) -> Form:
-        scale, nodes = 1.0, list[int]()
-        for form in (left, right):
-            if form.degree == 1 and len(form.terms) == 1 and form.constant == 0.0:
-                (((node,), coefficient),) = form.terms
-                scale *= coefficient
-            else:
-                node = self.node(form)
-            nodes.append(self.builder.as_word(node))
-        first, second = sorted(nodes)
-        return self.form(self.builder.product(first, second)).times(scale)
+        (one, mine), (other, its) = self._factor(left), self._factor(right)
+        error = min(
+            self._beside((left, one, mine), (right, other, its)),
+            self._beside((right, other, its), (left, one, mine)),
+        )
+        first, second = sorted((one, other))
+        node = self.builder.product(first, second, error / abs(mine * its))
+        return self.form(node).times(mine * its)
+
+    def _factor(self, form: Form) -> tuple[int, float]:
+        """The word that a factor of a product is a multiple of, and how many times."""
+        if form.degree != 1 or len(form.terms) != 1 or form.constant != 0.0:
+            return self.builder.as_word(self.node(form)), 1.0
+        (((node,), coefficient),) = form.terms
+        if form.error:
+            known = self.builder.errors[node]
+            self.builder.allow(node, known + form.error / abs(coefficient))
+        return self.builder.as_word(node), coefficient
+
+    def _beside(self, decided: tuple[Form, int, float], other: tuple[Form, int, float]) -> float:
+        """The error of a product d·r whose factor d is a sum of decisions, else inf.
+
+        Each decision is wrong, by 1, only beside its threshold, where r may be small. The form, its
+        word and how many times that is are given of both.
+        """
+        (form, word, times), (right, factor, its) = decided, other
+        errors, reach = self.builder.errors, self.builder.reach
+        wrong = rest = 0.0
+        for monomial, coefficient in form.terms:
+            condition = self.indicators.get(monomial[0]) if len(monomial) == 1 else None
+            if condition is None:
+                return math.inf
+            wrong += share(coefficient, reach_beside(self.builder, condition, right))
+            rest += share(coefficient, errors[monomial[0]])
+        if not form.terms or not math.isfinite(errors[word]):
+            return math.inf
+        # what is left of the error of d is that of its rounding, wherever r is
+        rounding = max(share(times, errors[word]) - rest, 0.0)
+        by_right = share(times * reach(word), share(its, errors[factor]))
+        return wrong + share(right.reach, rounding) + by_right
 
     def node(self, form: Form) -> int:
         """The node that holds the form's value."""
         key = form.constant, form.terms
         if key not in self._settled:
-            self._settled[key] = self._linear(form.constant, self._degree_one(form))
-        return self._settled[key]
+            node = self._linear(form.constant, self._degree_one(form))
+            self._settled[key] = node, self.builder.errors[node]
+        node, error = self._settled[key]
+        return self.builder.allow(node, error + form.error)
 
     def _degree_one(self, form: Form) -> list[tuple[int, float]]:
         """The terms with products computed; a factor that many share is taken out first."""
@@ -97,11 +139,23 @@ class Settler:
             fraction -= 1
         kept = [(c, node) for c, node in scaled if c != 0]
         rounded = round(math.ldexp(constant, fraction))
+        error = abs(math.ldexp(rounded, -fraction) - constant)
+        for (whole, operand), (_, coefficient) in zip(scaled, terms, strict=True):
+            error += self._term_error(whole, operand, coefficient, fraction)
+        if len(terms) > 1 or constant or any(bits is None for bits in exact):
+            sizes = (share(c, self.builder.reach(node)) for node, c in terms)
+            error += _ROUNDING * (abs(constant) + sum(sizes))
         if not kept:
-            return self.builder.literal(rounded, fraction)
+            return self.builder.literal(rounded, fraction, error)
         low, high = self._bounds([(node, c) for c, node in kept], integer=True)
         bounds = (rounded + int(low), rounded + int(high))
-        return self.builder.weighted_sum(rounded, kept, fraction, bounds)
+        return self.builder.allow(self.builder.weighted_sum(rounded, kept, fraction, bounds), error)
+
+    def _term_error(self, whole: int, operand: int, coefficient: float, fraction: int) -> float:
+        """|c′ v − c x| ≤ |c′ − c| |v| + |c| |v − x| of a term, c′ the coefficient as it is used."""
+        used = math.ldexp(whole, self.builder[operand].fraction - fraction)
+        off = share(used - coefficient, self.builder.reach(operand))
+        return off + share(coefficient, self.builder.errors[operand])
 
     def _apart(self, terms: list[tuple[int, float]]) -> list[tuple[int, float]]:
         """Products that are small beside what is only shifted are summed first, at their own scale.
@@ -127,7 +181,7 @@ class Settler:
         if abs(whole) > self.builder.width.largest_word:
             fraction -= 1
             whole = round(math.ldexp(value, fraction))
-        return self.builder.literal(whole, fraction)
+        return self.builder.literal(whole, fraction, abs(math.ldexp(whole, -fraction) - value))
 
     def _order(self, term: tuple[int, float]) -> tuple[int, int, int]:
         """Ramps of a chain side by side and in their order; that is what bounds their sum."""

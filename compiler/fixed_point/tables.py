@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.integers.program import Lookup, Width
+from compiler.fixed_point.steepness import steepest
 
 Reals = NDArray[np.float64]
 _MOST_CELLS = {"q15": 512, "q31": 4096}
@@ -27,6 +28,8 @@ class FittedTable:
     fraction: int
     low: int
     high: int
+    error: float
+    """How far what the table says of a word, moved to low … high, is from the function."""
 
 
 def fitted_table(
@@ -51,6 +54,7 @@ def fitted_table(
     unit = math.ldexp(1.0, -scale)
     tolerance = max(_TOLERANCE[width.name] * float(np.ptp(values)), 2 * unit)
     low, high = _varying(points, values, min(unit / 2, tolerance / 4), low, high)
+    every, exact = points, values
     points, values = (
         points[(points >= low) & (points <= high)],
         values[(points >= low) & (points <= high)],
@@ -69,8 +73,25 @@ def fitted_table(
         error = np.interp(points, places, np.ldexp(whole, -scale)) - values
         if float(np.abs(error).max()) <= tolerance:
             entries = tuple(int(value) for value in whole)
-            return FittedTable(Lookup(first, bits, entries, name), scale, low, high)
+            table = np.interp(np.clip(every, low, high), places, np.ldexp(whole, -scale))
+            # the interpolation is rounded to half a unit
+            off = float(np.abs(table - exact).max()) + unit / 2
+            steep = math.ldexp(float(np.abs(np.diff(whole)).max()), fraction - bits - scale)
+            off += _between(name, every, fraction, steep)
+            return FittedTable(Lookup(first, bits, entries, name), scale, low, high, off)
     raise CannotFitError(f"needs a table of more than {_MOST_CELLS[width.name]} cells")
+
+
+def _between(name: str, points: Reals, fraction: int, steep: float) -> float:
+    """How much further words between the points can be off: 0 where every word is a point.
+
+    From the nearest point neither the function nor the table moves further than its steepest slope.
+    """
+    farthest = float(np.diff(points).max(initial=1.0)) // 2
+    if farthest < 1:
+        return 0.0
+    ends = (math.ldexp(float(end), -fraction) for end in (points[0], points[-1]))
+    return math.ldexp(farthest, -fraction) * (steep + steepest(name, *ends))
 
 
 def _varying(

@@ -12,7 +12,7 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.language import INDICES, LENGTH
 from spec_schema.expressions.tree import Call, Expression, Keyword, LanguageName, Member, Name
 from spec_schema.fields.entry import Entry
-from spec_schema.fields.located import Located
+from spec_schema.fields.located import Choice, Located
 from spec_schema.sections.layers.networks import EQUATION_TERMS, EquationLearner
 from spec_schema.sections.values import Function, Initializer
 from spec_schema.units.quantity import Quantity
@@ -66,6 +66,8 @@ class Renaming:
                 return value  # of an integral or derivative: a word, no name
             case Keyword():
                 return replace(value, value=self._renamed(value.value, arguments))
+            case Choice():
+                return cast("Any", value)
             case Located(value=str() as text):
                 named = text if text in arguments else self.name(text)
                 return replace(cast("Located[str]", value), value=named)

@@ -15,6 +15,7 @@ from msnn.agreement.rounding import (
     rounding_errors,
     single_steps,
     step_limit,
+    within_rounding,
 )
 from msnn.agreement.slopes import measured_slopes
 from msnn.agreement.subject import NOTHING, Measured, Subject
@@ -111,9 +112,16 @@ def _single_steps(
     found = labelled(*step(wanted.inputs, wanted.states, wanted.steps))
     single = single_steps(subject.program, subject.weights, record, wanted)
     rounded = labelled(single["outputs"], single["next_states"])
+    deviated = deviations(found, labelled(wanted.outputs, wanted.next_states))
+    errors = rounding_errors(single, wanted)
+    far = {fault.of for fault in _far(subject, Measured(deviated, errors, {}))}
+    if far and subject.dtype == "float64":
+        doubted = {name: values for name, values in found.items() if name in far}
+        inside = within_rounding(subject.program, subject.weights, record, wanted, doubted)
+        deviated |= dict.fromkeys(inside, 0.0)
     return Measured(
-        deviations(found, labelled(wanted.outputs, wanted.next_states)),
-        rounding_errors(single, wanted),
+        deviated,
+        errors,
         bits_of_each(found, rounded) if subject.is_exact else {},
     )
 

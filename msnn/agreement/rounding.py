@@ -7,7 +7,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from compiler.interpreter.bounded import exact
 from compiler.interpreter.interpreter import Interpreter
+from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import Program
 from msnn.agreement.deviation import deviations
 from msnn.agreement.judgement import Arrays, Judgement
@@ -56,6 +58,36 @@ def rounding_errors(single: Mapping[str, Arrays], wanted: Judgement) -> dict[str
         labelled(single["outputs"], single["next_states"]),
         labelled(wanted.outputs, wanted.next_states),
     )
+
+
+def within_rounding(
+    program: Program,
+    weights: Mapping[str, FloatArray],
+    record: Record,
+    wanted: Judgement,
+    found: Arrays,
+) -> set[str]:
+    """The labels of values found that are no farther from the judge than float64 may round them.
+
+    A bound of its own for every value (decision 0180): one that is nothing but what rounding leaves
+    of a difference of equal numbers says by its magnitude nothing of how large these were.
+    """
+    judged = labelled(wanted.outputs, wanted.next_states)
+    nodes = {f"`{output.name}`": output.node for output in program.outputs}
+    nodes |= {f"the state `{state.name}`": state.next for state in program.states}
+    named = {name: nodes[name] for name in found if name in nodes}
+    graph = BoundedGraph(program.step, named.values(), weights, np.dtype(np.float64))
+    rows = record.t0 + np.arange(record.steps)
+    leaves = {name: exact(values) for name, values in wanted.states.items()}
+    values = graph.run(record.log, rows, leaves)
+    inside: set[str] = set()
+    for name, node in named.items():
+        count = len(found[name])
+        # both are within the spread of the exact value
+        spread = 2.0 * np.broadcast_to(values[node].spread(graph.unit), judged[name].shape)
+        if np.all(np.abs(found[name] - judged[name][:count]) <= spread[:count]):
+            inside.add(name)
+    return inside
 
 
 def step_limit(dtype: str, rounding: float) -> float:

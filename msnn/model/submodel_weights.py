@@ -14,7 +14,6 @@ import numpy as np
 from msnn.data.dataset import FloatArray
 from msnn.model.safetensors_file import arrays_in
 from msnn.model.spec_hash import hash_of, parts_of
-from msnn.model.trained_model import is_of_this_model
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
 from spec_schema.reading.reader import ReadResult
@@ -101,6 +100,8 @@ def _read(
     parts = parts_of(file, inner)
     if written_for in (None, hash_of(file.source.text, parts)):
         return
+    from msnn.model.trained_model import is_of_this_model  # only texts that differ need it
+
     if not is_of_this_model(file, parts, path):
         findings.report(errors.weights_of_other_text(name, use.spec.value, place))
 

@@ -18,6 +18,11 @@ class Located(Generic[Value]):
 
 
 @dataclass(frozen=True)
+class Choice(Located[Value]):
+    """A word of a fixed set such as `saturate`: it is no name, whatever is called so."""
+
+
+@dataclass(frozen=True)
 class Place:
     """Where an entry stands: its key (or name) and its whole value."""
 

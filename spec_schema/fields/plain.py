@@ -18,7 +18,7 @@ from spec_schema.fields.leaf import (
     list_of,
     one_or_many,
 )
-from spec_schema.fields.located import Located
+from spec_schema.fields.located import Choice, Located
 from spec_schema.names import is_name, normalised, why_reserved
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, kind, with_key
 
@@ -206,8 +206,8 @@ def located_choice(*now: str) -> Leaf:
     """Validates one of the words and remembers where it stands."""
     chosen = choice(*now)
 
-    def validate(node: Node, info: ValidationInfo) -> Located[str]:
-        return Located(chosen.read(node, info), node.span, node.key)
+    def validate(node: Node, info: ValidationInfo) -> Choice[str]:
+        return Choice(chosen.read(node, info), node.span, node.key)
 
     return Leaf(validate, schema=chosen.schema)
 

@@ -7,7 +7,7 @@ from pydantic import ValidationInfo, model_validator
 from spec_schema.errors import states as state_errors
 from spec_schema.fields.entry import Entry, findings_of
 from spec_schema.fields.formulas import ExpressionField, PredictionField
-from spec_schema.fields.located import Located
+from spec_schema.fields.located import Choice
 from spec_schema.fields.plain import NonNegativeNumber, References, Text, choice, located_choice
 from spec_schema.fields.quantities import RangeField, UnitField
 
@@ -53,9 +53,9 @@ class State(Entry):
     """Values before the start, where windows reach back that far."""
     range: RangeField | None = None
     """Lowest and highest value that is plausible, numbers in its unit or with one."""
-    on_range: (
-        Annotated[Located[RangePolicy], located_choice("flag", "saturate", "reset")] | None
-    ) = None
+    on_range: Annotated[Choice[RangePolicy], located_choice("flag", "saturate", "reset")] | None = (
+        None
+    )
     """What becomes of a next value outside `range`: a report, its end, or `init`."""
     doc: Text | None = None
 

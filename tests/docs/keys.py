@@ -14,7 +14,7 @@ from spec_schema.expressions.tree import Duration, Expression, Samples
 from spec_schema.fields.entry import Entry, Variant
 from spec_schema.fields.entry_kinds import kinds_of, kinds_within
 from spec_schema.fields.formulas import Prediction
-from spec_schema.fields.located import Located
+from spec_schema.fields.located import Choice, Located
 from spec_schema.sections.data.columns import ColumnName
 from spec_schema.sections.data.splits import Blocks, Fraction
 from spec_schema.sections.dimensions import Dimension
@@ -107,7 +107,7 @@ def _said(annotation: Any) -> str:
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _said(args[0])
-    if origin is Located:
+    if origin in (Located, Choice):
         return _said(args[0])
     if origin is Literal:
         return " or ".join(f"`{value}`" for value in args)

@@ -1,6 +1,7 @@
 """How far fixed point is from float64, and that the export says so."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -43,7 +44,10 @@ def test_q31_is_a_hundred_times_closer(name: str, tmp_path: Path) -> None:
 def test_the_export_shows_its_error(tmp_path: Path) -> None:
     plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
     write_export(plan, {}, tmp_path / "c")
-    assert "v_next" in plan.target.tell(plan, tmp_path / "c")
+    table = plan.target.tell(plan, tmp_path / "c")
+    assert table.startswith("Error of q15 against float64, seen over ")
+    assert "v_next" in table
+    assert re.search(r"\nv_next +output +0\.0012\nv +state +0\.00023", table), table
     readme = (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
     assert "largest / range" in readme
     assert "| input | `u` | 10 | -20480 | 20480 |" in readme

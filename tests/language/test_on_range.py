@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.program_file.file import program_from_json, program_to_json
 from tests.language.compiled import codes, compiled
 from tests.language.every_backend import assert_backends_agree
+from tests.language.submodels import model_of, run
 
 SATURATED = """
 dims: {joint: 2}
@@ -88,3 +91,20 @@ def test_a_reset_needs_an_init_that_is_known_without_the_log() -> None:
     """
     assert codes(text.replace("INIT", "s.meas")) == ["E0742"]
     assert codes(text.replace("INIT", "0.5")) == []
+
+
+def test_a_state_of_a_part_saturates_too(tmp_path: Path) -> None:
+    part = """
+        inputs: {u: {}}
+        states: {s: {next: s + u, range: [-1, 1], on_range: saturate}}
+        outputs: {y: next(s)}
+        """
+    text = """
+        use: {part: {spec: part.yaml}}
+        inputs: {r: {}}
+        connect: {part.u: r}
+        outputs: {y: part.y}
+        """
+    program = model_of(tmp_path, text, part=part).program
+    assert program.state("part.s").on_range == "saturate"
+    assert run(program, {"r": [0.7, 0.7, 0.7]}, steps=3).tolist() == [0.7, 1.0, 1.0]

@@ -71,7 +71,9 @@ class _Writer:
             self.sections["use"]["inner"]["freeze"] = self.chance.choice(("all", "none"))
         if self.chance.random() < 0.3:
             self.sections["use"]["other"] = {"spec": PART}
-        scope = self.scope.restricted(pure=True, memory=False, previews=False)
+        # what is fed back has no future, and a part may read that of its inputs
+        known = [value for value in self.scope.values if value.name != "v"]
+        scope = self.scope.restricted(pure=True, memory=False, previews=False, values=known)
         for name in self.sections["use"]:
             connected = self.sections.setdefault("connect", {})
             connected[f"{name}.u"] = expression(scope, SCALAR, 2)
@@ -144,8 +146,13 @@ class _Writer:
         )
         if has_history:
             entry["history"] = self.chance.choice((0, 0.1, leaf("0.2 * u")))
-        if self.chance.random() < 0.2:
+        if self.chance.random() < 0.3:
             entry["range"] = [-5, 5]
+            policies = (
+                ("flag", "saturate", "reset") if entry["init"] == 0.2 else ("flag", "saturate")
+            )
+            if self.chance.random() < 0.6:
+                entry["on_range"] = self.chance.choice(policies)
         self.sections.setdefault("states", {})[name] = entry
 
     def _equation(self) -> None:
@@ -158,6 +165,8 @@ class _Writer:
         has_past = is_pure and not self.is_static
         if not is_pure and self.chance.random() < 0.4:
             entry, has_past = {"expr": term, "history": 0.1}, True
+        if self.chance.random() < 0.2:
+            entry = {**(entry if isinstance(entry, dict) else {"expr": term}), "range": [-2, 2]}
         name = scope.declare("equations", "e", entry)
         scope.values.append(Value(name, shape, is_pure, has_past, varies=is_pure))
 
@@ -203,6 +212,11 @@ class _Writer:
             stage["rollout"] = chance.choice((1, 5, {"horizon": 8, "skip": 2}))
             if predicted and chance.random() < 0.2:
                 stage["rollout"] = {"horizon": 6, "close": []}
+        learned = [n for n, p in self.sections.get("parameters", {}).items() if _is_learned(p)]
+        if len(learned) > 1 and chance.random() < 0.3:
+            stage["freeze"] = [chance.choice(learned)]
+        elif learned and chance.random() < 0.3:
+            stage["lr"] = {chance.choice(learned): 0.5}
         if chance.random() < 0.9:
             self.sections["train"] = [stage]
         export = self._export(predicted)
@@ -247,7 +261,11 @@ class _Writer:
         if chance.random() < 0.3:
             entry["constant_time"] = True
         if chance.random() < 0.4:
-            entry["with"] = ["jacobian"]
+            entry["with"] = [chance.choice(("jacobian", "state_jacobian"))]
         if chance.random() < 0.3:
             entry["dtype"] = "float64"
         return entry
+
+
+def _is_learned(parameter: Any) -> bool:
+    return not isinstance(parameter, dict) or parameter.get("learn", True) is True

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
+
 import pytest
 
 from tests.random_specs.generate import random_spec
 from tests.random_specs.random_spec import RandomSpec
 from tests.random_specs.shrink import shrunk
 from tests.random_specs.trial import Fault, fault_of
+
+CASES = Path(__file__).parent / "cases"
 
 EVERYWHERE = (2, 3)
 """Seeds of small specs: with a compiler each takes a second or two."""
@@ -23,6 +28,21 @@ def test_random_specs_are_checked_and_shown(first: int) -> None:
 @pytest.mark.parametrize("seed", EVERYWHERE)
 def test_random_specs_mean_the_same_everywhere(seed: int) -> None:
     fault = fault_of(random_spec(seed))
+    assert fault is None, f"{fault.stage}: {fault.detail}"
+
+
+@dataclass(frozen=True)
+class _Kept:
+    folder: Path
+
+    def texts(self) -> dict[str, str]:
+        return {file.name: file.read_text() for file in self.folder.glob("*.yaml")}
+
+
+@pytest.mark.parametrize("case", sorted(CASES.iterdir()), ids=lambda folder: folder.name)
+def test_what_random_specs_have_found(case: Path) -> None:
+    """Findings that are mended, as small as they became."""
+    fault = fault_of(_Kept(case))
     assert fault is None, f"{fault.stage}: {fault.detail}"
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Protocol
 from unittest.mock import patch
 
 import numpy as np
@@ -35,7 +36,6 @@ from spec_schema.editors.spec_data import spec_data
 from spec_schema.reading.reader import read_spec
 from spec_schema.yaml_tree.writer import yaml_text
 from tests.random_specs.kernel_trial import kernel_fault
-from tests.random_specs.random_spec import RandomSpec
 
 STEPS = 24
 """Steps that are compared: four times the longest window."""
@@ -55,7 +55,13 @@ class Fault:
     detail: str
 
 
-def fault_of(spec: RandomSpec, *, exports: bool = True, kernel: bool = True) -> Fault | None:
+class Texts(Protocol):
+    """A spec as the texts of its files."""
+
+    def texts(self) -> Mapping[str, str]: ...
+
+
+def fault_of(spec: Texts, *, exports: bool = True, kernel: bool = True) -> Fault | None:
     """The first thing that is wrong with the treatment of a spec; None where all is well."""
     with (
         TemporaryDirectory(prefix="msnn-spec-") as place,

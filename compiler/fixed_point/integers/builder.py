@@ -30,11 +30,16 @@ class CannotFitError(Exception):
 
 
 class IntegerBuilder:
-    """A growing list of nodes; equal ones are shared."""
+    """A growing list of nodes; equal ones are shared.
+
+    `errors` has of each node how far it can be from the real value that it stands for, where what
+    it reads is exact (see decisions/0193). A node that stands for several has the largest.
+    """
 
     def __init__(self, width: Width) -> None:
         self.width = width
         self.nodes: list[IntegerNode] = []
+        self.errors: list[float] = []
         self.span: Span | None = None
         self._known: dict[tuple[IntegerOp, tuple[int, ...], int], int] = {}
 
@@ -46,8 +51,17 @@ class IntegerBuilder:
         found = self.nodes[node]
         return math.ldexp(found.low, -found.fraction), math.ldexp(found.high, -found.fraction)
 
-    def literal(self, value: int, fraction: int) -> int:
-        return self._emit(Literal(value), (), fraction, value, value)
+    def reach(self, node: int) -> float:
+        """The largest magnitude that a node can stand for."""
+        return max(map(abs, self.bounds(node)))
+
+    def allow(self, node: int, error: float) -> int:
+        """The node, which can be so far from one of the values that it stands for."""
+        self.errors[node] = max(self.errors[node], error)
+        return node
+
+    def literal(self, value: int, fraction: int, error: float = 0.0) -> int:
+        return self.allow(self._emit(Literal(value), (), fraction, value, value), error)
 
     def word(self, port: str, index: int, fraction: int, low: int, high: int) -> int:
         return self._emit(ReadWord(port, index), (), fraction, low, high)
@@ -69,30 +83,38 @@ class IntegerBuilder:
             return args[0]
         return self._emit(WeightedSum(constant, coefficients), args, fraction, *bounds)
 
-    def product(self, left: int, right: int) -> int:
-        """a · b; both must be words."""
+    def product(self, left: int, right: int, most: float = math.inf) -> int:
+        """a · b; both must be words. `most` bounds its error where the caller knows more."""
         a, b = self[left], self[right]
         corners = [x * y for x in (a.low, a.high) for y in (b.low, b.high)]
         low = max(min(corners), 0) if left == right else min(corners)
-        return self._emit(Product(), (left, right), a.fraction + b.fraction, low, max(corners))
+        fraction = a.fraction + b.fraction
+        node = self._emit(Product(), (left, right), fraction, low, max(corners))
+        error, other = self.errors[left], self.errors[right]
+        # ab − AB = a (b − B) + b (a − A) − (a − A)(b − B)
+        sides = share(self.reach(left), other) + share(self.reach(right) + other, error)
+        return self.allow(node, min(sides, most))
 
     def to_fraction(self, node: int, fraction: int) -> int:
         """The value at another scale: rounded where that is coarser, exact where it is finer."""
-        found = self[node]
+        found, error = self[node], self.errors[node]
         bits = found.fraction - fraction
         if bits == 0:
             return node
         if isinstance(found.op, Literal):
-            return self.literal(_shifted(found.op.value, bits), fraction)
+            moved = _shifted(found.op.value, bits)
+            lost = abs(math.ldexp(moved, -fraction) - math.ldexp(found.op.value, -found.fraction))
+            return self.literal(moved, fraction, error + lost)
         if bits < 0:
             factor = 2**-bits
             scaled = (found.low * factor, found.high * factor)
-            return self.weighted_sum(0, [(factor, node)], fraction, scaled)
+            return self.allow(self.weighted_sum(0, [(factor, node)], fraction, scaled), error)
         if bits > self.width.sum - 2:
-            return self.literal(0, fraction)
+            return self.literal(0, fraction, error + self.reach(node))
         self._check(found.low + 2 ** (bits - 1), found.high + 2 ** (bits - 1))
         low, high = _shifted(found.low, bits), _shifted(found.high, bits)
-        return self._emit(RoundShift(bits), (node,), fraction, low, high)
+        rounded = self._emit(RoundShift(bits), (node,), fraction, low, high)
+        return self.allow(rounded, error + math.ldexp(0.5, -fraction))
 
     def as_word(self, node: int) -> int:
         """The value with as many bits as a word has."""
@@ -107,21 +129,23 @@ class IntegerBuilder:
 
     def smaller(self, left: int, right: int) -> int:
         a, b = self[left], self[right]
+        error = max(self.errors[left], self.errors[right])
         if a.high <= b.low:
-            return left
+            return self.allow(left, error)
         if b.high <= a.low:
-            return right
+            return self.allow(right, error)
         bounds = min(a.low, b.low), min(a.high, b.high)
-        return self._emit(Smaller(), (left, right), a.fraction, *bounds)
+        return self.allow(self._emit(Smaller(), (left, right), a.fraction, *bounds), error)
 
     def larger(self, left: int, right: int) -> int:
         a, b = self[left], self[right]
+        error = max(self.errors[left], self.errors[right])
         if a.low >= b.high:
-            return left
+            return self.allow(left, error)
         if b.low >= a.high:
-            return right
+            return self.allow(right, error)
         bounds = max(a.low, b.low), max(a.high, b.high)
-        return self._emit(Larger(), (left, right), a.fraction, *bounds)
+        return self.allow(self._emit(Larger(), (left, right), a.fraction, *bounds), error)
 
     def saturated(self, node: int, low: int, high: int) -> int:
         """The value moved to the nearest limit; nothing where it cannot be outside."""
@@ -135,15 +159,39 @@ class IntegerBuilder:
         negative = self.weighted_sum(0, [(-1, node)], found.fraction, (-found.high, -found.low))
         low = max(found.low, -found.high, 0)
         high = max(-found.low, found.high)
-        return self._emit(Larger(), (node, negative), found.fraction, low, high)
+        size = self._emit(Larger(), (node, negative), found.fraction, low, high)
+        return self.allow(size, self.errors[node])
 
-    def choose(self, relation: Relation, left: int, right: int, then: int, otherwise: int) -> int:
+    def choose(
+        self,
+        relation: Relation,
+        left: int,
+        right: int,
+        then: int,
+        otherwise: int,
+        apart: float = math.inf,
+    ) -> int:
+        """then where left relation right, else otherwise.
+
+        `apart` bounds how far both are from each other where the exact values of left and right
+        compare otherwise than the nodes do.
+        """
         a, b = self[then], self[otherwise]
         if then == otherwise:
             return then
         bounds = min(a.low, b.low), max(a.high, b.high)
         args = left, right, then, otherwise
-        return self._emit(Choose(relation), args, a.fraction, *bounds)
+        error = max(self.errors[then], self.errors[otherwise])
+        if self.is_doubtful(left, right):  # the exact values may choose the other one
+            widest = math.ldexp(max(a.high - b.low, b.high - a.low), -a.fraction)
+            error += min(widest, apart)
+        return self.allow(self._emit(Choose(relation), args, a.fraction, *bounds), error)
+
+    def is_doubtful(self, left: int, right: int) -> bool:
+        """Whether the exact values of two nodes may compare otherwise than the nodes do."""
+        error = self.errors[left] + self.errors[right]
+        (a, b), (c, d) = self.bounds(left), self.bounds(right)
+        return error > 0.0 and max(a - d, c - b) <= error
 
     def lookup(self, node: int, table: Lookup, fraction: int) -> int:
         widest = max(abs(b - a) for a, b in pairwise(table.values))
@@ -161,11 +209,17 @@ class IntegerBuilder:
         if key not in self._known:
             self._known[key] = len(self.nodes)
             self.nodes.append(IntegerNode(op, args, fraction, low, high, self.span))
+            self.errors.append(0.0)
         return self._known[key]
 
     def _check(self, low: int, high: int) -> None:
         if max(-low, high) > self.width.largest_sum:
             raise CannotFitError(f"needs more than {self.width.sum} bits")
+
+
+def share(factor: float, error: float) -> float:
+    """|factor| · error, where nothing of what is not bounded is nothing."""
+    return abs(factor) * error if factor and error else 0.0
 
 
 def _shifted(value: int, bits: int) -> int:

@@ -197,6 +197,18 @@ class ExpectedWords:
 
 
 @dataclass(frozen=True, slots=True)
+class StepError:
+    """What one step adds at most to the error of an output or of a state (decisions/0193).
+
+    From the same words in inputs and states, as real numbers; inf where nothing is proved.
+    """
+
+    name: str
+    is_state: bool
+    largest: float
+
+
+@dataclass(frozen=True, slots=True)
 class IntegerProgram:
     """The step and the start of a model in integers."""
 
@@ -212,6 +224,7 @@ class IntegerProgram:
     step: tuple[IntegerNode, ...]
     start: tuple[IntegerNode, ...]
     expected: tuple[ExpectedWords, ...] = ()
+    step_errors: tuple[StepError, ...] = ()
     doc: str = ""
     spec_hash: str = ""
     sample_time: float | None = None

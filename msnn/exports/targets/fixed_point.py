@@ -141,7 +141,10 @@ def _faults(plan: ExportPlan[None]) -> tuple[Diagnostic, ...]:
 
 
 def _error_table(plan: ExportPlan[None], folder: Path) -> str:
-    """The errors against float64 that the export in a folder has recorded."""
+    """The errors against float64 that the export in a folder has recorded.
+
+    Those that were seen, with over how many steps, and below what is proved of a single one.
+    """
     about = json.loads((folder / f"{plan.prefix}.json").read_text(encoding="utf-8"))
     rows = [
         (
@@ -153,9 +156,22 @@ def _error_table(plan: ExportPlan[None], folder: Path) -> str:
         )
         for row in about["errors"]
     ]
+    steps = max((row["steps"] for row in about["errors"]), default=0)
+    bounds = [
+        (
+            row["name"],
+            row["kind"],
+            "not proved" if (most := row["largest"]) is None else f"{most:.2g}",
+        )
+        for row in about["step_errors"]
+        if row["largest"] != 0.0
+    ]
     header = ("output", "largest error", "rms", "range", "of range")
-    return f"Error of {about['c']['dtype']} against float64:\n" + table_text(
-        header, rows, numbers=[1, 2, 3, 4]
+    return (
+        f"Error of {about['c']['dtype']} against float64, seen over {steps:,} steps:\n"
+        + table_text(header, rows, numbers=[1, 2, 3, 4])
+        + "\n\nWhat one step adds at most, proved:\n"
+        + table_text(("value", "kind", "at most"), bounds, numbers=[2])
     )
 
 

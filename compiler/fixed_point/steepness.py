@@ -1,0 +1,81 @@
+"""Bounds how far the values of a function are apart whose arguments are close to each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+Slope = Callable[[float, float], float]
+"""The largest |f′| between two ends, infinite where there is none."""
+
+
+def furthest(function: str, low: float, high: float, apart: float) -> float:
+    """The largest |f(x) − f(y)| of |x − y| ≤ apart with x in low … high; inf where none is known.
+
+    By the mean value theorem with the steepest slope in the widened interval. At the ends of their
+    domains, where they are infinitely steep, √, asin and acos have a bound of their own.
+    """
+    if apart == 0.0:
+        return 0.0
+    if not math.isfinite(apart):
+        return math.inf
+    by_slope = apart * steepest(function, low - apart, high + apart)
+    match function:
+        case "sqrt":  # (√x − √y)² ≤ |x − y|
+            return min(by_slope, math.sqrt(apart))
+        case "asin" | "acos":  # steepest at the ends, where acos(1 − d) is the change
+            return min(by_slope, math.acos(max(1.0 - apart, -1.0)))
+        case _:
+            return by_slope
+
+
+def steepest(function: str, low: float, high: float) -> float:
+    """The largest |f′| in low … high; inf where it is infinite or not known."""
+    slope = _SLOPES.get(function)
+    if slope is None:
+        return math.inf
+    try:
+        return slope(low, high)
+    except OverflowError:
+        return math.inf
+
+
+def _nearest(low: float, high: float) -> float:
+    """The distance from 0 of the point that is nearest to it."""
+    return 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
+
+
+def _farthest(low: float, high: float) -> float:
+    return max(abs(low), abs(high))
+
+
+def _sigmoid(x: float) -> float:
+    return 1.0 / (1.0 + math.exp(-x)) if x > -700.0 else 0.0
+
+
+def _of_root(square: float) -> float:
+    return 1.0 / math.sqrt(square) if square > 0.0 else math.inf
+
+
+_SLOPES: Mapping[str, Slope] = {
+    "1/x": lambda low, high: _nearest(low, high) ** -2 if _nearest(low, high) > 0.0 else math.inf,
+    "exp": lambda low, high: math.exp(high),
+    "log": lambda low, high: 1.0 / low if low > 0.0 else math.inf,
+    "sqrt": lambda low, high: 0.5 * _of_root(low),
+    "sin": lambda low, high: 1.0,
+    "cos": lambda low, high: 1.0,
+    "tan": lambda low, high: (
+        1.0 / math.cos(_farthest(low, high)) ** 2
+        if _farthest(low, high) < 0.5 * math.pi
+        else math.inf
+    ),
+    "asin": lambda low, high: _of_root(1.0 - _farthest(low, high) ** 2),
+    "acos": lambda low, high: _of_root(1.0 - _farthest(low, high) ** 2),
+    "atan": lambda low, high: 1.0 / (1.0 + _nearest(low, high) ** 2),
+    "sinh": lambda low, high: math.cosh(_farthest(low, high)),
+    "cosh": lambda low, high: math.sinh(_farthest(low, high)),
+    "tanh": lambda low, high: 1.0 - math.tanh(_nearest(low, high)) ** 2,
+    "sigmoid": lambda low, high: _sigmoid(_nearest(low, high)) * _sigmoid(-_nearest(low, high)),
+    "softplus": lambda low, high: _sigmoid(high),
+}
+"""Each is largest at an end, or where the argument is nearest to or farthest from 0."""

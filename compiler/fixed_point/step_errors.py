@@ -1,0 +1,41 @@
+"""Bounds what one step in integers adds to the error of each output and state (decisions/0193)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from compiler.fixed_point.constants import finite
+from compiler.fixed_point.integers.builder import IntegerBuilder
+from compiler.fixed_point.integers.program import Memory, StepError, WordPort
+from compiler.fixed_point.invariants import is_buffer
+from compiler.ir.program import Program
+
+
+def step_errors(
+    program: Program,
+    builder: IntegerBuilder,
+    outputs: Sequence[tuple[WordPort, tuple[int, ...]]],
+    memories: Sequence[Memory],
+) -> Iterator[StepError]:
+    """Of each output and state the error of its worst element, from those of the nodes."""
+    for port, nodes in outputs:
+        worst = max(builder.errors[node] for node in nodes)
+        yield StepError(port.name, is_state=False, largest=worst)
+    for memory in memories:
+        state = program.state(memory.name)
+        error = max(builder.errors[node] for node in memory.next)
+        if memory.restarts and _may_leave(builder, memory, error):
+            error = math.inf  # one of the two may start anew
+        limits = None if is_buffer(state, program.step) else finite(state.range)
+        if limits is not None:  # both are kept within their limits, which are rounded
+            ends = zip(limits, (memory.low, memory.high), strict=True)
+            error = max(error, *(abs(a - math.ldexp(b, -memory.fraction)) for a, b in ends))
+        yield StepError(memory.name, is_state=True, largest=error)
+
+
+def _may_leave(builder: IntegerBuilder, memory: Memory, error: float) -> bool:
+    """Whether the exact next value of a memory can be outside of its range."""
+    following = [builder[node] for node in memory.next]
+    room = min(min(n.low - memory.low, memory.high - n.high) for n in following)
+    return math.ldexp(room, -memory.fraction) <= error
