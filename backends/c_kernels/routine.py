@@ -66,7 +66,7 @@ class RoutineLowering:
         if len(routine.results) > 1:
             self._taken |= set(routine.results)
         self._inlined: dict[int, c.Expression] = {}
-        self._tables: dict[str, c.Table] = {}
+        self._tables: dict[str, c.ConstantTable] = {}
 
     def function(self, *, public: bool = False) -> c.Function:
         """The definition, a static function unless it is public."""
@@ -259,10 +259,10 @@ class RoutineLowering:
         return c.Conditional(condition, then, otherwise)
 
     def _look_up(self, table: Table, index: c.Expression) -> c.Expression:
-        made = c.Table(table.name, table.values, self.type(table.kind))
+        made = c.ConstantTable(table.name, table.values, self.type(table.kind))
         self._tables[table.name] = made
         return self.entry(made, index)
 
-    def entry(self, table: c.Table, index: c.Expression) -> c.Expression:
+    def entry(self, table: c.ConstantTable, index: c.Expression) -> c.Expression:
         """The number of a table at a place."""
         return c.Element(c.Name(table.name), index)

@@ -45,7 +45,7 @@ def variable(name: str) -> Index:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ArrayView:
     """A value of the given shape in flat storage: element [i…] is number offset + Σ strides·i.
 
     The storage is an array expression, a scalar expression (`scalar`), or known numbers, which
@@ -66,18 +66,18 @@ class Place:
         storage: Expression | tuple[float, ...],
         shape: tuple[int, ...],
         table: Callable[[], Expression] | None = None,
-    ) -> Place:
+    ) -> ArrayView:
         """Storage in C order that holds just this value."""
-        return Place(storage, shape, c_strides(shape), table=table)
+        return ArrayView(storage, shape, c_strides(shape), table=table)
 
     @staticmethod
-    def single(expression: Expression, boolean: bool = False) -> Place:
-        return Place(expression, (), (), scalar=True, boolean=boolean)
+    def single(expression: Expression, boolean: bool = False) -> ArrayView:
+        return ArrayView(expression, (), (), scalar=True, boolean=boolean)
 
-    def of_kind(self, *, boolean: bool) -> Place:
+    def of_kind(self, *, boolean: bool) -> ArrayView:
         return replace(self, boolean=boolean)
 
-    def reshaped_single(self, shape: tuple[int, ...]) -> Place:
+    def reshaped_single(self, shape: tuple[int, ...]) -> ArrayView:
         """A scalar expression as every element of a shape."""
         assert self.scalar
         return self._bare(shape)
@@ -102,14 +102,14 @@ class Place:
             result = result.plus(index.times(stride))
         return result
 
-    def repeated(self, shape: tuple[int, ...], kept: Sequence[int | None]) -> Place:
+    def repeated(self, shape: tuple[int, ...], kept: Sequence[int | None]) -> ArrayView:
         """Axes in a new order; `kept[i]` is the axis of this place at i, None to repeat along i."""
         strides = tuple(0 if axis is None else self.strides[axis] for axis in kept)
         if self.scalar:
             return self._bare(shape)
         return replace(self, shape=shape, strides=strides)
 
-    def sliced(self, axis: int, start: int, stop: int) -> Place:
+    def sliced(self, axis: int, start: int, stop: int) -> ArrayView:
         shape = (*self.shape[:axis], stop - start, *self.shape[axis + 1 :])
         if self.scalar:
             return self._bare(shape)
@@ -117,14 +117,14 @@ class Place:
             self, shape=shape, offset=self.offset.plus(Index(start * self.strides[axis]))
         )
 
-    def reshaped(self, shape: tuple[int, ...]) -> Place | None:
+    def reshaped(self, shape: tuple[int, ...]) -> ArrayView | None:
         """The same numbers under another shape; None where that takes a copy."""
         if self.scalar:
             return self._bare(shape)
         strides = _reshaped_strides(self.shape, self.strides, shape)
         return None if strides is None else replace(self, shape=shape, strides=strides)
 
-    def _bare(self, shape: tuple[int, ...]) -> Place:
+    def _bare(self, shape: tuple[int, ...]) -> ArrayView:
         """A scalar expression needs no index however many times it is repeated."""
         return replace(self, shape=shape, strides=(0,) * len(shape))
 

@@ -16,6 +16,7 @@ from backends.c_language.tree import (
     Call,
     Comment,
     Conditional,
+    ConstantTable,
     Convert,
     CType,
     Declare,
@@ -33,7 +34,6 @@ from backends.c_language.tree import (
     Return,
     SetBits,
     Statement,
-    Table,
     Truth,
     Unary,
     Unsigned,
@@ -136,7 +136,7 @@ class Printer:
             case _:
                 return text
 
-    def table(self, table: Table) -> str:
+    def table(self, table: ConstantTable) -> str:
         """The definition of a constant array, several numbers a line."""
         if table.type is CType.REAL:
             bits = table.hexadecimal
@@ -177,7 +177,7 @@ class Printer:
                 if elements:
                     head = f"{head} = {{{', '.join(map(self.expression, elements))}}}"
                 yield f"{head};" if value is None else f"{head} = {self.expression(value)};"
-            case Table():
+            case ConstantTable():
                 yield from self.table(statement).split("\n")
             case Assign(target, value):
                 yield f"{self.expression(target)} = {self.expression(value)};"

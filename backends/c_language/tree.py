@@ -156,7 +156,7 @@ class Declare:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ConstantTable:
     """A constant array, local to its function, of numbers of its type."""
 
     name: str
@@ -230,7 +230,9 @@ class Comment:
     text: str
 
 
-Statement = Declare | Table | Assign | SetBits | Evaluate | Discard | Loop | If | Return | Comment
+Statement = (
+    Declare | ConstantTable | Assign | SetBits | Evaluate | Discard | Loop | If | Return | Comment
+)
 
 
 # ---- declarations

@@ -8,7 +8,7 @@ from typing import Literal, assert_never
 
 import numpy as np
 
-from backends.c_language.places import Index, Place, variable
+from backends.c_language.places import ArrayView, Index, variable
 from backends.c_language.scope import Scope
 from backends.c_language.tree import (
     Assign,
@@ -40,7 +40,7 @@ def active_degrees(
     node: Node,
     shape: Literal["triangular", "rectangular"],
     value: Expression,
-    points: Place,
+    points: ArrayView,
     numbers: Sequence[float] | None,
     locals: LocalValues,
     scope: Scope,
@@ -65,7 +65,7 @@ class _Writer:
         self,
         node: Node,
         value: Expression,
-        points: Place,
+        points: ArrayView,
         numbers: Sequence[float] | None,
         locals: LocalValues,
         scope: Scope,

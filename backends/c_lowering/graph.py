@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol, assert_never
 
 from backends.c_language.operations import scalar_operation
-from backends.c_language.places import Index, Place
+from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import Scope
 from backends.c_language.tree import Binary, Expression
 from backends.c_lowering.active_memberships import ActiveDegrees, active_degrees
@@ -49,14 +49,14 @@ _DEEPEST = 40
 """Values computed inside one another; deeper ones are kept, so that recursion is bounded."""
 
 
-class Surroundings(Protocol):
+class LeafSource(Protocol):
     """Where a graph finds what is not computed in it."""
 
-    def read(self, op: ops.AnyRead, type: Type) -> Place:
+    def read(self, op: ops.AnyRead, type: Type) -> ArrayView:
         """Where the samples, the parameter or the state stand."""
         ...
 
-    def push(self, op: ops.Window, newest: Place, scope: Scope) -> Place | None:
+    def push(self, op: ops.Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
         """Adds the newest sample behind a buffer: where its window stands; None if it cannot."""
         ...
 
@@ -68,7 +68,7 @@ class GraphLowering:
         self,
         graph: Graph,
         roots: Sequence[NodeId],
-        surroundings: Surroundings,
+        surroundings: LeafSource,
         scope: Scope,
         locals: LocalValues,
         active: ActiveSets = _DENSE,
@@ -95,19 +95,19 @@ class GraphLowering:
         """The value as it is: a place, or the recipe of its elements."""
         return self._values[node]
 
-    def place(self, node: NodeId, name: str) -> Place:
+    def place(self, node: NodeId, name: str) -> ArrayView:
         """Where the value stands, kept in a local of that name if it stands nowhere yet."""
         value = self._values[node]
-        return value if isinstance(value, Place) else self.copy(node, name)
+        return value if isinstance(value, ArrayView) else self.copy(node, name)
 
-    def copy(self, node: NodeId, name: str) -> Place:
+    def copy(self, node: NodeId, name: str) -> ArrayView:
         """A local of that name with the value."""
         value = self._values[node]
         kept = self._locals.kept(self._graph[node], value, name, self._scope)
         self._values[node] = kept
         return kept
 
-    def store(self, node: NodeId, target: Place) -> None:
+    def store(self, node: NodeId, target: ArrayView) -> None:
         """Writes all elements to another place."""
         self._locals.notes.write(self._graph[node], self._scope)
         copy_value(self._values[node], target, self._scope, self._locals.unroll)
@@ -152,7 +152,7 @@ class GraphLowering:
         sets = self._active.sets[index]
         value = element_of(self._values[sets.value], (), self._scope)
         points, known = self._values[sets.points], self._graph[sets.points]
-        assert isinstance(points, Place)
+        assert isinstance(points, ArrayView)
         numbers = known.op.values if isinstance(known.op, ops.Constant) else None
         found = active_degrees(node, sets.shape, value, points, numbers, self._locals, self._scope)
         self._degrees[index] = found
@@ -164,7 +164,7 @@ class GraphLowering:
 
     def _moving_sum(
         self, node: Node, factors: Sequence[tuple[Value, Type]], memory: ShiftBuffer
-    ) -> Place:
+    ) -> ArrayView:
         """A sum over a buffer, written where it stands, as the buffer moves with it."""
         locals = self._locals
         weights = [(v, type) for v, type in factors if v != memory.window]
@@ -185,7 +185,7 @@ class GraphLowering:
         name = node.label or locals.notes.part_name(node, "sum")
         sample = element_of(newest, (), self._scope)
         total = write_moving_sum(memory, sample, name, term, locals.block, self._scope)
-        return Place.single(total).reshaped_single(node.type.shape)
+        return ArrayView.single(total).reshaped_single(node.type.shape)
 
     def _operand(self, node: Node) -> Type:
         return self._graph[node.args[0]].type
@@ -215,7 +215,7 @@ class GraphLowering:
             assert place is not None
         return place
 
-    def _joined(self, node: Node, parts: Sequence[Value], axis: int) -> Place:
+    def _joined(self, node: Node, parts: Sequence[Value], axis: int) -> ArrayView:
         self._locals.notes.write(node, self._scope)
         whole = self._locals.array(node, self._locals.name(node), self._scope)
         begin = 0
@@ -226,8 +226,8 @@ class GraphLowering:
             begin = end
         return whole
 
-    def _window(self, node: Node, op: ops.Window, newest: Value) -> Place:
-        assert isinstance(newest, Place)
+    def _window(self, node: Node, op: ops.Window, newest: Value) -> ArrayView:
+        assert isinstance(newest, ArrayView)
         place = self._surroundings.push(op, newest, self._scope)
         if place is not None:
             return place

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 from backends.c_language.functions import FunctionTable
 from backends.c_language.operations import expression_size
-from backends.c_language.places import Index, Place
+from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import Scope
 from backends.c_language.tree import (
     Comment,
+    ConstantTable,
     CType,
     Declare,
     Expression,
     Name,
     Real,
     Statement,
-    Table,
 )
 from backends.c_language.used_names import used_names
 from backends.c_lowering.spec_notes import SpecNotes
@@ -51,7 +51,7 @@ class LocalValues:
         """Terms of a long sum that one turn of its loop adds."""
         self.names_constants = names_constants
         """Whether numbers that the spec names have their name in the text too."""
-        self._known: dict[str, Table | Declare] = {}
+        self._known: dict[str, ConstantTable | Declare] = {}
         """By their names in the text: constants that statements may use."""
         self._units: dict[str, str] = {}
         """Of constants of the spec."""
@@ -68,7 +68,7 @@ class LocalValues:
         self.notes.write(node, scope)
         return scope.constant(self.name(node), value, _c_type(node))
 
-    def kept(self, node: Node, value: Value, name: str, scope: Scope) -> Place:
+    def kept(self, node: Node, value: Value, name: str, scope: Scope) -> ArrayView:
         """The value in a local of its own."""
         boolean = node.type.kind == "bool"
         if node.type.size > 1:
@@ -78,14 +78,14 @@ class LocalValues:
             return place
         indices = [Index()] * len(node.type.shape)
         made = value.make(indices, scope) if isinstance(value, Computed) else value.element(indices)
-        if isinstance(value, Place) or not isinstance(made, Name):
+        if isinstance(value, ArrayView) or not isinstance(made, Name):
             self.notes.write(node, scope)
             made = scope.constant(name, made, _c_type(node))
-        return Place.single(made, boolean).reshaped_single(node.type.shape)
+        return ArrayView.single(made, boolean).reshaped_single(node.type.shape)
 
-    def array(self, node: Node, name: str, scope: Scope) -> Place:
+    def array(self, node: Node, name: str, scope: Scope) -> ArrayView:
         """A new local array for the value, not yet filled."""
-        return Place.array(scope.array(name, node.type.size, _c_type(node)), node.type.shape)
+        return ArrayView.array(scope.array(name, node.type.size, _c_type(node)), node.type.shape)
 
     def constants(self, statements: Sequence[Statement]) -> tuple[Statement, ...]:
         """Constants that the statements use, to be declared before them."""
@@ -103,30 +103,30 @@ class LocalValues:
         scope: Scope,
         *,
         of_spec: bool = False,
-    ) -> Place:
+    ) -> ArrayView:
         """Numbers that stand in the text, in a table too once a loop runs over them.
 
         A number that the spec names is a constant of that name.
         """
         if len({value.hex() for value in values}) == 1 and type.kind == "real":
             if not (of_spec and self.names_constants):
-                return Place.single(Real(values[0])).reshaped_single(type.shape)
+                return ArrayView.single(Real(values[0])).reshaped_single(type.shape)
             local = Name(scope.fresh(name))
             self._known[local.text] = Declare(
                 CType.REAL, local.text, Real(values[0]), constant=True, static=True
             )
             if type.unit is not None:
                 self._units[local.text] = type.unit.text
-            return Place.single(local).reshaped_single(type.shape)
+            return ArrayView.single(local).reshaped_single(type.shape)
         declared: list[Name] = []
 
         def table() -> Expression:
             if not declared:
                 declared.append(Name(scope.fresh(name)))
-                self._known[declared[0].text] = Table(declared[0].text, values)
+                self._known[declared[0].text] = ConstantTable(declared[0].text, values)
             return declared[0]
 
-        return Place.array(values, type.shape, table).of_kind(boolean=type.kind == "bool")
+        return ArrayView.array(values, type.shape, table).of_kind(boolean=type.kind == "bool")
 
 
 def _c_type(node: Node) -> CType:

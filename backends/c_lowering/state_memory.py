@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from backends.c_language.places import Index, Place, c_strides, variable
+from backends.c_language.places import ArrayView, Index, c_strides, variable
 from backends.c_language.scope import Scope
 from backends.c_language.tree import (
     Assign,
@@ -45,14 +45,14 @@ class PlainState:
         return math.prod(self.shape) if self.shape else None
 
     @property
-    def samples(self) -> Place:
+    def samples(self) -> ArrayView:
         """The value, as `ReadState` sees it."""
         return member_place("s", self.identifier, self.shape)
 
-    def write(self, value: Place, scope: Scope, unroll: int) -> None:
+    def write(self, value: ArrayView, scope: Scope, unroll: int) -> None:
         copy_value(value, self.samples, scope, unroll)
 
-    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+    def write_start(self, start: ArrayView, scope: Scope, unroll: int) -> None:
         self.write(start, scope, unroll)
 
 
@@ -72,21 +72,21 @@ class DelayLine:
         return math.prod(self.shape)
 
     @property
-    def samples(self) -> Place:
-        return Place.array(Member("s", self.identifier), self.shape)
+    def samples(self) -> ArrayView:
+        return ArrayView.array(Member("s", self.identifier), self.shape)
 
     @property
-    def last_sample(self) -> Place:
+    def last_sample(self) -> ArrayView:
         """The sample that joined last."""
         return _last(self.samples, self.shape[:-1])
 
-    def write(self, newest: Place, scope: Scope, unroll: int) -> None:
+    def write(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
         axis, kept = len(self.shape) - 1, self.shape[-1]
         rest = self.samples.sliced(axis, 0, kept - 1)
         copy_value(self.samples.sliced(axis, 1, kept), rest, scope, unroll)
         copy_value(newest, _last(self.samples, newest.shape), scope, unroll)
 
-    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+    def write_start(self, start: ArrayView, scope: Scope, unroll: int) -> None:
         copy_value(start, self.samples, scope, unroll)
 
 
@@ -107,31 +107,31 @@ class ShiftBuffer:
         return math.prod(self.shape if self.in_sum else self.window.shape)
 
     @property
-    def window(self) -> Place:
+    def window(self) -> ArrayView:
         """All samples with the newest one."""
         *rows, kept = self.shape
-        return Place.array(Member("s", self.identifier), (*rows, kept + 1))
+        return ArrayView.array(Member("s", self.identifier), (*rows, kept + 1))
 
     @property
-    def samples(self) -> Place:
+    def samples(self) -> ArrayView:
         return self.window.sliced(len(self.shape) - 1, 0, self.shape[-1])
 
     @property
-    def last_sample(self) -> Place:
+    def last_sample(self) -> ArrayView:
         """The sample that joined last, when the buffer has moved."""
         return _last(self.samples, self.shape[:-1])
 
-    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+    def write_start(self, start: ArrayView, scope: Scope, unroll: int) -> None:
         copy_value(start, self.samples, scope, unroll)
 
     def begin(self, scope: Scope) -> None:
         """Nothing to prepare: the samples stand where they always stand."""
 
-    def push(self, newest: Place, scope: Scope, unroll: int) -> None:
+    def push(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
         if not self.in_sum:
             copy_value(newest, _last(self.window, newest.shape), scope, unroll)
 
-    def fill(self, newest: Place, scope: Scope, unroll: int) -> None:
+    def fill(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
         """Makes every sample that was kept equal to the newest."""
         copy_value(_along_time(newest, self.shape), self.samples, scope, unroll)
 
@@ -161,32 +161,32 @@ class DoubledRing:
         return math.prod(self._storage.shape)
 
     @property
-    def _storage(self) -> Place:
-        return Place.array(Member("s", self.identifier), (*self.shape[:-1], 2 * self.length))
+    def _storage(self) -> ArrayView:
+        return ArrayView.array(Member("s", self.identifier), (*self.shape[:-1], 2 * self.length))
 
-    def _from(self, offset: Index, count: int) -> Place:
+    def _from(self, offset: Index, count: int) -> ArrayView:
         strides = c_strides((*self.shape[:-1], 2 * self.length))
-        return Place(Member("s", self.identifier), (*self.shape[:-1], count), strides, offset)
+        return ArrayView(Member("s", self.identifier), (*self.shape[:-1], count), strides, offset)
 
     @property
-    def window(self) -> Place:
+    def window(self) -> ArrayView:
         return self._from(variable(self.head).plus(Index(1)), self.length)
 
     @property
-    def samples(self) -> Place:
+    def samples(self) -> ArrayView:
         return self._from(variable(self.head).plus(Index(1)), self.shape[-1])
 
     @property
-    def last_sample(self) -> Place:
+    def last_sample(self) -> ArrayView:
         """The sample that joined last, in the step that pushed it."""
         return _last(self.window, self.shape[:-1])
 
-    def write_start(self, start: Place, scope: Scope, unroll: int) -> None:
+    def write_start(self, start: ArrayView, scope: Scope, unroll: int) -> None:
         scope.add(Assign(Member("s", self.head), Unsigned(0)))
         for offset in (1, 1 + self.length):
             copy_value(start, self._from(Index(offset), self.shape[-1]), scope, unroll)
         # the two places of the newest sample are written by the step before anything reads them
-        zero = Place.single(Real(0.0)).reshaped_single(self.shape[:-1])
+        zero = ArrayView.single(Real(0.0)).reshaped_single(self.shape[:-1])
         for offset in (0, self.length):
             copy_value(zero, _last(self._from(Index(offset), 1), zero.shape), scope, unroll)
 
@@ -198,12 +198,12 @@ class DoubledRing:
         scope.reserve(self.head)
         scope.add(Declare(CType.UNSIGNED, self.head, head, constant=True))
 
-    def push(self, newest: Place, scope: Scope, unroll: int) -> None:
+    def push(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
         for offset in (0, self.length):
             position = variable(self.head).plus(Index(offset))
             copy_value(newest, _last(self._from(position, 1), newest.shape), scope, unroll)
 
-    def fill(self, newest: Place, scope: Scope, unroll: int) -> None:
+    def fill(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
         copy_value(_along_time(newest, self._storage.shape), self._storage, scope, unroll)
 
     def commit(self, scope: Scope, unroll: int) -> None:
@@ -270,18 +270,18 @@ def doubles(ring: Ring, kept: int) -> bool:
 
 def member_place(
     base: str, identifier: str, shape: tuple[int, ...], *, pointer: bool = True
-) -> Place:
+) -> ArrayView:
     """A field of a struct as a value of the given shape; a scalar field where there is none."""
     field: Expression = Member(base, identifier, pointer)
-    return Place.array(field, shape) if shape else Place.single(field)
+    return ArrayView.array(field, shape) if shape else ArrayView.single(field)
 
 
-def _last(window: Place, shape: tuple[int, ...]) -> Place:
+def _last(window: ArrayView, shape: tuple[int, ...]) -> ArrayView:
     axis = len(window.shape) - 1
     size = window.shape[-1]
     place = window.sliced(axis, size - 1, size)
-    return Place(place.storage, shape, place.strides[:-1], place.offset)
+    return ArrayView(place.storage, shape, place.strides[:-1], place.offset)
 
 
-def _along_time(newest: Place, shape: tuple[int, ...]) -> Place:
+def _along_time(newest: ArrayView, shape: tuple[int, ...]) -> ArrayView:
     return newest.repeated(shape, (*range(len(newest.shape)), None))

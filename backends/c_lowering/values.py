@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from backends.c_language.places import Index, Place
+from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import Scope
 from backends.c_language.tree import Expression
 from compiler.ir.types import Type
@@ -31,21 +31,21 @@ class Computed:
         return made if self.finish is None else self.finish(made, scope)
 
 
-Value = Place | Computed
+Value = ArrayView | Computed
 
 
 def element_of(value: Value, indices: Indices, scope: Scope) -> Expression:
     """One element as a part of another expression."""
-    if isinstance(value, Place):
+    if isinstance(value, ArrayView):
         return value.element(indices)
     return value.element(indices, scope)
 
 
-def copy_value(value: Value, target: Place, scope: Scope, unroll: int) -> None:
+def copy_value(value: Value, target: ArrayView, scope: Scope, unroll: int) -> None:
     """Writes every element of a value to the same element of a place."""
 
     def one(indices: tuple[Index, ...], inner: Scope) -> None:
-        if isinstance(value, Place):
+        if isinstance(value, ArrayView):
             made = value.element(indices)
         else:
             made = value.make(indices, inner)
@@ -61,7 +61,7 @@ def depth_of(value: Value) -> int:
 def repeated(value: Value, old: Type, new: Type) -> Value:
     """The value along the axes of a broadcast."""
     kept = [old.axis_names.index(n) if n in old.axis_names else None for n in new.axis_names]
-    if isinstance(value, Place):
+    if isinstance(value, ArrayView):
         return value.repeated(new.shape, kept)
 
     def moved(indices: Indices) -> Indices:
@@ -76,7 +76,7 @@ def repeated(value: Value, old: Type, new: Type) -> Value:
 
 def sliced(value: Value, axis: int, start: int, stop: int) -> Value:
     """Elements start … stop−1 along an axis."""
-    if isinstance(value, Place):
+    if isinstance(value, ArrayView):
         return value.sliced(axis, start, stop)
 
     def moved(indices: Indices) -> Indices:

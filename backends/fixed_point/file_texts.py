@@ -20,7 +20,7 @@ from backends.fixed_point.golden_text import expected_text, golden_functions
 from backends.fixed_point.names import FixedNames, fixed_names
 from backends.fixed_point.structs import port_comment, structs
 from compiler.fixed_point.deviation import OutputError
-from compiler.fixed_point.golden import GoldenRun, GoldenStart, golden_run, golden_starts
+from compiler.fixed_point.golden import GoldenRun, IntegerGoldenStart, golden_run, golden_starts
 from compiler.fixed_point.integers.interpret import FixedStatus
 from compiler.fixed_point.integers.program import IntegerProgram, StepError, WordPort
 from spec_schema.version import __version__
@@ -179,7 +179,7 @@ def _golden(
     program: IntegerProgram,
     names: FixedNames,
     runs: Sequence[GoldenRun],
-    starts: Sequence[GoldenStart] = (),
+    starts: Sequence[IntegerGoldenStart] = (),
 ) -> list[str]:
     return _printed(_printer(program, names), golden_functions(program, names, runs, starts))
 

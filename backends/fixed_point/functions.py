@@ -26,11 +26,16 @@ from backends.c_language.tree import (
 )
 from backends.fixed_point.checked_words import check_input, check_window, word_of
 from backends.fixed_point.helpers import FixedHelpers
-from backends.fixed_point.integer_nodes import IntegerNodes, Surroundings
+from backends.fixed_point.integer_nodes import IntegerLeafSource, IntegerNodes
 from backends.fixed_point.memories import MemoryWriter, element
 from backends.fixed_point.names import FixedNames
 from compiler.fixed_point.integers.interpret import FixedStatus, initial
-from compiler.fixed_point.integers.program import ExpectedWords, IntegerProgram, Memory, ReadMemory
+from compiler.fixed_point.integers.program import (
+    ExpectedWords,
+    IntegerMemory,
+    IntegerProgram,
+    ReadMemory,
+)
 
 _FILLS, _WAITS, _INITIALISED = 1, 2, 4
 """Bits of the field `ready`: buffers wait for their first sample, states for reset; it was set."""
@@ -95,7 +100,7 @@ class FixedFunctions:
         nodes = IntegerNodes(
             program.start,
             program.width,
-            Surroundings(
+            IntegerLeafSource(
                 lambda name, at: word_of(ports[name], self._names.windows[name], at),
                 self._no_memory,
             ),
@@ -131,7 +136,7 @@ class FixedFunctions:
         nodes = IntegerNodes(
             program.step,
             program.width,
-            Surroundings(
+            IntegerLeafSource(
                 lambda name, at: word_of(ports[name], names.inputs[name], at),
                 lambda name, at: memories.element(self._named(name), at),
                 frozenset(memory.name for memory in program.memories if memory.wide),
@@ -216,7 +221,7 @@ class FixedFunctions:
     def _memories(self, scope: Scope) -> MemoryWriter:
         return MemoryWriter(self._program, self._names, self._helpers, scope)
 
-    def _named(self, name: str) -> Memory:
+    def _named(self, name: str) -> IntegerMemory:
         return next(memory for memory in self._program.memories if memory.name == name)
 
     def _no_memory(self, name: str, at: Index) -> Expression:

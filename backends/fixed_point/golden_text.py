@@ -10,7 +10,7 @@ from backends.c.interface.interface import Field
 from backends.c.selftest.golden_tables import Array, Column, GoldenTables
 from backends.c_language.tree import Binary, CType, Expression, Function
 from backends.fixed_point.names import FixedNames
-from compiler.fixed_point.golden import GoldenRun, GoldenStart
+from compiler.fixed_point.golden import GoldenRun, IntegerGoldenStart
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 
 _UNROLL = 4
@@ -21,7 +21,7 @@ def golden_functions(
     program: IntegerProgram,
     names: FixedNames,
     runs: Sequence[GoldenRun],
-    starts: Sequence[GoldenStart] = (),
+    starts: Sequence[IntegerGoldenStart] = (),
 ) -> tuple[Function, ...]:
     """What `GoldenTables` makes; words are equal or they are not.
 

@@ -11,6 +11,7 @@ from backends.c_language.scope import Scope
 from backends.c_language.tree import (
     Binary,
     Conditional,
+    ConstantTable,
     Convert,
     CType,
     Declare,
@@ -18,7 +19,6 @@ from backends.c_language.tree import (
     Expression,
     Integer,
     Name,
-    Table,
     Unary,
     Unsigned,
 )
@@ -29,10 +29,10 @@ from backends.fixed_point.matrix_products import matrix_products
 from backends.fixed_point.neighbours import neighbours
 from compiler.fixed_point.integers.program import (
     Choose,
+    IntegerLookup,
     IntegerNode,
     Larger,
     Literal,
-    Lookup,
     Product,
     ReadMemory,
     ReadWord,
@@ -50,7 +50,7 @@ _BLOCK = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class IntegerLeafSource:
     """Where a graph finds its leaves."""
 
     word: Callable[[str, Index], Expression]
@@ -70,7 +70,7 @@ class IntegerNodes:
         self,
         nodes: Sequence[IntegerNode],
         width: Width,
-        surroundings: Surroundings,
+        surroundings: IntegerLeafSource,
         helpers: FixedHelpers,
         scope: Scope,
     ) -> None:
@@ -174,7 +174,7 @@ class IntegerNodes:
                 if isinstance(then, Integer) and isinstance(otherwise, Integer):
                     then = Convert(CType.SUM, then)  # not the small type of two small literals
                 return Conditional(Binary(relation.value, left, right), then, otherwise)
-            case Lookup(first, bits, values):
+            case IntegerLookup(first, bits, values):
                 distance = Binary("-", args[0], Integer(first)) if first else args[0]
                 return self._helpers.interpolated(self._table(values), distance, bits)
             case Literal() | ReadWord() | ReadMemory():
@@ -241,7 +241,7 @@ class IntegerNodes:
         if values not in self._tables:
             name = Name(f"table_{len(self._tables) + 1}")
             fits = max(map(abs, values)) <= self._largest_word
-            self._scope.add(Table(name.text, values, CType.WORD if fits else CType.SUM))
+            self._scope.add(ConstantTable(name.text, values, CType.WORD if fits else CType.SUM))
             self._tables[values] = name
         return self._tables[values]
 

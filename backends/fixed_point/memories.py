@@ -27,9 +27,9 @@ from backends.fixed_point.integer_nodes import IntegerNodes
 from backends.fixed_point.names import FixedNames
 from backends.fixed_point.neighbours import neighbours
 from compiler.fixed_point.integers.program import (
+    IntegerMemory,
     IntegerNode,
     IntegerProgram,
-    Memory,
     ReadMemory,
     ReadWord,
 )
@@ -53,11 +53,11 @@ class MemoryWriter:
         self._program, self._names = program, names
         self._helpers, self._scope = helpers, scope
 
-    def element(self, memory: Memory, at: Index) -> Expression:
+    def element(self, memory: IntegerMemory, at: Index) -> Expression:
         """An element of the state struct."""
         return element(Member("s", self._names.memories[memory.name]), memory.axes, at)
 
-    def set(self, memory: Memory, values: Sequence[int]) -> None:
+    def set(self, memory: IntegerMemory, values: Sequence[int]) -> None:
         """Sets a memory to numbers."""
         if memory.axes and len(set(values)) == 1:
             with self._scope.loop(len(values)) as (along, inner):
@@ -66,14 +66,14 @@ class MemoryWriter:
         for index, value in enumerate(values):
             self._scope.assign(self.element(memory, Index(index)), _known(memory, value))
 
-    def fill(self, memory: Memory, words: Sequence[Expression]) -> None:
+    def fill(self, memory: IntegerMemory, words: Sequence[Expression]) -> None:
         """Makes all samples of each row equal to a word."""
         samples = memory.size // len(words)
         for row, word in enumerate(words):
             with self._scope.loop(samples) as (along, inner):
                 inner.assign(self.element(memory, along.plus(Index(row * samples))), word)
 
-    def start(self, memory: Memory, nodes: IntegerNodes, saturated: Statement) -> None:
+    def start(self, memory: IntegerMemory, nodes: IntegerNodes, saturated: Statement) -> None:
         """Sets a memory to what the start made; `saturated` reports what was too large."""
         for begin, count in neighbours([self._program.start[node] for node in memory.start]):
             if not self._copied(memory, self._program.start, memory.start, begin, count, nodes):
@@ -82,7 +82,7 @@ class MemoryWriter:
 
     def commit(
         self,
-        memory: Memory,
+        memory: IntegerMemory,
         nodes: IntegerNodes,
         saturated: Statement,
         restart: Sequence[int] | None = None,
@@ -104,7 +104,7 @@ class MemoryWriter:
         self._scope.add(If(left, tuple(inner.statements)))
 
     def _commit(
-        self, memory: Memory, nodes: IntegerNodes, too_large: tuple[Statement, ...]
+        self, memory: IntegerMemory, nodes: IntegerNodes, too_large: tuple[Statement, ...]
     ) -> None:
         for begin, count in neighbours([self._program.step[node] for node in memory.next]):
             if self._copied(memory, self._program.step, memory.next, begin, count, nodes):
@@ -114,7 +114,7 @@ class MemoryWriter:
 
     def _keep(
         self,
-        memory: Memory,
+        memory: IntegerMemory,
         index: int,
         node: int,
         nodes: IntegerNodes,
@@ -129,7 +129,7 @@ class MemoryWriter:
 
     def _copied(
         self,
-        memory: Memory,
+        memory: IntegerMemory,
         graph: Sequence[IntegerNode],
         elements: Sequence[int],
         begin: int,
@@ -151,7 +151,7 @@ class MemoryWriter:
         return True
 
     def _stored(
-        self, nodes: IntegerNodes, node: int, memory: Memory, found: IntegerNode
+        self, nodes: IntegerNodes, node: int, memory: IntegerMemory, found: IntegerNode
     ) -> Expression:
         """A node as a memory keeps it: within its limits, in its type."""
         if _fits(memory, found):
@@ -160,9 +160,9 @@ class MemoryWriter:
         return limited if memory.wide else Convert(CType.WORD, limited)
 
 
-def _fits(memory: Memory, found: IntegerNode) -> bool:
+def _fits(memory: IntegerMemory, found: IntegerNode) -> bool:
     return found.low >= memory.low and found.high <= memory.high
 
 
-def _known(memory: Memory, value: int) -> Expression:
+def _known(memory: IntegerMemory, value: int) -> Expression:
     return Integer(value) if memory.wide else Convert(CType.WORD, Integer(value))

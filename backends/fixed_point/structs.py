@@ -10,7 +10,7 @@ from backends.c.interface.structs import READY
 from backends.c_language.layout import comment
 from backends.c_lowering.spec_notes import span_text
 from backends.fixed_point.names import FixedNames
-from compiler.fixed_point.integers.program import IntegerProgram, Memory, WordPort
+from compiler.fixed_point.integers.program import IntegerMemory, IntegerProgram, WordPort
 from compiler.ir.types import Axis
 
 
@@ -37,7 +37,7 @@ def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
     ]
 
 
-def port_comment(port: WordPort | Memory) -> str:
+def port_comment(port: WordPort | IntegerMemory) -> str:
     """Unit, limits, scale, meaning and place in the spec."""
     unit = f"[{port.unit.text}] " if port.unit is not None else ""
     low, high = (math.ldexp(limit, -port.fraction) for limit in (port.low, port.high))
@@ -46,7 +46,7 @@ def port_comment(port: WordPort | Memory) -> str:
     return f"{unit}{low:.6g} .. {high:.6g}, word / 2^{port.fraction}{doc}{place}"
 
 
-def _field(port: WordPort | Memory, field: str, type: str) -> dict[str, Any]:
+def _field(port: WordPort | IntegerMemory, field: str, type: str) -> dict[str, Any]:
     size = f"[{port.size}]" if port.axes else ""
     low, high = (math.ldexp(limit, -port.fraction) for limit in (port.low, port.high))
     return {

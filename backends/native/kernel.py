@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from backends.c_language.literals import Dtype
 from backends.native.compile_kernel import compiled_kernel
-from backends.native.kernel_data import Data
+from backends.native.kernel_data import KernelData
 from backends.native.kernel_source import KernelSource, kernel_source
 from backends.native.kernel_structs import (
     WorkStruct,
@@ -114,9 +114,9 @@ class Kernel:
         series: Mapping[str, FloatArray],
         skip: int = 0,
         scored: Mapping[str, NDArray[np.bool_]] | None = None,
-    ) -> Data:
+    ) -> KernelData:
         """The logs as the kernel reads them."""
-        return Data(self.source, self.dtype, series, skip, scored)
+        return KernelData(self.source, self.dtype, series, skip, scored)
 
     def _work(self, groups: Groups, largest: int) -> WorkStruct:
         """Memory for a call whose batches have at most so many groups; later calls use it again."""
@@ -136,7 +136,7 @@ class Kernel:
 
     def losses(
         self,
-        data: Data,
+        data: KernelData,
         groups: Groups,
         physical: FloatArray,
         weights: Sequence[float],
@@ -166,7 +166,7 @@ class Kernel:
 
     def train(
         self,
-        data: Data,
+        data: KernelData,
         groups: Groups,
         bounds: Rows,
         variables: Variables,

@@ -15,7 +15,7 @@ from backends.native.kernel_structs import ProblemStruct, pointers
 FloatArray = NDArray[np.float64]
 
 
-class Data:
+class KernelData:
     """Series, and which of their rows count, kept alive for the kernel's pointers."""
 
     def __init__(

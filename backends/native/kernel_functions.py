@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from backends.c_language.functions import FunctionTable
-from backends.c_language.places import Index, Place
+from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import Scope
 from backends.c_language.tree import Argument, Binary, Expression, Function, Real
 from backends.native.lanes.lane_functions import GRADIENT, PARAMETERS, LaneWriter, array
-from backends.native.lanes.lane_memory import Memory, size_of
+from backends.native.lanes.lane_memory import LaneMemory, size_of
 from backends.native.loop_splitting import Addends, LateGradient, is_zero, read_from_rows
 from backends.native.tiled_sums import HORIZON, MOMENT, TIME, TiledSum
 from compiler.ir.ops import Concat, Contract
@@ -39,14 +39,14 @@ class Stored:
     """Other nodes of the step that it stores, and the array of lanes that it is given for them."""
 
     array: str = ""
-    places: tuple[tuple[NodeId, Place], ...] = ()
+    places: tuple[tuple[NodeId, ArrayView], ...] = ()
 
 
 class ModelFunctions:
     """Writes the functions of one program."""
 
     def __init__(
-        self, memory: Memory, functions: FunctionTable, stored: Stored | None = None
+        self, memory: LaneMemory, functions: FunctionTable, stored: Stored | None = None
     ) -> None:
         self._memory = memory
         self._functions = functions
@@ -89,7 +89,7 @@ class ModelFunctions:
         def store(indices: Mapping[str, Index], value: Expression, scope: Scope) -> None:
             position = row.position([indices[axis] for axis in made.type.axis_names])
             position = position.plus(indices[MOMENT].times(made.type.size))
-            scope.assign(Place(row.storage, (), (), position).element(()), value)
+            scope.assign(ArrayView(row.storage, (), (), position).element(()), value)
 
         sums.write(writer.scope, store)
 
@@ -139,7 +139,7 @@ class ModelFunctions:
         writer = LaneWriter(memory, self._reverse, self._functions)
         found = memory.step.reverse_step.gradients
         sums = Addends(self._reverse, (*found.states.values(), *found.parameters.values()))
-        added: list[tuple[NodeId, Place]] = []
+        added: list[tuple[NodeId, ArrayView]] = []
         stored = [(n, array(f"row_{n}", writer.graph[n].type.shape)) for n in phases.cuts]
         for state in memory.program.states:
             gradient = found.states.get(state.name)
@@ -244,7 +244,7 @@ class ModelFunctions:
         found.append(Passed(Argument("lanes *restrict", GRADIENT), GRADIENT))
         return found
 
-    def _gradient_place(self, name: str) -> Place:
+    def _gradient_place(self, name: str) -> ArrayView:
         shape = tuple(axis.size for axis in self._memory.program.parameter(name).axes)
         return array(GRADIENT, shape, Index(self._memory.parameters[name]))
 
@@ -264,7 +264,7 @@ def _sizes(graph: Graph, node: Node) -> dict[str, int]:
     return {axis.name: axis.size for axis in axes}
 
 
-def _parts(graph: Graph, node: NodeId, target: Place) -> list[tuple[NodeId, Place]]:
+def _parts(graph: Graph, node: NodeId, target: ArrayView) -> list[tuple[NodeId, ArrayView]]:
     """What is added where: a concatenation part by part, without those that are 0."""
     if is_zero(graph, node):
         return []
@@ -272,7 +272,7 @@ def _parts(graph: Graph, node: NodeId, target: Place) -> list[tuple[NodeId, Plac
     if not isinstance(op, Concat):
         return [(node, target)]
     axis = graph[node].type.position(op.axis)
-    found: list[tuple[NodeId, Place]] = []
+    found: list[tuple[NodeId, ArrayView]] = []
     begin = 0
     for part in graph[node].args:
         end = begin + graph[part].type.shape[axis]

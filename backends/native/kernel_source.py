@@ -15,7 +15,7 @@ from backends.c_language.tree import Call, Expression
 from backends.native.kernel_functions import ModelFunction, ModelFunctions
 from backends.native.lanes.fused_products import with_fused_products
 from backends.native.lanes.lane_kernels import lane_kernels
-from backends.native.lanes.lane_memory import Memory, size_of
+from backends.native.lanes.lane_memory import LaneMemory, size_of
 from backends.native.lanes.lane_printer import LanePrinter
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir.scalars.slope_products import LARGEST_SLOPE
@@ -55,7 +55,7 @@ def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = Fals
 
     A `reproducible` one fuses by many instructions where a processor has none for it.
     """
-    memory = Memory(step)
+    memory = LaneMemory(step)
     functions = LaneFunctions(FunctionNames(PREFIX, dtype, "own"))
     writer = ModelFunctions(memory, functions)
     made = {
@@ -86,7 +86,7 @@ def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = Fals
 
 
 def whole_source(
-    memory: Memory,
+    memory: LaneMemory,
     dtype: Dtype,
     functions: LaneFunctions,
     made: Mapping[str, ModelFunction],
@@ -135,7 +135,7 @@ class Rows:
     """The sample of its first row, counted from the first step."""
 
 
-def forward_arrays(memory: Memory) -> dict[str, list[Rows]]:
+def forward_arrays(memory: LaneMemory) -> dict[str, list[Rows]]:
     """The arrays over time that the functions of the step forward work on."""
     return {
         "logs": [

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from backends.gauss_newton_products import Products
 from backends.native.compile_kernel import compiled_kernel
-from backends.native.kernel_data import Data
+from backends.native.kernel_data import KernelData
 from backends.native.kernel_structs import aligned, pointer
 from backends.native.lanes.lane_groups import LANES, Rows, group_type, lane_groups
 from backends.native.sensitivity_source import sensitivity_source
@@ -41,12 +41,12 @@ class SensitivityKernel:
         series: Mapping[str, FloatArray],
         skip: int = 0,
         scored: Mapping[str, NDArray[np.bool_]] | None = None,
-    ) -> Data:
+    ) -> KernelData:
         """The logs as the kernel reads them."""
-        return Data(self.source, _DTYPE, series, skip, scored)
+        return KernelData(self.source, _DTYPE, series, skip, scored)
 
     def products(
-        self, data: Data, starts: Rows, steps: Rows, physical: FloatArray
+        self, data: KernelData, starts: Rows, steps: Rows, physical: FloatArray
     ) -> dict[str, Products]:
         """The products of each loss, summed over rollouts from rows `starts`."""
         groups, _ = lane_groups(self._groups, starts, steps, [len(starts)])

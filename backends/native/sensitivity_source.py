@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from backends.c_language.functions import FunctionNames
-from backends.c_language.places import Index, Place
+from backends.c_language.places import ArrayView, Index
 from backends.native.kernel_functions import ModelFunctions, Stored
 from backends.native.kernel_source import (
     PREFIX,
@@ -16,7 +16,7 @@ from backends.native.kernel_source import (
     whole_source,
 )
 from backends.native.lanes.lane_functions import array
-from backends.native.lanes.lane_memory import Memory
+from backends.native.lanes.lane_memory import LaneMemory
 from compiler.differentiation.reverse_mode import StepGradients
 from compiler.differentiation.sensitivities import Sensitivities
 from compiler.differentiation.training_step import Reverse, TrainingStep, newest_samples
@@ -42,7 +42,7 @@ class SensitivitySource:
 
 def sensitivity_source(found: Sensitivities) -> SensitivitySource:
     """The kernel of one program whose loops are closed, in float64."""
-    memory = Memory(_forward_only(found))
+    memory = LaneMemory(_forward_only(found))
     functions = LaneFunctions(FunctionNames(PREFIX, "float64", "own"))
     marked = any(one.left_out is not None for one in found.residuals)
     width = -(-(found.numbers + 1 + marked) // _BLOCK) * _BLOCK
@@ -76,10 +76,12 @@ def _forward_only(found: Sensitivities) -> TrainingStep:
     )
 
 
-def _rows(found: Sensitivities, width: int) -> tuple[list[int], tuple[tuple[NodeId, Place], ...]]:
+def _rows(
+    found: Sensitivities, width: int
+) -> tuple[list[int], tuple[tuple[NodeId, ArrayView], ...]]:
     """The first row of every loss and the last one's end, and where residuals, slopes, marks go."""
     firsts = [0]
-    places: list[tuple[NodeId, Place]] = []
+    places: list[tuple[NodeId, ArrayView]] = []
     residuals = {residual.loss.name: residual for residual in found.residuals}
     for loss in found.program.losses:
         residual = residuals.get(loss.name)
@@ -90,11 +92,11 @@ def _rows(found: Sensitivities, width: int) -> tuple[list[int], tuple[tuple[Node
         each = array(ROWS, type.shape)
         strides = tuple(stride * width for stride in each.strides)
         first = firsts[-1] * width
-        values = Place(each.storage, type.shape, strides, Index(first + found.numbers))
-        slopes = Place(each.storage, (found.numbers, *type.shape), (1, *strides), Index(first))
+        values = ArrayView(each.storage, type.shape, strides, Index(first + found.numbers))
+        slopes = ArrayView(each.storage, (found.numbers, *type.shape), (1, *strides), Index(first))
         places += [(residual.values, values), (residual.slopes, slopes)]
         if residual.left_out is not None:
-            mark = Place(each.storage, type.shape, strides, Index(first + found.numbers + 1))
+            mark = ArrayView(each.storage, type.shape, strides, Index(first + found.numbers + 1))
             places.append((residual.left_out, mark))
         firsts.append(firsts[-1] + type.size)
     return firsts, tuple(places)

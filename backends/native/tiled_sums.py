@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
-from backends.c_language.places import Index, Place, variable
+from backends.c_language.places import ArrayView, Index, variable
 from backends.c_language.scope import Scope
 from backends.c_language.tree import Binary, Expression, Loop, Name, Real
 
@@ -48,8 +48,8 @@ class TimeLoop(Loop):
 class Factor:
     """A factor of the product: where it stands at times 0 and 1, and its axes by name."""
 
-    first: Place
-    second: Place
+    first: ArrayView
+    second: ArrayView
     axes: tuple[str, ...]
 
     def element(self, time: Index, indices: Indices) -> Expression:

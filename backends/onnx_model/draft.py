@@ -11,7 +11,7 @@ import onnx
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from onnx import TensorProto, helper
 
-from backends.onnx_model.lowering import Sources, lower_nodes
+from backends.onnx_model.lowering import LeafNodes, lower_nodes
 from backends.onnx_model.nodes import OnnxNodes
 from backends.ports.metadata import interface_metadata, metadata_text
 from backends.ports.step_interface import PortNames, StepInterface, port_names, step_interface
@@ -81,7 +81,7 @@ class Draft:
     def lower_step(self, nodes: OnnxNodes, names: PortNames) -> None:
         """Appends the step's nodes, which read and write values called as `names` says."""
         ports = {p.signal.name: (p, names.inputs[p.signal.name]) for p in self.interface.inputs}
-        sources = Sources(ports, names.states, names.parameters)
+        sources = LeafNodes(ports, names.states, names.parameters)
         values = lower_nodes(self.program.step, self.interface.step_nodes, sources, nodes)
         for output in self.interface.outputs:
             nodes.add_as(names.outputs[output.name], "Identity", [values[output.node]])

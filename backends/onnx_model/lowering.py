@@ -25,7 +25,7 @@ _RELATIONS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Sources:
+class LeafNodes:
     """The names of the values behind a graph's leaves, by the spec's names."""
 
     ports: Mapping[str, tuple[Port, str]]
@@ -34,7 +34,7 @@ class Sources:
 
 
 def lower_nodes(
-    graph: Graph, nodes: Sequence[NodeId], sources: Sources, onnx: OnnxNodes
+    graph: Graph, nodes: Sequence[NodeId], sources: LeafNodes, onnx: OnnxNodes
 ) -> dict[NodeId, str]:
     """Names of the values of `nodes`, which must hold the operands of each before it."""
     values: dict[NodeId, str] = {}
@@ -49,7 +49,7 @@ def lower_nodes(
 
 
 def _lower(
-    node: Node, values: list[str], types: list[Type], sources: Sources, onnx: OnnxNodes
+    node: Node, values: list[str], types: list[Type], sources: LeafNodes, onnx: OnnxNodes
 ) -> str:
     shape = node.type.shape
     match node.op:

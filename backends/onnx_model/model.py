@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from onnx import helper
 
 from backends.onnx_model.draft import STEPS, Draft
-from backends.onnx_model.lowering import Sources, lower_nodes
+from backends.onnx_model.lowering import LeafNodes, lower_nodes
 from backends.onnx_model.nodes import OnnxNodes
 from backends.ports.identifiers import c_identifier
 from backends.ports.step_interface import PortNames, port_names, step_interface
@@ -89,7 +89,7 @@ def build_initial_state(
         port.signal.name: (port, names.start_windows[port.signal.name])
         for port in interface.start_windows
     }
-    sources = Sources(windows, {}, names.parameters)
+    sources = LeafNodes(windows, {}, names.parameters)
     values = lower_nodes(draft.program.start, interface.start_nodes, sources, nodes)
     for state in interface.states:
         nodes.add_as(names.states[state.name], "Identity", [values[state.start]])

@@ -14,7 +14,7 @@ from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import (
     Declared,
     History,
-    Memory,
+    LayerMemory,
     Origin,
     Output,
     Parameter,
@@ -104,7 +104,7 @@ def _origin(origin: Origin) -> dict[str, Any]:
     match origin:
         case Declared():
             return {"kind": "declared"}
-        case Memory():
+        case LayerMemory():
             return {"kind": "memory"}
         case History(source):
             return {"kind": "history", "source": source}

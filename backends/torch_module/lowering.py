@@ -31,7 +31,7 @@ class Given:
 
 
 @dataclass(frozen=True, slots=True)
-class Leaf:
+class TorchLeaf:
     """One argument of a lowered graph: where it comes from, and whether it has a window axis."""
 
     source: ops.AnyRead | Given
@@ -43,7 +43,7 @@ class LoweredGraph:
     """Callable torch code of a graph: the tensors of `leaves` in, those of the roots out."""
 
     module: fx.GraphModule
-    leaves: tuple[Leaf, ...]
+    leaves: tuple[TorchLeaf, ...]
     origins: dict[str, Node]
     """The IR node behind each name in the generated code, for comments."""
 
@@ -71,7 +71,7 @@ def lower_graph(
     dtype: torch.dtype,
     *,
     given: frozenset[NodeId] = frozenset(),
-    identify: Callable[[Leaf], str] | None = None,
+    identify: Callable[[TorchLeaf], str] | None = None,
     constants: str = "constant",
 ) -> LoweredGraph:
     """Torch code for the values of `roots`; nodes in `given` become arguments of the code.
@@ -85,7 +85,7 @@ def lower_graph(
     return lowering.run(roots)
 
 
-def _default_name(leaf: Leaf) -> str:
+def _default_name(leaf: TorchLeaf) -> str:
     return type(leaf.source).__name__.lower()
 
 
@@ -95,7 +95,7 @@ class _Lowering:
         graph: Graph,
         dtype: torch.dtype,
         given: frozenset[NodeId],
-        identify: Callable[[Leaf], str],
+        identify: Callable[[TorchLeaf], str],
         constants: str,
     ) -> None:
         self._graph = graph
@@ -105,7 +105,7 @@ class _Lowering:
         self._static = static_nodes(graph)
         self._code = fx.Graph()
         self._root = nn.Module()
-        self._leaves: dict[Leaf, fx.Node] = {}
+        self._leaves: dict[TorchLeaf, fx.Node] = {}
         self._values: dict[NodeId, fx.Node] = {}
         self._constants = constants
         self._constant_count = 0
@@ -134,22 +134,22 @@ class _Lowering:
                 pending.extend(new)
         return sorted(found)
 
-    def _leaf(self, index: NodeId) -> Leaf | None:
+    def _leaf(self, index: NodeId) -> TorchLeaf | None:
         node = self._graph[index]
         if index in self._given:
-            return Leaf(Given(index), False)
+            return TorchLeaf(Given(index), False)
         match node.op:
             case ops.ReadParameter() | ops.ReadState():
-                return Leaf(node.op, False)
+                return TorchLeaf(node.op, False)
             case ops.ReadSamples():
-                return Leaf(node.op, node.type.window is not None)
+                return TorchLeaf(node.op, node.type.window is not None)
             case ops.Window(state):
-                self._argument(Leaf(ops.ReadState(state), False))
+                self._argument(TorchLeaf(ops.ReadState(state), False))
                 return None
             case _:
                 return None
 
-    def _argument(self, leaf: Leaf) -> fx.Node:
+    def _argument(self, leaf: TorchLeaf) -> fx.Node:
         if leaf not in self._leaves:
             name = f"{self._identify(leaf)}_{len(self._leaves)}".lower()  # as fx does
             self._leaves[leaf] = self._code.placeholder(name)
@@ -217,7 +217,7 @@ class _Lowering:
             case ops.Contract(axis):
                 return contract(self._code, args, types, static, axis, node.type)
             case ops.Window(state):
-                buffer = self._leaves[Leaf(ops.ReadState(state), False)]
+                buffer = self._leaves[TorchLeaf(ops.ReadState(state), False)]
                 newest = args[0]
                 if static[0]:
                     newest = expand_static(self._code, newest, types[0], buffer)

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from backends.ports.identifiers import c_identifier
 from backends.raw_parameters import raw_value
-from backends.torch_module.lowering import Given, Leaf, LoweredGraph, lower_graph, static_nodes
+from backends.torch_module.lowering import Given, LoweredGraph, TorchLeaf, lower_graph, static_nodes
 from backends.torch_module.parameters import physical_value
 from compiler.ir.ops import Constant, ReadLog, ReadParameter, ReadSignal, ReadState, ReadTraining
 from compiler.ir.program import Graph, NodeId, Program
@@ -223,7 +223,7 @@ def _arguments(
 
 
 def _argument(
-    leaf: Leaf,
+    leaf: TorchLeaf,
     windows: Windows | None,
     states: Mapping[str, Tensor],
     physical: Mapping[str, Tensor],

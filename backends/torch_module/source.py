@@ -14,7 +14,7 @@ import torch
 import templates
 from backends.ports.identifiers import c_identifier
 from backends.ports.step_interface import Port, StepInterface, step_interface
-from backends.torch_module.lowering import Leaf, LoweredGraph, lower_graph, static_nodes
+from backends.torch_module.lowering import LoweredGraph, TorchLeaf, lower_graph, static_nodes
 from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState
 from compiler.ir.program import Graph, NodeId, Parameter, Program
 from compiler.ir.types import Axis
@@ -135,7 +135,7 @@ def _body(lowered: LoweredGraph) -> list[str]:
     return lines
 
 
-def _argument_name(leaf: Leaf) -> str:
+def _argument_name(leaf: TorchLeaf) -> str:
     match leaf.source:
         case ReadParameter(name) | ReadState(name) | ReadSignal(name) | ReadLog(name):
             return c_identifier(name, {*_OWN_NAMES})
@@ -143,7 +143,9 @@ def _argument_name(leaf: Leaf) -> str:
             raise AssertionError("an exported step is one piece")
 
 
-def _source(leaf: Leaf, interface: StepInterface, names: dict[str, str], constants: str) -> str:
+def _source(
+    leaf: TorchLeaf, interface: StepInterface, names: dict[str, str], constants: str
+) -> str:
     """Where an argument comes from in the generated class."""
     match leaf.source:
         case ReadParameter(name):
@@ -160,7 +162,7 @@ def _source(leaf: Leaf, interface: StepInterface, names: dict[str, str], constan
             raise AssertionError("an exported step is one piece")
 
 
-def _window(leaf: Leaf, name: str, first: int, last: int, interface: StepInterface) -> str:
+def _window(leaf: TorchLeaf, name: str, first: int, last: int, interface: StepInterface) -> str:
     whole = next(port for port in interface.start_windows if port.signal.name == name)
     start, stop = first - whole.first, last - whole.first + 1
     return f"windows[{name!r}][..., {f'{start}:{stop}' if leaf.windowed else start}]"

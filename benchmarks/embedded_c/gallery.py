@@ -12,7 +12,7 @@ from pathlib import Path
 
 from msnn.cli.application import run
 from msnn.verification.proof_step import Figures, Result
-from msnn.verification.verify import TARGETS, Verification, Wanted, verify
+from msnn.verification.verify import TARGETS, Verification, WantedSteps, verify
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
 _BOARDS = ("Cortex-M4F", "Cortex-M0", "RV32IMAFC")
@@ -29,7 +29,7 @@ def main() -> None:
             spec = str(GALLERY / f"{name}.msnn.yaml")
             if run(["export", spec, "--initial", "--to", "c", "--out", place]) != 0:
                 raise SystemExit(f"{name} was not exported")
-            wanted = Wanted(frozenset(TARGETS), proof=True, misra=True)
+            wanted = WantedSteps(frozenset(TARGETS), proof=True, misra=True)
             found = verify(Path(place) / "c", wanted)
         for row in _rows(name, found):
             print("| " + " | ".join(row) + " |", flush=True)

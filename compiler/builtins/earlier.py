@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from compiler.ir.ops import Relation
-from compiler.ir.program import Memory, NodeId, State
+from compiler.ir.program import LayerMemory, NodeId, State
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import calculus, names
 from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call
 
-_START = Environment(Part.START)
+_START = Environment(EnvironmentPart.START)
 
 
 def earlier(context: Context, call: Call, environment: Environment) -> NodeId:
@@ -24,7 +24,7 @@ def earlier(context: Context, call: Call, environment: Environment) -> NodeId:
     """
     argument = call.arguments[0]
     before = environment.shifted(-1)
-    if environment.part is Part.START or environment.latest > 0:
+    if environment.part is EnvironmentPart.START or environment.latest > 0:
         lower(context, argument, environment)  # a mistake in it is one at t, not one of its past
         return lower(context, argument, before)
     known = context.names.tried(lambda: lower(context, argument, before.at_start()))
@@ -37,7 +37,7 @@ def in_the_step(context: Context, call: Call, environment: Environment) -> Envir
     """The environment of a call that keeps memory: at t, and held over a vector field (R6)."""
     function = call.function
     name = expression_text(function)
-    if environment.part is Part.START or environment.part is Part.CONSTANT:
+    if environment.part is EnvironmentPart.START or environment.part is EnvironmentPart.CONSTANT:
         place = environment.part.value
         context.findings.report(names.misplaced(name, place, function.span))
         raise LoweringFailed
@@ -70,13 +70,23 @@ def keep(
     start: NodeId,
     environment: Environment,
     *,
-    of_run: bool = False,
+    starts_fresh_each_run: bool = False,
 ) -> None:
     """Makes the state that a call keeps; `start` is a node of the start graph."""
     type = context.builder(environment).type(following)
     doc = f"memory of {expression_text(call)}"
     context.memories.keep(
-        State(name, type.axes, type.unit, Memory(of_run), following, start, None, doc, call.span)
+        State(
+            name,
+            type.axes,
+            type.unit,
+            LayerMemory(starts_fresh_each_run),
+            following,
+            start,
+            None,
+            doc,
+            call.span,
+        )
     )
 
 
@@ -88,14 +98,14 @@ def _remembered(context: Context, call: Call, environment: Environment) -> NodeI
     type = builder.type(now)
     name = context.memories.name("previous", (now,))
     zero = start.broadcast(start.constant(0.0, unit=type.unit), type.axes)
-    keep(context, call, name, now, zero, environment, of_run=True)
+    keep(context, call, name, now, zero, environment, starts_fresh_each_run=True)
     first = context.memories.name("first_step", ())
     context.memories.keep(
         State(
             first,
             (),
             None,
-            Memory(of_run=True),
+            LayerMemory(starts_fresh_each_run=True),
             builder.constant(0.0, unit=None),
             start.constant(1.0, unit=None),
             None,

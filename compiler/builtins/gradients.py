@@ -12,7 +12,7 @@ from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import quotient_unit
 from compiler.ir.types import WINDOW, Axis
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import calculus, names
@@ -38,7 +38,7 @@ def lower_gradient(context: Context, call: Call, environment: Environment) -> No
     Whatever y computes from x[t] counts, through equations, layers, windows and gradients. The
     past, in states and buffers, is taken as given.
     """
-    if environment.part is Part.CONSTANT:
+    if environment.part is EnvironmentPart.CONSTANT:
         context.findings.report(names.misplaced("grad", environment.part.value, call.function.span))
         raise LoweringFailed
     y_argument, x_argument = call.arguments

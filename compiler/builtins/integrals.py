@@ -8,7 +8,7 @@ from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import product_unit
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.fitted import fitted
 from compiler.lowering.unit_conflicts import report_unit_conflicts
@@ -16,14 +16,14 @@ from spec_schema.expressions.tree import Call
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
-_START = Environment(Part.START)
+_START = Environment(EnvironmentPart.START)
 _METHODS = ("euler", "trapezoidal")
 
 
 def lower_integral(context: Context, call: Call, environment: Environment) -> NodeId:
     """I[t] = I[t−1] + dt·e[t], or I[t−1] + dt/2·(e[t] + e[t−1]); I[t0−1] is `init=`, else 0."""
     method = method_of(context, call, _METHODS)
-    if environment.part is Part.START and environment.time == (-1, None):
+    if environment.part is EnvironmentPart.START and environment.time == (-1, None):
         return _start(context, call, None)
     is_last = environment.time == (-1, None)
     now = in_the_step(context, call, environment.shifted(1) if is_last else environment)

@@ -14,7 +14,7 @@ import numpy as np
 
 from compiler.differentiation.sensitivities import Residuals, Sensitivities
 from compiler.interpreter.bounded import Bounded, unit_roundoff
-from compiler.interpreter.bounded_rollouts import Forward, Moment, Rollouts
+from compiler.interpreter.bounded_rollouts import Forward, Rollouts, RolloutStep
 from compiler.interpreter.bounded_sums import Total
 from compiler.interpreter.operations import Array
 
@@ -54,7 +54,7 @@ def interpreted_products(
     return sums
 
 
-def _rows(one: Residuals, moment: Moment, numbers: int, members: int) -> tuple[Array, Array]:
+def _rows(one: Residuals, moment: RolloutStep, numbers: int, members: int) -> tuple[Array, Array]:
     """Rows of slopes and residual, (members, elements, numbers + 1), and what each may be off."""
     unit = unit_roundoff(_DTYPE)
     values, slopes = (moment.values[node].repeated(members) for node in (one.values, one.slopes))

@@ -14,8 +14,8 @@ import numpy as np
 
 from compiler.differentiation.training_step import LossTerm, TrainingStep
 from compiler.interpreter.bounded import Bounded, exact
-from compiler.interpreter.bounded_rollouts import Forward, Moment, Rollouts
-from compiler.interpreter.bounded_sums import Tape, Total
+from compiler.interpreter.bounded_rollouts import Forward, Rollouts, RolloutStep
+from compiler.interpreter.bounded_sums import AdjointTape, Total
 from compiler.interpreter.operations import Array
 from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import NodeId
@@ -73,12 +73,15 @@ class InterpretedTraining:
         return InterpretedLosses(sums, counts, self._gradient(runs, moments, scales))
 
     def _gradient(
-        self, runs: Rollouts, moments: Sequence[Moment], scales: Mapping[str, tuple[float, float]]
+        self,
+        runs: Rollouts,
+        moments: Sequence[RolloutStep],
+        scales: Mapping[str, tuple[float, float]],
     ) -> dict[str, Total]:
         program, members = self._step.program, len(runs.t0)
         gradient = {p.name: Total(self._dtype) for p in program.parameters}
         adjoints = {
-            state.name: Tape.of_zeros(
+            state.name: AdjointTape.of_zeros(
                 members,
                 tuple(axis.size for axis in state.axes),
                 runs.steps if state.name in self._step.newest else None,

@@ -20,7 +20,7 @@ from compiler.ir.ops import ReadLog
 from compiler.ir.program import Declared, Dimension, Expected, Loss, Output, Program, State
 from compiler.linking.link import Linked, WeightsByPart, link
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.predictions import as_predicted, prediction_of
 from compiler.lowering.ranges import expected_values, signal_ranges
@@ -39,8 +39,8 @@ from spec_schema.sections.spec import Spec
 UNIT_WARNINGS = ("W0504", "W0505", "W0737")
 """What `strict_units` refuses."""
 
-_STEP = Environment(Part.STEP)
-_START = Environment(Part.START)
+_STEP = Environment(EnvironmentPart.STEP)
+_START = Environment(EnvironmentPart.START)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import same_unit
 from compiler.linking.connected import Connected
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part, Stage, Time
+from compiler.lowering.environment import Environment, EnvironmentPart, IntegratorStage, Time
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.source import Span
@@ -26,8 +26,10 @@ class Entries:
         self._context = context
         self._histories = histories
         self._variables = variables
-        self._entries: dict[tuple[str, Part, Time, Stage | None], NodeId | None] = {}
-        self._lowerings: dict[tuple[str, Part], list[tuple[Time, NodeId]]] = {}
+        self._entries: dict[
+            tuple[str, EnvironmentPart, Time, IntegratorStage | None], NodeId | None
+        ] = {}
+        self._lowerings: dict[tuple[str, EnvironmentPart], list[tuple[Time, NodeId]]] = {}
         """Those of no stage, by name."""
         self._active: dict[str, None] = {}
         """The entries that are being lowered, outermost first."""
@@ -46,9 +48,9 @@ class Entries:
         stage = own.stage
         if isinstance(entry, Connected) and stage is not None and entry.is_held_for(stage.owner):
             own = own.without_stage()
-        if own.part is Part.START and own.latest < 0 and entry.history is not None:
+        if own.part is EnvironmentPart.START and own.latest < 0 and entry.history is not None:
             return lower(self._context, entry.history, own)
-        if own.is_elsewhere and own.part is Part.STEP:
+        if own.is_elsewhere and own.part is EnvironmentPart.STEP:
             own = own.without_stage()
             recomputed = None
             if name not in self._active and not _has_own_past(entry):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from compiler.ir.program import NodeId
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Argument, Environment
+from compiler.lowering.environment import Environment, FunctionArgument
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names
@@ -20,11 +20,13 @@ def inlined(
     if name in environment.functions:
         context.findings.report(names.recursive_function(name, call.function.span))
         raise LoweringFailed
-    arguments = {key: Argument(value, environment) for key, value in given.items()}
+    arguments = {key: FunctionArgument(value, environment) for key, value in given.items()}
     return lower(context, function.expr, environment.inside(name, arguments))
 
 
-def argument_value(context: Context, argument: Argument, environment: Environment) -> NodeId:
+def argument_value(
+    context: Context, argument: FunctionArgument, environment: Environment
+) -> NodeId:
     """An argument at the time at which the formula uses it, in the names of the call's place."""
     known = argument.lowered.get(environment.time)
     if known is None:

@@ -10,7 +10,7 @@ from compiler.ir.program import History, NodeId
 from compiler.ir.program import State as ProgramState
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower, window_of
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
@@ -21,8 +21,8 @@ from spec_schema.fields.formulas import Prediction
 from spec_schema.sections.references import references
 from spec_schema.sections.signals import Equation, Output, State
 
-_STEP = Environment(Part.STEP)
-_START = Environment(Part.START)
+_STEP = Environment(EnvironmentPart.STEP)
+_START = Environment(EnvironmentPart.START)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from compiler.ir.ops import Add
 from compiler.ir.program import NodeId
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part, Stage
+from compiler.lowering.environment import Environment, EnvironmentPart, IntegratorStage
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
@@ -33,7 +33,7 @@ from spec_schema.sections.integrators import (
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
-_STEP = Environment(Part.STEP)
+_STEP = Environment(EnvironmentPart.STEP)
 
 Values = dict[str, NodeId]
 
@@ -42,7 +42,7 @@ LARGEST_SYSTEM = 16
 
 
 @dataclass(frozen=True)
-class Derivative:
+class RightHandSide:
     """The right-hand side of one continuous state and the state's type."""
 
     expression: Expression
@@ -55,7 +55,7 @@ def integrated(context: Context, owner: str, integrator: Integrator | None) -> M
     `owner` is the sub-model that has the spec, "" for the model itself.
     """
     vector_field = {
-        name: Derivative(entry.der, context.type_of(entry))
+        name: RightHandSide(entry.der, context.type_of(entry))
         for name, entry in context.spec.states.items()
         if entry.der is not None and owner_of(name) == owner
     }
@@ -78,7 +78,7 @@ def integrated(context: Context, owner: str, integrator: Integrator | None) -> M
     return values
 
 
-def _check_size(context: Context, vector_field: Mapping[str, Derivative], place: Span) -> None:
+def _check_size(context: Context, vector_field: Mapping[str, RightHandSide], place: Span) -> None:
     size = sum(law.type.size for law in vector_field.values())
     if size > LARGEST_SYSTEM:
         context.findings.report(calculus.too_large_to_solve(size, LARGEST_SYSTEM, place))
@@ -91,7 +91,7 @@ class _Steps:
 
     context: Context
     owner: str
-    vector_field: Mapping[str, Derivative]
+    vector_field: Mapping[str, RightHandSide]
     step_length: float
 
     def step(self, method: Method | None, values: Values) -> Values:
@@ -124,7 +124,10 @@ class _Steps:
         """
         moved = dict(values)
         for name in values:
-            slope = self._slope(name, Environment(Part.STEP, stage=Stage(dict(moved), self.owner)))
+            slope = self._slope(
+                name,
+                Environment(EnvironmentPart.STEP, stage=IntegratorStage(dict(moved), self.owner)),
+            )
             moved |= self._moved({name: moved[name]}, {name: slope}, self.step_length)
         return moved
 
@@ -165,7 +168,7 @@ class _Steps:
 
     def _slopes(self, values: Values) -> Values:
         """f(x), every memoryless equation between states and `der` evaluated anew."""
-        stage = Environment(Part.STEP, stage=Stage(values, self.owner))
+        stage = Environment(EnvironmentPart.STEP, stage=IntegratorStage(values, self.owner))
         slopes: Values = {}
         failed = False
         for name in self.vector_field:

@@ -20,10 +20,10 @@ from compiler.linking.given_weights import GivenWeights
 from compiler.linking.link import Linked
 from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part, Time
+from compiler.lowering.environment import Environment, EnvironmentPart, Time
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.sampling import Sampling
-from compiler.lowering.scope import Declared, Kind, Scope
+from compiler.lowering.scope import Declaration, Kind, Scope
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, submodels
@@ -82,7 +82,9 @@ class Elaboration:
         declared = self.declared(name.name, name.span)
         match declared.entry:
             case Signal() as signal:
-                logged = declared.kind is Kind.TARGET or environment.part is not Part.STEP
+                logged = (
+                    declared.kind is Kind.TARGET or environment.part is not EnvironmentPart.STEP
+                )
                 return self._signal(name.name, signal, name.span, environment, logged=logged)
             case Constant() as constant:
                 array = self.constants.value(name.name, constant)
@@ -101,7 +103,7 @@ class Elaboration:
                 )
                 raise LoweringFailed
 
-    def declared(self, name: str, span: Span) -> Declared:
+    def declared(self, name: str, span: Span) -> Declaration:
         """The declaration of a name; reports an unknown one."""
         found = self.context.scope.get(name)
         if found is None:
@@ -127,7 +129,7 @@ class Elaboration:
             )
             raise LoweringFailed
         if isinstance(entry, Connected) and member.name == "meas":
-            if environment.part is Part.START:  # where a bare input is its log too
+            if environment.part is EnvironmentPart.START:  # where a bare input is its log too
                 return self.entries.value(member.base, entry, environment, member.span)
             place = entry.place.key
             self.context.findings.report(
@@ -177,7 +179,7 @@ class Elaboration:
         declared = self.declared(name, function.span) if is_declared else None
         if declared is None:
             known = [n for n, d in self.context.scope.items() if d.kind in _CALLABLE]
-            losses = LOSS_FUNCTIONS if environment.part is Part.LOSS else ()
+            losses = LOSS_FUNCTIONS if environment.part is EnvironmentPart.LOSS else ()
             wanted, meant = "a layer or function", ELSEWHERE.get(name)
             report = names.unknown_name(
                 name, function.span, (*known, *SIGNATURES, *losses), wanted, meant
@@ -234,6 +236,6 @@ class Elaboration:
         return read(name, first, last, type)
 
     def _forbid_in_constant(self, name: str, span: Span, environment: Environment) -> None:
-        if environment.part is Part.CONSTANT:
+        if environment.part is EnvironmentPart.CONSTANT:
             self.context.findings.report(names.constant_needed(f"`{name}`", span))
             raise LoweringFailed

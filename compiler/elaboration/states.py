@@ -10,7 +10,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.saturation import saturated
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
@@ -23,7 +23,7 @@ from spec_schema.expressions.tree import Call, Name
 from spec_schema.sections.integrators import Integrator
 from spec_schema.sections.signals import State
 
-_STEP = Environment(Part.STEP)
+_STEP = Environment(EnvironmentPart.STEP)
 
 
 class States:
@@ -46,10 +46,10 @@ class States:
     def value(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
         """A state's value as the expression sees it: now, or at a stage of the integrator."""
         findings = self._context.findings
-        if environment.part is Part.CONSTANT:
+        if environment.part is EnvironmentPart.CONSTANT:
             findings.report(names.constant_needed(f"`{name}`", span))
             raise LoweringFailed
-        if environment.part is Part.START:
+        if environment.part is EnvironmentPart.START:
             if environment.latest < 0:
                 return self._histories.before(name, entry, span, environment)
             findings.report(errors.simulation_in_init(name, span))
@@ -75,7 +75,10 @@ class States:
         if entry is None:
             findings.report(errors.not_a_state(function, argument.span))
             raise LoweringFailed
-        if environment.part in (Part.START, Part.CONSTANT) or environment.stage is not None:
+        if (
+            environment.part in (EnvironmentPart.START, EnvironmentPart.CONSTANT)
+            or environment.stage is not None
+        ):
             where = "a vector field" if environment.stage else environment.part.value
             findings.report(names.misplaced(function, where, call.span))
             raise LoweringFailed
@@ -89,8 +92,8 @@ class States:
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
         """The right-hand side of a continuous state at the environment's time and stage."""
         assert entry.der is not None
-        before = environment.part is Part.START and environment.latest < 0
-        if environment.part in (Part.START, Part.CONSTANT) and not before:
+        before = environment.part is EnvironmentPart.START and environment.latest < 0
+        if environment.part in (EnvironmentPart.START, EnvironmentPart.CONSTANT) and not before:
             where = environment.part.value
             repair = f"write `der({name}.meas)` for the derivative of its log"
             self._context.findings.report(names.misplaced("der", where, span, repair))
@@ -122,7 +125,7 @@ class States:
         type = self._context.type_of(entry)
         if entry.init is None:
             return builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
-        at_start = Environment(Part.START)
+        at_start = Environment(EnvironmentPart.START)
         node = lower(self._context, entry.init, at_start)
         return fitted(self._context, f"`init` of `{name}`", node, type, entry.init, at_start)
 

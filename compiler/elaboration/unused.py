@@ -7,7 +7,7 @@ from contextlib import suppress
 from compiler.elaboration.histories import Known
 from compiler.elaboration.names import Elaboration
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.scope import Kind, owner_of
@@ -17,7 +17,7 @@ from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Name, Number
 from spec_schema.sections.layers.layer import Layer
 
-_STEP = Environment(Part.STEP)
+_STEP = Environment(EnvironmentPart.STEP)
 _EXPECTED_IN_USE = frozenset(
     {Kind.INPUT, Kind.CONSTANT, Kind.PARAMETER, Kind.LAYER, Kind.FUNCTION, Kind.EQUATION}
 )

@@ -14,8 +14,8 @@ from compiler.fixed_point.integers.drop_unused import without_unused
 from compiler.fixed_point.integers.program import (
     CheckedInput,
     ExpectedWords,
+    IntegerMemory,
     IntegerProgram,
-    Memory,
     ReadWord,
     Width,
     WordPort,
@@ -89,7 +89,7 @@ class _Compilation:
         step: Lowering,
         first: Lowering,
         outputs: tuple[tuple[WordPort, tuple[int, ...]], ...],
-        memories: tuple[Memory, ...],
+        memories: tuple[IntegerMemory, ...],
     ) -> IntegerProgram:
         program = self.program
         if len(step.builder.nodes) > _MOST_NODES:
@@ -227,7 +227,7 @@ class _Compilation:
         low, high = min(b for b, _ in bounds), max(b for _, b in bounds)
         return word_format(low, high, self.width.word)
 
-    def _memory(self, state: State, step: Lowering, start: Lowering) -> Memory:
+    def _memory(self, state: State, step: Lowering, start: Lowering) -> IntegerMemory:
         following = step.nodes(state.next)
         if state.name not in self.formats:
             self._state_words(step, state.name)
@@ -238,7 +238,7 @@ class _Compilation:
             before = tuple(start.builder.to_fraction(node, fraction) for node in begin)
         except CannotFitError as error:
             raise UnsupportedError(f"state `{state.name}`", state.span, str(error)) from None
-        return Memory(
+        return IntegerMemory(
             state.name,
             state.axes,
             state.unit,

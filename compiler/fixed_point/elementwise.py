@@ -13,7 +13,7 @@ from compiler.fixed_point.integers.builder import CannotFitError, share
 from compiler.fixed_point.settle import Settler
 from compiler.fixed_point.steepness import furthest
 from compiler.fixed_point.tables import fitted_table
-from compiler.fixed_point.thresholds import Condition, Decided, reach_beside
+from compiler.fixed_point.thresholds import Decided, IntegerCondition, reach_beside
 from compiler.ir.ops import Relation
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
@@ -54,7 +54,7 @@ class Elementwise(Settler):
             return self.number(low).within(self.builder.errors[node])
         return self.form(node)
 
-    def condition(self, relation: Relation, left: Form, right: Form) -> Condition | Decided:
+    def condition(self, relation: Relation, left: Form, right: Form) -> IntegerCondition | Decided:
         """left relation right; decided where it is known, from the bounds of both too."""
         if not left.terms and not right.terms:
             error = left.error + right.error
@@ -65,7 +65,7 @@ class Elementwise(Settler):
         most, least = (_holds(relation, *ends) for ends in ((a.low, b.high), (a.high, b.low)))
         if most == least:
             return Decided(most, not self.builder.is_doubtful(first, second))
-        return Condition(relation, first, second, left - right)
+        return IntegerCondition(relation, first, second, left - right)
 
     def _aligned(self, left: Form, right: Form) -> tuple[int, int]:
         """Both values at one scale; a number that is out of reach stays beyond all values."""
@@ -90,7 +90,7 @@ class Elementwise(Settler):
             except CannotFitError:
                 fraction -= 1
 
-    def selected(self, condition: Condition | Decided, then: Form, otherwise: Form) -> Form:
+    def selected(self, condition: IntegerCondition | Decided, then: Form, otherwise: Form) -> Form:
         """A choice; one between two numbers is linear in a node that is 0 or 1."""
         if isinstance(condition, Decided):
             taken = then if condition.holds else otherwise

@@ -14,7 +14,7 @@ _INVALID_EVERY = 7
 
 
 @dataclass(frozen=True, slots=True)
-class GoldenStart:
+class IntegerGoldenStart:
     """Words around the first step by name, and what `reset` returns."""
 
     windows: dict[str, list[int]]
@@ -25,7 +25,7 @@ class GoldenStart:
 class GoldenRun:
     """Words by name; the inputs and outputs of each step."""
 
-    start: GoldenStart
+    start: IntegerGoldenStart
     inputs: list[dict[str, list[int]]]
     outputs: list[dict[str, list[int]]]
     status: list[int]
@@ -41,7 +41,7 @@ def golden_run(
     random = np.random.Generator(np.random.Philox(seed))
     windows = {port.name: drawn(port, random) for port in program.windows}
     state = reset(program, windows)
-    start = GoldenStart(windows, int(state.said))
+    start = IntegerGoldenStart(windows, int(state.said))
     if from_init:
         state = initial(program)
     inputs: list[dict[str, list[int]]] = []
@@ -60,7 +60,7 @@ def golden_run(
     return GoldenRun(start, inputs, outputs, status)
 
 
-def golden_starts(program: IntegerProgram, seed: int) -> list[GoldenStart]:
+def golden_starts(program: IntegerProgram, seed: int) -> list[IntegerGoldenStart]:
     """Starts that try each check of `reset` alone: what it returns tells whether it is there.
 
     All words are at the lower end of their range, then at the upper one; then one is beside it.
@@ -76,7 +76,7 @@ def golden_starts(program: IntegerProgram, seed: int) -> list[GoldenStart]:
                     words = {other.name: drawn(other, random) for other in ports}
                     words[port.name][element] = value
                     tried.append(words)
-    return [GoldenStart(words, int(reset(program, words).said)) for words in tried]
+    return [IntegerGoldenStart(words, int(reset(program, words).said)) for words in tried]
 
 
 def drawn(port: WordPort, random: np.random.Generator) -> list[int]:

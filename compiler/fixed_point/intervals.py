@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 from compiler.fixed_point.integers.program import (
+    IntegerLookup,
     IntegerNode,
     Larger,
-    Lookup,
     RoundShift,
     Smaller,
     WeightedSum,
@@ -73,7 +73,7 @@ def _narrowed(node: IntegerNode, args: Sequence[Interval]) -> Interval | None:
             return min(lows), min(highs)
         case Larger():
             return max(lows), max(highs)
-        case Lookup(first, bits, values):
+        case IntegerLookup(first, bits, values):
             cell, last = ((end - first) >> bits for end in (lows[0], highs[0]))
             inside = values[max(cell, 0) : max(last, 0) + 2]
             return (min(inside), max(inside)) if inside else None

@@ -17,7 +17,7 @@ from compiler.fixed_point.forms import Form
 from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.integers.program import Width
 from compiler.fixed_point.settle import Ramp, Settler
-from compiler.fixed_point.thresholds import Condition, Decided
+from compiler.fixed_point.thresholds import Decided, IntegerCondition
 from compiler.interpreter.operations import NOWHERE, evaluator
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
@@ -191,8 +191,10 @@ class Lowering(Elementwise):
         return _elements(degrees, self.graph[index].type.shape)
 
 
-def _sure(condition: Condition | Decided) -> Condition | Decided:
-    return condition if isinstance(condition, Condition) else replace(condition, is_sure=True)
+def _sure(condition: IntegerCondition | Decided) -> IntegerCondition | Decided:
+    return (
+        condition if isinstance(condition, IntegerCondition) else replace(condition, is_sure=True)
+    )
 
 
 def _square(form: Form) -> Form:

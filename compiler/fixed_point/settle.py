@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from compiler.fixed_point.forms import Form, Monomial
 from compiler.fixed_point.integers.builder import CannotFitError, IntegerBuilder, share
 from compiler.fixed_point.integers.program import Width
-from compiler.fixed_point.thresholds import Condition, reach_beside
+from compiler.fixed_point.thresholds import IntegerCondition, reach_beside
 
 _ROOM = 0.9
 """Part of the range of a sum that values may fill; the rest is for roundings."""
@@ -42,7 +42,7 @@ class Settler:
     def __init__(self, width: Width) -> None:
         self.builder = IntegerBuilder(width)
         self.ramps: dict[int, Ramp] = {}
-        self.indicators: dict[int, Condition] = {}
+        self.indicators: dict[int, IntegerCondition] = {}
         self._settled: dict[_Key, tuple[int, float]] = {}
 
     def form(self, node: int) -> Form:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from compiler.fixed_point.constants import finite
 from compiler.fixed_point.integers.builder import IntegerBuilder
-from compiler.fixed_point.integers.program import Memory, StepError, WordPort
+from compiler.fixed_point.integers.program import IntegerMemory, StepError, WordPort
 from compiler.fixed_point.invariants import is_buffer
 from compiler.ir.program import Program
 
@@ -16,7 +16,7 @@ def step_errors(
     program: Program,
     builder: IntegerBuilder,
     outputs: Sequence[tuple[WordPort, tuple[int, ...]]],
-    memories: Sequence[Memory],
+    memories: Sequence[IntegerMemory],
 ) -> Iterator[StepError]:
     """Of each output and state the error of its worst element, from those of the nodes."""
     for port, nodes in outputs:
@@ -34,7 +34,7 @@ def step_errors(
         yield StepError(memory.name, is_state=True, largest=error)
 
 
-def _may_leave(builder: IntegerBuilder, memory: Memory, error: float) -> bool:
+def _may_leave(builder: IntegerBuilder, memory: IntegerMemory, error: float) -> bool:
     """Whether the exact next value of a memory can be outside of its range."""
     following = [builder[node] for node in memory.next]
     room = min(min(n.low - memory.low, memory.high - n.high) for n in following)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.fixed_point.integers.builder import CannotFitError
-from compiler.fixed_point.integers.program import Lookup, Width
+from compiler.fixed_point.integers.program import IntegerLookup, Width
 from compiler.fixed_point.steepness import steepest
 
 Reals = NDArray[np.float64]
@@ -24,7 +24,7 @@ _TOLERANCE = {"q15": 2.0**-10, "q31": 2.0**-19}
 class FittedTable:
     """A table, the scale of its values and the part of the domain that it covers."""
 
-    table: Lookup
+    table: IntegerLookup
     fraction: int
     low: int
     high: int
@@ -78,7 +78,7 @@ def fitted_table(
             off = float(np.abs(table - exact).max()) + unit / 2
             steep = math.ldexp(float(np.abs(np.diff(whole)).max()), fraction - bits - scale)
             off += _between(name, every, fraction, steep)
-            return FittedTable(Lookup(first, bits, entries, name), scale, low, high, off)
+            return FittedTable(IntegerLookup(first, bits, entries, name), scale, low, high, off)
     raise CannotFitError(f"needs a table of more than {_MOST_CELLS[width.name]} cells")
 
 

@@ -14,7 +14,7 @@ from compiler.ir.ops import Relation
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class IntegerCondition:
     """left relation right, of nodes at one scale."""
 
     relation: Relation
@@ -32,7 +32,7 @@ class Decided:
     is_sure: bool
 
 
-def reach_beside(builder: IntegerBuilder, condition: Condition, form: Form) -> float:
+def reach_beside(builder: IntegerBuilder, condition: IntegerCondition, form: Form) -> float:
     """The largest magnitude of a form where rounding may decide the condition; 0 if nowhere.
 
     There |left − right| is at most the errors of both. form = κ (left − right) + rest for any κ:

@@ -26,7 +26,7 @@ class Rollouts:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class RolloutStep:
     """The states before one step of all rollouts, and the values of its nodes."""
 
     states: dict[str, Bounded]
@@ -51,14 +51,14 @@ class Forward:
         self._start = made(program.start, [state.start for state in program.states])
         self._step = made(program.step, [*(state.next for state in program.states), *wanted])
 
-    def moments(self, runs: Rollouts) -> list[Moment]:
+    def moments(self, runs: Rollouts) -> list[RolloutStep]:
         """Every step of the rollouts."""
         members = len(runs.t0)
         values = self._start.run(runs.log, runs.t0, {})
         states = {s.name: values[s.start].repeated(members) for s in self._program.states}
-        found: list[Moment] = []
+        found: list[RolloutStep] = []
         for number in range(runs.steps):
             values = self._step.run(runs.log, runs.t0 + number, states)
-            found.append(Moment(states, values))
+            found.append(RolloutStep(states, values))
             states = {s.name: values[s.next].repeated(members) for s in self._program.states}
         return found

@@ -38,7 +38,7 @@ class Total:
 
 
 @dataclass(slots=True)
-class Tape:
+class AdjointTape:
     """The adjoints of one state over the steps: of a buffer, sample by sample."""
 
     dtype: np.dtype[Any]
@@ -52,7 +52,7 @@ class Tape:
     @classmethod
     def of_zeros(
         cls, members: int, shape: tuple[int, ...], steps: int | None, dtype: np.dtype[Any]
-    ) -> Tape:
+    ) -> AdjointTape:
         """Before the last step; `steps` is that of rollouts for buffers, else None."""
         whole = shape if steps is None else (*shape[:-1], shape[-1] + steps)
         value, error, terms = np.zeros((3, members, *whole))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from compiler.interpreter.operations import NOWHERE, Array, Evaluator, Surroundings, evaluator
+from compiler.interpreter.operations import NOWHERE, Array, Evaluator, LeafValues, evaluator
 from compiler.ir.liveness import Extent, needed, states_beside_the_log
 from compiler.ir.ops import ReadSamples, ReadState, Window
 from compiler.ir.program import Graph, NodeId, Program
@@ -75,7 +75,7 @@ class Interpreter:
     def start(self, log: Mapping[str, Array], t0: ArrayLike) -> States:
         """The states before the first step of runs that begin at rows t0."""
         t = _rows(t0)
-        values = self._start.run(Surroundings(log, t, {}))
+        values = self._start.run(LeafValues(log, t, {}))
         return {
             state.name: _for_batch(values[state.start], len(t)).copy()
             for state in self.program.states
@@ -97,7 +97,7 @@ class Interpreter:
         plan = self._score if losses else self._simulate
         every = {state.name: state.next for state in self.program.states}
         following = every if losses else self._simulated
-        values = plan.run(Surroundings(log, rows, self._cast(states)))
+        values = plan.run(LeafValues(log, rows, self._cast(states)))
         return StepValues(
             {out.name: _value(values, out.node, rows) for out in self.program.outputs},
             {name: _value(values, node, rows) for name, node in following.items()},
@@ -191,7 +191,7 @@ class _Plan:
             else:
                 self._known[index] = evaluate(self._known, NOWHERE)
 
-    def run(self, around: Surroundings) -> list[Array]:
+    def run(self, around: LeafValues) -> list[Array]:
         self._check_rows(around)
         values = self._known.copy()
         with np.errstate(all="ignore"):
@@ -199,7 +199,7 @@ class _Plan:
                 values[index] = evaluate(values, around)
         return values
 
-    def _check_rows(self, around: Surroundings) -> None:
+    def _check_rows(self, around: LeafValues) -> None:
         # numpy would take a negative row from the end of the log
         if not self._extents:
             return

@@ -29,7 +29,7 @@ Array = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class LeafValues:
     """What a graph reads from outside: the log, the rows of the batch in it, and the states."""
 
     log: Mapping[str, Array]
@@ -37,10 +37,10 @@ class Surroundings:
     states: Mapping[str, Array]
 
 
-NOWHERE = Surroundings({}, np.zeros(1, np.int64), {})
+NOWHERE = LeafValues({}, np.zeros(1, np.int64), {})
 """Around what depends on constants only."""
 
-Evaluator = Callable[[list[Array], Surroundings], Array]
+Evaluator = Callable[[list[Array], LeafValues], Array]
 
 _RELATIONS: dict[ops.Relation, Callable[[Array, Array], Array]] = {
     ops.Relation.LESS: np.less,
@@ -143,7 +143,7 @@ def _read(name: str, first: int, last: int, type: Type, dtype: np.dtype[Any]) ->
         return lambda values, around: around.log[name][around.t + first].astype(dtype, copy=False)
     offsets = np.arange(first, last + 1)
 
-    def window(values: list[Array], around: Surroundings) -> Array:
+    def window(values: list[Array], around: LeafValues) -> Array:
         samples = around.log[name][around.t[:, np.newaxis] + offsets]
         return np.moveaxis(samples, 1, -1).astype(dtype, copy=False)
 
@@ -154,7 +154,7 @@ def _apply(function: str, args: tuple[int, ...], dtype: np.dtype[Any]) -> Evalua
     row = SCALAR_FUNCTIONS[function]
     if row.kernel is None or dtype == np.float64:
         # numpy may take another code path, with other last bits, for memory that has gaps
-        def by_numpy(values: list[Array], around: Surroundings) -> Array:
+        def by_numpy(values: list[Array], around: LeafValues) -> Array:
             return row.numpy(*(np.ascontiguousarray(values[arg]) for arg in args))
 
         return by_numpy

@@ -25,7 +25,7 @@ from compiler.interpreter.bounded import (
     selected,
     unit_roundoff,
 )
-from compiler.interpreter.operations import NOWHERE, Array, Evaluator, Surroundings, evaluator
+from compiler.interpreter.operations import NOWHERE, Array, Evaluator, LeafValues, evaluator
 from compiler.ir import ops
 from compiler.ir.liveness import needed
 from compiler.ir.program import Graph, Node, NodeId
@@ -44,7 +44,7 @@ _SMALLEST_RESULT = 10.0
 class _Given:
     """What one evaluation reads from outside."""
 
-    around: Surroundings
+    around: LeafValues
     states: Mapping[str, Bounded]
     training: Mapping[TrainingValue, Bounded]
 
@@ -81,7 +81,7 @@ class BoundedGraph:
     ) -> list[Bounded]:
         """Every wanted node, and those that it needs, at rows t; the others are missing."""
         found: list[Any] = [None] * len(self._graph)
-        given = _Given(Surroundings(log, t, {}), states, training or {})
+        given = _Given(LeafValues(log, t, {}), states, training or {})
         with np.errstate(all="ignore"):
             for index, node, meaning in self._steps:
                 args = [found[arg] for arg in node.args]

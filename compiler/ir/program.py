@@ -113,10 +113,10 @@ class Declared:
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class LayerMemory:
     """What a layer or a call such as `integral` keeps between steps."""
 
-    of_run: bool = False
+    starts_fresh_each_run: bool = False
     """Whether it starts alike wherever a run begins, as that there was no step before."""
 
 
@@ -136,7 +136,7 @@ class Tape:
     ahead: int
 
 
-Origin = Declared | Memory | History | Tape
+Origin = Declared | LayerMemory | History | Tape
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from compiler.ir.program import (
     Declared,
     Graph,
     History,
+    LayerMemory,
     Loss,
-    Memory,
     Node,
     Output,
     Parameter,
@@ -91,7 +91,7 @@ def _state(state: State) -> str:
     match state.origin:
         case Declared():
             origin = ""
-        case Memory():
+        case LayerMemory():
             origin = ", memory"
         case History(source):
             origin = f", history of {source}"

@@ -9,9 +9,9 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Constant, ReadParameter, ReadSignal, ReadState
 from compiler.ir.program import NodeId
 from compiler.jacobian.drop_zero_terms import known_number
-from compiler.jacobian.matrices import Block, Matrix, Vector
+from compiler.jacobian.matrices import Matrix, MatrixBlock, Vector
 from compiler.jacobian.row_gradients import Slopes
-from compiler.jacobian.scalarize import Leaf, Part
+from compiler.jacobian.scalarize import Leaf, LeafSlice
 
 
 def matrix_of(
@@ -19,7 +19,7 @@ def matrix_of(
     rows: Vector,
     columns: Vector,
     slopes: Slopes,
-    parts: dict[NodeId, Part],
+    parts: dict[NodeId, LeafSlice],
     builder: GraphBuilder,
 ) -> Matrix:
     """The matrix whose row i has the slopes i, each of them in the columns of its part.
@@ -49,7 +49,7 @@ def _moving(builder: GraphBuilder) -> list[bool]:
 
 class _Entries:
     def __init__(
-        self, builder: GraphBuilder, rows: Vector, columns: Vector, parts: dict[NodeId, Part]
+        self, builder: GraphBuilder, rows: Vector, columns: Vector, parts: dict[NodeId, LeafSlice]
     ) -> None:
         self._builder = builder
         self._width = columns.size
@@ -61,7 +61,7 @@ class _Entries:
                 self._columns[node] = [first + number for number in part.numbers]
         self._strides = {node: part.strides for node, part in parts.items()}
         self.known: list[float | None] = [0.0] * (rows.size * columns.size)
-        self.blocks: list[Block] = []
+        self.blocks: list[MatrixBlock] = []
 
     def add_row(self, row: int, slopes: dict[NodeId, NodeId]) -> None:
         shared: dict[int, list[tuple[NodeId, int]]] = {}
@@ -92,7 +92,7 @@ class _Entries:
             self.known[place] = value
         if None in known:
             infinite = self._builder.infinite_values.is_made_of_infinite(slope)
-            self.blocks.append(Block(slope, places[0], strides, infinite))
+            self.blocks.append(MatrixBlock(slope, places[0], strides, infinite))
 
 
 def _name_in(vector: Vector, leaf: Leaf) -> str | None:

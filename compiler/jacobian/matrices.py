@@ -46,7 +46,7 @@ class Vector:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class MatrixBlock:
     """Computed entries: element (i, j, …) of the node is entry offset + Σ stride · index."""
 
     node: NodeId
@@ -74,7 +74,7 @@ class Matrix:
     """Entries that are the same number always, None for one that is computed."""
     fixed: tuple[bool, ...]
     """Whether an entry depends on nothing but parameters."""
-    blocks: tuple[Block, ...]
+    blocks: tuple[MatrixBlock, ...]
     """In the order in which they are written: later ones replace entries of earlier ones."""
 
     @property
@@ -91,7 +91,7 @@ class Matrix:
         return [block.node for block in self.blocks]
 
     @property
-    def perhaps_infinite(self) -> tuple[Block, ...]:
+    def perhaps_infinite(self) -> tuple[MatrixBlock, ...]:
         """The blocks with entries that can be infinite though what they depend on is finite."""
         return tuple(block for block in self.blocks if block.can_be_infinite)
 

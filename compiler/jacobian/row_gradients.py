@@ -10,7 +10,7 @@ from compiler.ir.graph_copy import copy_node
 from compiler.ir.liveness import needed
 from compiler.ir.program import Graph, NodeId
 from compiler.jacobian.drop_zero_terms import known_number, without_zeros
-from compiler.jacobian.scalarize import Elements, Part
+from compiler.jacobian.scalarize import Elements, LeafSlice
 from compiler.passes.fold_constants import folded
 
 Slopes = tuple[dict[NodeId, NodeId], ...]
@@ -50,7 +50,7 @@ def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Gra
 
 
 def _with_leaves(
-    graph: Graph, parts: dict[NodeId, Part], wanted: Sequence[NodeId]
+    graph: Graph, parts: dict[NodeId, LeafSlice], wanted: Sequence[NodeId]
 ) -> tuple[Graph, dict[NodeId, NodeId]]:
     """What is wanted, with slices of leaves instead of the nodes that stand for parts of them."""
     live = needed(graph, wanted)

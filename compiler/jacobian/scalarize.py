@@ -26,7 +26,7 @@ Leaf = ops.ReadState | ops.ReadSignal | ops.ReadParameter
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class LeafSlice:
     """Numbers of a leaf: element (i, j, …) of the part is its number offset + Σ stride · index."""
 
     leaf: Leaf
@@ -60,7 +60,7 @@ class Elements:
     graph: Graph
     nodes: tuple[NodeId, ...]
     """Of the wanted elements, in their order."""
-    parts: dict[NodeId, Part]
+    parts: dict[NodeId, LeafSlice]
     """The nodes that stand for parts of leaves; no other node reads from outside the graph."""
 
 
@@ -163,7 +163,7 @@ class _Made:
         self.graph = graph
         self.builder = GraphBuilder()
         self.known: dict[tuple[NodeId, Fixed], NodeId] = {}
-        self.parts: dict[NodeId, Part] = {}
+        self.parts: dict[NodeId, LeafSlice] = {}
 
     def add(self, element: _Element) -> None:
         operands = [self.known[operand] for operand in element.operands()]
@@ -209,7 +209,7 @@ class _Made:
         free = [i for i, axis in enumerate(whole.axes) if axis.name not in at]
         offset = sum(at.get(a.name, 0) * s for a, s in zip(whole.axes, strides, strict=True))
         type = whole.with_axes(tuple(whole.axes[i] for i in free))
-        part = Part(leaf, whole, fixed, type, offset, tuple(strides[i] for i in free))
+        part = LeafSlice(leaf, whole, fixed, type, offset, tuple(strides[i] for i in free))
         node = self.builder.emit(_stand_in(part), (), type)
         self.parts[node] = part
         return node
@@ -237,7 +237,7 @@ class _Made:
         return self.builder.emit(ops.Concat(WINDOW), (before, last), element.type)
 
 
-def _stand_in(part: Part) -> ops.Op:
+def _stand_in(part: LeafSlice) -> ops.Op:
     """A leaf of its own for every part, so that the slope of one holds nothing of another."""
     place = ",".join(f"{name}={index}" for name, index in part.fixed)
     name = f"{part.leaf!r}[{place}]"

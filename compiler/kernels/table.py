@@ -24,7 +24,7 @@ SQRT = Subroutine("sqrt", ("x",), ("result",), "Square root, correctly rounded."
 
 
 @dataclass(frozen=True, slots=True)
-class Kernel:
+class MathKernel:
     """A scalar function of reals; `error` bounds |value − exact| in units in the last place."""
 
     name: str
@@ -36,9 +36,9 @@ class Kernel:
     subroutine: Subroutine
 
 
-def _kernel(subroutine: Subroutine, domain: str, error: float) -> Kernel:
+def _kernel(subroutine: Subroutine, domain: str, error: float) -> MathKernel:
     parameters = subroutine.parameters
-    return Kernel(
+    return MathKernel(
         subroutine.name, len(parameters), parameters, subroutine.doc, domain, error, subroutine
     )
 
@@ -63,4 +63,4 @@ _ROWS = (
     _kernel(POW, "as C's pow: NaN for a negative x and a y that is no integer", 2.0),
 )
 
-KERNELS: dict[str, Kernel] = {row.name: row for row in _ROWS}
+KERNELS: dict[str, MathKernel] = {row.name: row for row in _ROWS}

@@ -8,7 +8,7 @@ from compiler.ir.types import Axis
 from compiler.layers.rules.fit import Orders, declare_fit
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
-from compiler.layers.rules.memory import Memory, initial_value, read_signal, starting
+from compiler.layers.rules.memory import CallMemory, initial_value, read_signal, starting
 from spec_schema.sections.layers.filters import Iir
 
 
@@ -32,7 +32,7 @@ def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:
     elements = context.elements(signal)
     depth = max(settings.num, settings.den)
     delays = context.own_axis("delay", depth)
-    memory = Memory.of(context, arguments, (*elements, delays), unit)
+    memory = CallMemory.of(context, arguments, (*elements, delays), unit)
     past = memory.value()
     coefficients = _denominator(context, settings, elements)
     feedback = _sum_of_past(builder, coefficients, past, delays.name)

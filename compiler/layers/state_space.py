@@ -8,7 +8,7 @@ from compiler.layers.affine import Affine
 from compiler.layers.rules.fit import Orders, declare_fit
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
-from compiler.layers.rules.memory import Memory, initial_value, read_vector, starting
+from compiler.layers.rules.memory import CallMemory, initial_value, read_vector, starting
 from spec_schema.errors import names
 from spec_schema.sections.layers.filters import StateSpace
 
@@ -30,7 +30,7 @@ def state_space(context: LayerContext, settings: StateSpace, arguments: Argument
         declare_fit(context, settings.fit, _orders(context, settings))
     builder = context.builder
     order = context.own_axis("order", settings.order)
-    memory = Memory.of(context, arguments, (order,), None)
+    memory = CallMemory.of(context, arguments, (order,), None)
     state = memory.value()
     (source,) = context.elements(value)
     out = context.out(settings.out)

@@ -11,7 +11,7 @@ from compiler.interpreter.constant_value import constant_value
 from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis, describe_axes
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.source import Span
@@ -22,7 +22,7 @@ from spec_schema.units.unit import ONE, Unit
 LARGEST_EYE = 1000
 
 
-_CONSTANT = Environment(Part.CONSTANT)
+_CONSTANT = Environment(EnvironmentPart.CONSTANT)
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import Axis, Type
 from compiler.linking.given_weights import GivenWeights
-from compiler.lowering.environment import Environment, Part, Time
+from compiler.lowering.environment import Environment, EnvironmentPart, Time
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.gradient_sources import GradientSources
 from compiler.lowering.memories import Memories
 from compiler.lowering.sampling import Sampling
-from compiler.lowering.scope import Declared, Scope
+from compiler.lowering.scope import Declaration, Scope
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes
@@ -41,7 +41,7 @@ class Names(Protocol):
         """The value of a layer, function or builtin."""
         ...
 
-    def declared(self, name: str, span: Span) -> Declared:
+    def declared(self, name: str, span: Span) -> Declaration:
         """The declaration of a name, which is in use then; reports an unknown one."""
         ...
 
@@ -62,7 +62,10 @@ class Graphs:
     """The graphs of a program while they grow."""
 
     def __init__(self) -> None:
-        self._builders = {Part.START: GraphBuilder(), Part.CONSTANT: GraphBuilder()}
+        self._builders = {
+            EnvironmentPart.START: GraphBuilder(),
+            EnvironmentPart.CONSTANT: GraphBuilder(),
+        }
         self._step = GraphBuilder()
 
     def builder(self, environment: Environment) -> GraphBuilder:

@@ -13,7 +13,7 @@ Time = tuple[int, tuple[int, int] | None]
 """Shift and window: when an expression is evaluated, seen from t."""
 
 
-class Part(Enum):
+class EnvironmentPart(Enum):
     """The part of a program that an expression is in; it decides what a bare name means (R6)."""
 
     STEP = "the step"
@@ -27,7 +27,7 @@ class Part(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class IntegratorStage:
     """Values of the continuous states at one stage of the integrator (R6); equal only to itself."""
 
     values: Mapping[str, NodeId]
@@ -36,7 +36,7 @@ class Stage:
 
 
 @dataclass(frozen=True, eq=False)
-class Argument:
+class FunctionArgument:
     """An argument of an inlined function: lowered where it is used, once a time."""
 
     expression: Expression
@@ -48,13 +48,13 @@ class Argument:
 class Environment:
     """Everything besides the expression that its meaning depends on."""
 
-    part: Part
+    part: EnvironmentPart
     shift: int = 0
     """Samples that every signal is read later (negative: earlier) than written: `e[t-3]`."""
     window: tuple[int, int] | None = None
     """First and last sample of the time window that the expression is evaluated over."""
-    stage: Stage | None = None
-    arguments: Mapping[str, Argument] = field(default_factory=dict[str, Argument])
+    stage: IntegratorStage | None = None
+    arguments: Mapping[str, FunctionArgument] = field(default_factory=dict[str, FunctionArgument])
     functions: tuple[str, ...] = ()
     """Functions being inlined, outermost first."""
 
@@ -66,10 +66,10 @@ class Environment:
 
     def of_entry(self) -> Environment:
         """The environment of an equation used here: same time, no arguments, the step's names."""
-        part = Part.STEP if self.part is Part.LOSS else self.part
+        part = EnvironmentPart.STEP if self.part is EnvironmentPart.LOSS else self.part
         return replace(self, part=part, arguments={}, functions=())
 
-    def inside(self, function: str, arguments: Mapping[str, Argument]) -> Environment:
+    def inside(self, function: str, arguments: Mapping[str, FunctionArgument]) -> Environment:
         """The environment of a function's formula that is inlined here."""
         return replace(self, arguments=arguments, functions=(*self.functions, function))
 
@@ -84,10 +84,10 @@ class Environment:
     def at_start(self) -> Environment:
         """This place in the start of a run: what it reads before t0 is evaluated over the log."""
         arguments = {
-            name: Argument(argument.expression, argument.environment.at_start())
+            name: FunctionArgument(argument.expression, argument.environment.at_start())
             for name, argument in self.arguments.items()
         }
-        return replace(self, part=Part.START, stage=None, arguments=arguments)
+        return replace(self, part=EnvironmentPart.START, stage=None, arguments=arguments)
 
     @property
     def is_elsewhere(self) -> bool:

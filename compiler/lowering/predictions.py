@@ -5,7 +5,7 @@ from __future__ import annotations
 from compiler.ir.rules.unit_rules import same_unit
 from compiler.ir.types import Prediction
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.scope import Kind
 from compiler.lowering.surplus_axes import report_surplus
@@ -15,7 +15,7 @@ from spec_schema.sections.signals import Output as OutputEntry
 from spec_schema.sections.signals import Signal as SignalEntry
 from spec_schema.sections.signals import State as StateEntry
 
-_STEP = Environment(Part.STEP)
+_STEP = Environment(EnvironmentPart.STEP)
 _LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)
 
 

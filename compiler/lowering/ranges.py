@@ -5,14 +5,14 @@ from __future__ import annotations
 from compiler.ir.program import Expected
 from compiler.linking.connected import Connected
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import schema, units
 from spec_schema.sections.signals import Equation
 from spec_schema.units.quantity import Quantity, Range
 from spec_schema.units.unit import Unit
 
-_STEP = Environment(Part.STEP)
+_STEP = Environment(EnvironmentPart.STEP)
 
 
 def range_in(

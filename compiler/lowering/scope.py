@@ -37,7 +37,7 @@ class Kind(Enum):
 
 
 @dataclass(frozen=True)
-class Declared:
+class Declaration:
     """A name and its entry in the spec."""
 
     name: str
@@ -50,11 +50,11 @@ def owner_of(name: str) -> str:
     return name.rpartition(".")[0]
 
 
-class Scope(Mapping[str, Declared]):
+class Scope(Mapping[str, Declaration]):
     """All declared names; one declared twice is reported and keeps its first meaning."""
 
     def __init__(self, spec: Spec, findings: Findings) -> None:
-        self._declared: dict[str, Declared] = {}
+        self._declared: dict[str, Declaration] = {}
         sections: tuple[tuple[Kind, Mapping[str, Entry]], ...] = (
             (Kind.SUBMODEL, spec.use),
             (Kind.DIMENSION, spec.dims),
@@ -72,7 +72,7 @@ class Scope(Mapping[str, Declared]):
             for name, entry in section.items():
                 first = self._declared.get(name)
                 if first is None:
-                    self._declared[name] = Declared(name, kind, entry)
+                    self._declared[name] = Declaration(name, kind, entry)
                 else:
                     findings.report(
                         errors.declared_twice(
@@ -80,7 +80,7 @@ class Scope(Mapping[str, Declared]):
                         )
                     )
 
-    def __getitem__(self, name: str) -> Declared:
+    def __getitem__(self, name: str) -> Declaration:
         return self._declared[name]
 
     def __iter__(self) -> Iterator[str]:

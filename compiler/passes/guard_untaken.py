@@ -22,14 +22,14 @@ LONGEST = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class BranchCondition:
     """A bool node without its broadcasts, and which of its values the branch belongs to."""
 
     node: NodeId
     holds: bool
 
 
-Guard = tuple[Condition, ...]
+Guard = tuple[BranchCondition, ...]
 """All of these are true wherever anything uses the value; the outermost comes first."""
 
 
@@ -99,7 +99,7 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
         for place, arg in enumerate(node.args):
             under = guard
             if isinstance(node.op, Select) and place > 0:
-                condition = Condition(graph.unrepeated(node.args[0]), place == 1)
+                condition = BranchCondition(graph.unrepeated(node.args[0]), place == 1)
                 under = (*(c for c in guard if c.node != condition.node), condition)[-LONGEST:]
             under = tuple(
                 c for c in under if _reaches(graph[c.node].type.axes, node.op, graph[arg].type.axes)

@@ -21,8 +21,8 @@ from compiler.ir.program import (
     Declared,
     Dimension,
     History,
+    LayerMemory,
     Loss,
-    Memory,
     Origin,
     Parameter,
     Statistic,
@@ -31,7 +31,7 @@ from compiler.ir.program import (
 from compiler.ir.types import Axis, Prediction, Type
 from compiler.program_file.plain_data import (
     Malformed,
-    Record,
+    PlainRecord,
     as_integer,
     as_number,
     as_pair,
@@ -58,7 +58,7 @@ class Shared:
 
 def read(make: type[Made], data: Any, place: str, shared: Shared) -> Made:
     """The value of this class that stands at the place. Raises Malformed."""
-    record = Record(data, place)
+    record = PlainRecord(data, place)
     made = _read_fields(make, record, shared)
     record.close()
     return made
@@ -79,7 +79,7 @@ def to_data(value: object, shared: Shared) -> Data:
 class _Form:
     """How the values of one type stand in a file."""
 
-    read: Callable[[Record, str, Shared], Any]
+    read: Callable[[PlainRecord, str, Shared], Any]
     """The value under a key of the record, each part of it checked."""
     write: Callable[[Any, Shared], Any] = lambda value, shared: value
     has_own_keys: bool = False
@@ -111,7 +111,7 @@ def _fields(made: type) -> tuple[_Field, ...]:
     )
 
 
-def _read_fields(make: type[Made], record: Record, shared: Shared) -> Made:
+def _read_fields(make: type[Made], record: PlainRecord, shared: Shared) -> Made:
     return make(
         **{
             one.name: one.form.read(record, one.key, shared)
@@ -161,7 +161,7 @@ def _read_axis(data: Any, place: str) -> Axis:
     return Axis(as_text(name, place), as_integer(size, place))
 
 
-def _read_unit(record: Record, key: str, shared: Shared) -> Unit:
+def _read_unit(record: PlainRecord, key: str, shared: Shared) -> Unit:
     data, place = record.raw(key), f"{record.place}.{key}"
     if not isinstance(data, str):
         return unit_from_data(data, place)
@@ -170,7 +170,7 @@ def _read_unit(record: Record, key: str, shared: Shared) -> Unit:
     return shared.units[data]
 
 
-def _read_range(record: Record, key: str, _: Shared) -> tuple[float, float]:
+def _read_range(record: PlainRecord, key: str, _: Shared) -> tuple[float, float]:
     low, high = as_pair(record.raw(key), record.place)
     return (
         -math.inf if low is None else as_number(low, record.place),
@@ -183,7 +183,7 @@ def _range_to_data(bounds: tuple[float, float], _: Shared) -> list[float | None]
     return [bound if math.isfinite(bound) else None for bound in bounds]
 
 
-def _read_span(record: Record, key: str, shared: Shared) -> Span:
+def _read_span(record: PlainRecord, key: str, shared: Shared) -> Span:
     numbers = record.items(key, as_integer)
     if len(numbers) != 5 or not 0 <= numbers[0] < len(shared.files):
         raise Malformed(f"{record.place}.{key} is no place in a file")
@@ -198,12 +198,12 @@ def _span_to_data(span: Span, shared: Shared) -> list[int]:
     return [file, span.line, span.column, span.end_line, span.end_column]
 
 
-def _read_prediction(record: Record, key: str, _: Shared) -> Prediction:
+def _read_prediction(record: PlainRecord, key: str, _: Shared) -> Prediction:
     signal, ahead = as_pair(record.raw(key), record.place)
     return Prediction(as_text(signal, record.place), as_integer(ahead, record.place))
 
 
-def _read_statistic(record: Record, key: str, _: Shared) -> Statistic:
+def _read_statistic(record: PlainRecord, key: str, _: Shared) -> Statistic:
     kind, signal = as_pair(record.raw(key), record.place)
     kinds: dict[str, Literal["mean", "std"]] = {"mean": "mean", "std": "std"}
     known = _chosen(as_text(kind, record.place), record.place, kinds)
@@ -213,9 +213,9 @@ def _read_statistic(record: Record, key: str, _: Shared) -> Statistic:
 _MEMORIES = {"of the run": True, "of the past": False}
 
 
-def _read_origin(record: Record, key: str, shared: Shared) -> Origin:
+def _read_origin(record: PlainRecord, key: str, shared: Shared) -> Origin:
     if record.has("memory"):
-        return Memory(_chosen(record.text("memory"), record.place, _MEMORIES))
+        return LayerMemory(_chosen(record.text("memory"), record.place, _MEMORIES))
     if record.has("history"):
         return History(record.text("history"))
     if record.has("tape"):
@@ -228,8 +228,8 @@ def _origin_to_data(origin: Origin, _: Shared) -> Data:
     match origin:
         case Declared():
             return {}
-        case Memory(of_run):
-            return {"memory": "of the run" if of_run else "of the past"}
+        case LayerMemory(starts_fresh_each_run):
+            return {"memory": "of the run" if starts_fresh_each_run else "of the past"}
         case History(source):
             return {"history": source}
         case Tape(signal, ahead):
@@ -241,7 +241,7 @@ def _origin_to_data(origin: Origin, _: Shared) -> Data:
 _OPS: dict[str, type[Op]] = {op.__name__: op for op in get_args(Op) if op is not ReadTraining}
 
 
-def _read_op(record: Record, key: str, shared: Shared) -> Op:
+def _read_op(record: PlainRecord, key: str, shared: Shared) -> Op:
     return _read_fields(_chosen(record.text(key), record.place, _OPS), record, shared)
 
 

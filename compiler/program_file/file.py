@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from compiler.ir.program import Program
 from compiler.ir.rules.verifier import InvalidProgram, verify
-from compiler.program_file.plain_data import Malformed, Record
+from compiler.program_file.plain_data import Malformed, PlainRecord
 from compiler.program_file.reader import read_program
 from compiler.program_file.writer import FORMAT, program_to_data
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -53,7 +53,7 @@ def data_from_json(text: str, name: str) -> Any:
 def program_from_data(data: Any, name: str) -> Program:
     """The program in parsed JSON, as `program_to_data` made it. Raises SpecError."""
     try:
-        found = Record(data, "the file").integer("format")
+        found = PlainRecord(data, "the file").integer("format")
         if found != FORMAT:
             raise SpecError([files.other_format(name, found, FORMAT)])
         program = read_program(data)

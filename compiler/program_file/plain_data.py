@@ -16,7 +16,7 @@ class Malformed(Exception):  # noqa: N818  (carried to the reader's edge, where 
     """A value that is missing or of the wrong kind; the text says which."""
 
 
-class Record:
+class PlainRecord:
     """A JSON object whose every key must be read: `place` is its path in the file."""
 
     def __init__(self, data: Any, place: str) -> None:

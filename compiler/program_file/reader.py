@@ -20,14 +20,14 @@ from compiler.ir.program import (
     State,
 )
 from compiler.program_file.fields import Shared, read
-from compiler.program_file.plain_data import Record, as_text
+from compiler.program_file.plain_data import PlainRecord, as_text
 
 Made = TypeVar("Made")
 
 
 def read_program(data: Any) -> Program:
     """The program in the data, not verified yet. Raises Malformed."""
-    record = Record(data, "the file")
+    record = PlainRecord(data, "the file")
     record.integer("format")
     shared = Shared(record.items("files", as_text))
 

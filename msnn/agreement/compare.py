@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from msnn.agreement.deviation import bits_of_each, deviations, worst_deviation
 from msnn.agreement.judgement import Arrays, Judgement
 from msnn.agreement.loaded import Loaded, Step
-from msnn.agreement.record import Record
+from msnn.agreement.record import AgreementRecord
 from msnn.agreement.rounding import (
     STEP_LIMIT,
     labelled,
@@ -62,7 +62,7 @@ class Agreement:
         return not self.faults
 
 
-def compare(subject: Subject, loaded: Loaded, record: Record) -> Agreement:
+def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreement:
     """Runs a loaded export along the record.
 
     One that promises bits is judged by those of the judge in its arithmetic: how far these are from
@@ -105,7 +105,7 @@ def _free_run(loaded: Loaded, judged: Judgement, most_steps: int) -> Arrays:
 
 
 def _single_steps(
-    subject: Subject, step: Step | None, wanted: Judgement, record: Record
+    subject: Subject, step: Step | None, wanted: Judgement, record: AgreementRecord
 ) -> Measured:
     if step is None:
         return NOTHING

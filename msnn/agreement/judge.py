@@ -12,12 +12,12 @@ from backends.ports.step_interface import Port, step_interface
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from msnn.agreement.judgement import Arrays, Beginning, Judgement
-from msnn.agreement.record import Record
+from msnn.agreement.record import AgreementRecord
 from msnn.data.dataset import FloatArray
 
 
 def judge(
-    program: Program, weights: Mapping[str, FloatArray], record: Record, dtype: DTypeLike
+    program: Program, weights: Mapping[str, FloatArray], record: AgreementRecord, dtype: DTypeLike
 ) -> Judgement:
     """A free run of the program in step form along the record, in float64 or float32."""
     interface = step_interface(program)

@@ -21,7 +21,7 @@ _DRAWN_STEPS = 500
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class AgreementRecord:
     """Series of all signals, (rows, *shape), and the steps t0 … t0+steps−1 that lie inside them."""
 
     log: Mapping[str, FloatArray]
@@ -31,7 +31,7 @@ class Record:
     """What the series are, in words."""
 
 
-def agreement_record(model: Model, program: Program, folder: Path) -> Record:
+def agreement_record(model: Model, program: Program, folder: Path) -> AgreementRecord:
     """The longest stretch of the spec's data, drawn numbers where it has none that can be read.
 
     `program` is what is exported, in step form; a stretch must hold one step of it.
@@ -55,7 +55,7 @@ def agreement_record(model: Model, program: Program, folder: Path) -> Record:
     return drawn_record(program, "drawn numbers")
 
 
-def drawn_record(program: Program, origin: str) -> Record:
+def drawn_record(program: Program, origin: str) -> AgreementRecord:
     """Numbers within the signals' ranges, or [-1, 1], the same ones every time (Philox)."""
     random = np.random.Generator(np.random.Philox(0))
     far = reach(program)
@@ -72,12 +72,14 @@ def _unscored(program: Program) -> Program:
     return replace(program, outputs=tuple(replace(o, predicts=None) for o in program.outputs))
 
 
-def _record(program: Program, log: Mapping[str, FloatArray], rows: int, origin: str) -> Record:
+def _record(
+    program: Program, log: Mapping[str, FloatArray], rows: int, origin: str
+) -> AgreementRecord:
     far = reach(_unscored(program))
     steps = min(rows - far.back - far.ahead, rows - far.back)
     if rows - far.back <= far.start_ahead:
         steps = 0
-    return Record(log, far.back, max(min(steps, MOST_STEPS), 0), origin)
+    return AgreementRecord(log, far.back, max(min(steps, MOST_STEPS), 0), origin)
 
 
 def _limits(signal: Signal) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import Program
 from msnn.agreement.deviation import deviations
 from msnn.agreement.judgement import Arrays, Judgement
-from msnn.agreement.record import Record
+from msnn.agreement.record import AgreementRecord
 from msnn.data.dataset import FloatArray
 
 V = TypeVar("V")
@@ -29,7 +29,7 @@ steps comes near to √n of it; 16 covers sums of 256 terms."""
 
 
 def single_steps(
-    program: Program, weights: Mapping[str, FloatArray], record: Record, wanted: Judgement
+    program: Program, weights: Mapping[str, FloatArray], record: AgreementRecord, wanted: Judgement
 ) -> dict[str, Arrays]:
     """Outputs and next states of the interpreter in float32, each step from the judge's state."""
     log = {name: series.astype(np.float32) for name, series in record.log.items()}
@@ -63,7 +63,7 @@ def rounding_errors(single: Mapping[str, Arrays], wanted: Judgement) -> dict[str
 def within_rounding(
     program: Program,
     weights: Mapping[str, FloatArray],
-    record: Record,
+    record: AgreementRecord,
     wanted: Judgement,
     found: Arrays,
 ) -> set[str]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from msnn.agreement.compare import Agreement, compare
-from msnn.agreement.record import Record, agreement_record
+from msnn.agreement.record import AgreementRecord, agreement_record
 from msnn.agreement.report import AgreementReport, Failure
 from msnn.agreement.subject import Subject
 from msnn.exports.export import load_export
@@ -39,7 +39,9 @@ def check_exports(
     return AgreementReport(", ".join(origins), tuple(rows), tuple(failures))
 
 
-def check_export(plan: AnyPlan, weights: Weights, written: Written, record: Record) -> Agreement:
+def check_export(
+    plan: AnyPlan, weights: Weights, written: Written, record: AgreementRecord
+) -> Agreement:
     """The same of one target. MissingExtraError where it needs what is not installed."""
     target = plan.target
     subject = Subject(

@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from compiler.ir.program import Program
 from msnn.agreement.judgement import FloatType, Judgement, NumberType, Promise
 from msnn.agreement.loaded import Loaded
-from msnn.agreement.record import Record
+from msnn.agreement.record import AgreementRecord
 from msnn.data.dataset import FloatArray
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
@@ -41,7 +41,9 @@ class Written:
     files: Sequence[Path]
 
 
-def interpreted(plan: AnyPlan, weights: Weights, record: Record, dtype: NumberType) -> Judgement:
+def interpreted(
+    plan: AnyPlan, weights: Weights, record: AgreementRecord, dtype: NumberType
+) -> Judgement:
     """What the interpreter does, the judge of targets that compute in floating point."""
     from msnn.agreement.judge import judge
 
@@ -81,7 +83,9 @@ class Target(Generic[OwnEntry, Options]):
     """Writes its files into an empty folder. SpecError for what the target cannot hold."""
     load: Callable[[ExportPlan[Options], Written], AbstractContextManager[Loaded]]
     """Loads them. MissingExtraError where they need a tool that is not installed."""
-    judge: Callable[[ExportPlan[Options], Weights, Record, NumberType], Judgement] = interpreted
+    judge: Callable[[ExportPlan[Options], Weights, AgreementRecord, NumberType], Judgement] = (
+        interpreted
+    )
     """What it ought to do along a record: in float64, and in what it computes in."""
     faults: Callable[[ExportPlan[Options]], tuple[Diagnostic, ...]] = no_faults
     """What `msnn check` finds by trying."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from compiler.ir.program import Program
 from compiler.linking.link import WeightsByPart
 from msnn.data.dataset import FloatArray
-from msnn.model.spec_hash import Part
+from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.reading.reader import ReadResult
@@ -36,7 +36,7 @@ class Model:
     warnings: tuple[Diagnostic, ...]
     read: ReadResult
     """The spec and its sub-models as their files have them; `spec` is both in one."""
-    parts: tuple[Part, ...] = ()
+    parts: tuple[SubmodelFile, ...] = ()
     """Its sub-models, those of sub-models too."""
     part_weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, FloatArray]])
     """The arrays that their `weights:` have; empty for a program file."""

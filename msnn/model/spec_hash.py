@@ -12,7 +12,7 @@ from spec_schema.reading.reader import ReadResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class SubmodelFile:
     """A sub-model: its full name, the path and text of its spec, sha256 of its weights or "".
 
     `file` has these weights; None where there are none, or only a program has them.
@@ -33,17 +33,19 @@ class Part:
         }
 
 
-def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[Part, ...]:
+def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[SubmodelFile, ...]:
     """Every sub-model of a spec; `digests` are those of weights by full name."""
     return tuple(_parts(read, digests, ""))
 
 
-def with_files(parts: Sequence[Part], files: Mapping[str, Path]) -> tuple[Part, ...]:
+def with_files(
+    parts: Sequence[SubmodelFile], files: Mapping[str, Path]
+) -> tuple[SubmodelFile, ...]:
     """The parts with the files of their weights, by full name."""
     return tuple(replace(part, file=files.get(part.name)) for part in parts)
 
 
-def hash_of(text: str, parts: Sequence[Part], settings: Sequence[str] = ()) -> str:
+def hash_of(text: str, parts: Sequence[SubmodelFile], settings: Sequence[str] = ()) -> str:
     """sha256 of a spec's text; with sub-models, of what it and they are made of.
 
     `settings` are those that replace values of the model.
@@ -54,10 +56,10 @@ def hash_of(text: str, parts: Sequence[Part], settings: Sequence[str] = ()) -> s
     return _sha256(json.dumps([own, *([p.name, _sha256(p.text), p.weights] for p in parts)]))
 
 
-def _parts(read: ReadResult, digests: Mapping[str, str], prefix: str) -> Iterator[Part]:
+def _parts(read: ReadResult, digests: Mapping[str, str], prefix: str) -> Iterator[SubmodelFile]:
     for name, file in read.used.items():
         full = prefix + name
-        yield Part(
+        yield SubmodelFile(
             name=full, path=file.source.path, text=file.source.text, weights=digests.get(full, "")
         )
         yield from _parts(file, digests, f"{full}.")

@@ -10,7 +10,7 @@ from typing import Any, cast
 from msnn.errors.weights import weights_of_another_model
 from msnn.model.kept_run import DESCRIPTION, PARTS, SPEC, read_json
 from msnn.model.model import Model
-from msnn.model.spec_hash import Part
+from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
 from spec_schema.reading.endless_files import refuse_endless
@@ -32,7 +32,7 @@ def refuse_other_model(model: Model, weights: Path) -> None:
         raise SpecError([weights_of_another_model(str(weights), differing)])
 
 
-def is_of_this_model(read: ReadResult, parts: Sequence[Part], weights: Path) -> bool:
+def is_of_this_model(read: ReadResult, parts: Sequence[SubmodelFile], weights: Path) -> bool:
     """Whether the run of a weights file had the model of a spec with these sub-models.
 
     That their texts differ says little: comments, docs and how they are trained count for nothing.
@@ -47,7 +47,7 @@ def is_of_this_model(read: ReadResult, parts: Sequence[Part], weights: Path) -> 
     return all(_is_kept(part, cast("dict[str, Any]", kept)[part.name], weights) for part in parts)
 
 
-def _is_kept(part: Part, kept: object, weights: Path) -> bool:
+def _is_kept(part: SubmodelFile, kept: object, weights: Path) -> bool:
     """Whether a sub-model is what the run of the weights has kept of it."""
     if not isinstance(kept, dict):
         return False

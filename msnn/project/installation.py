@@ -13,7 +13,7 @@ from spec_schema.version import __version__
 
 
 @dataclass(frozen=True)
-class Part:
+class InstalledPart:
     """One part: what it is for, what was found of it, and what installs it where it is missing."""
 
     name: str
@@ -40,23 +40,27 @@ _PACKAGES = (
 )
 
 
-def installation() -> Iterator[Part]:
+def installation() -> Iterator[InstalledPart]:
     """Every part, looked up without importing it."""
-    yield Part("msnn", "", __version__)
-    yield Part("python", "", f"{platform.python_version()} on {platform.platform(terse=True)}")
+    yield InstalledPart("msnn", "", __version__)
+    yield InstalledPart(
+        "python", "", f"{platform.python_version()} on {platform.platform(terse=True)}"
+    )
     yield _compiler()
     for package, extra, purpose in _PACKAGES:
         install = f"pip install {package}" if extra is None else f"pip install 'msnn[{extra}]'"
-        yield Part(package, purpose, _version(package), install)
+        yield InstalledPart(package, purpose, _version(package), install)
 
 
-def _compiler() -> Part:
+def _compiler() -> InstalledPart:
     purpose = "native training kernels, tests of exported C"
     try:
         command = find_compiler()
     except CompilerMissingError:
-        return Part("C compiler", purpose, None, "apt install gcc, or pip install 'msnn[zig]'")
-    return Part("C compiler", purpose, " ".join(command))
+        return InstalledPart(
+            "C compiler", purpose, None, "apt install gcc, or pip install 'msnn[zig]'"
+        )
+    return InstalledPart("C compiler", purpose, " ".join(command))
 
 
 def _version(package: str) -> str | None:

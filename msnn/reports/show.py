@@ -11,7 +11,7 @@ from compiler.ir.ops import ReadSamples
 from compiler.ir.program import (
     Declared,
     History,
-    Memory,
+    LayerMemory,
     Output,
     Parameter,
     Program,
@@ -177,7 +177,7 @@ def _origin(state: State) -> str:
     match state.origin:
         case Declared():
             return "declared in the spec"
-        case Memory():
+        case LayerMemory():
             return "the memory of a layer or call"
         case History(source):
             return f"the past of {source}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from compiler.ir.liveness import extents
-from compiler.ir.program import Declared, Memory, Program, Role
+from compiler.ir.program import Declared, LayerMemory, Program, Role
 from compiler.passes.prune_outputs import prune_outputs
 from msnn.tables import count
 
@@ -12,7 +12,7 @@ def summary_line(program: Program) -> str:
     """`mass_spring_damper: 2 inputs, 1 output, 6 parameters, a sample every 0.2 s`."""
     numbers = sum(len(parameter.initial) for parameter in program.parameters)
     inputs = [signal for signal in program.signals if signal.role is Role.INPUT]
-    states = [state for state in program.states if isinstance(state.origin, Declared | Memory)]
+    states = [state for state in program.states if isinstance(state.origin, Declared | LayerMemory)]
     parts = [count(len(inputs), "input"), count(len(program.outputs), "output")]
     if states:
         parts.append(count(len(states), "state"))

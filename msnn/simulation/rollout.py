@@ -14,7 +14,7 @@ from msnn.data.starts import Runs
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class RolloutRow:
     """One step of the rollouts that still run, the longest first."""
 
     number: int
@@ -55,7 +55,7 @@ def longest_first(runs: Runs) -> IntArray:
 
 def moments(
     interpreter: Interpreter, series: Mapping[str, FloatArray], runs: Runs, *, losses: bool
-) -> Iterator[Moment]:
+) -> Iterator[RolloutRow]:
     """Every step of all rollouts; a rollout that has ended is left out of the later ones."""
     order = longest_first(runs)
     t0, steps = runs.t0[order], runs.steps[order]
@@ -68,7 +68,7 @@ def moments(
             states = {name: value[:running] for name, value in states.items()}
         t = t0[:running] + number
         values = interpreter.step(series, t, states, losses=losses)
-        yield Moment(number, order[:running], t, values)
+        yield RolloutRow(number, order[:running], t, values)
         states = values.next_states
 
 

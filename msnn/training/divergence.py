@@ -16,7 +16,7 @@ from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
 from msnn.errors import training as errors
 from msnn.errors.second_order import no_finite_slope
-from msnn.simulation.rollout import Moment, loss_sums, moments
+from msnn.simulation.rollout import RolloutRow, loss_sums, moments
 from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -78,7 +78,7 @@ def _results(program: Program) -> list[NodeId]:
     return [state.next for state in program.states] + [loss.prediction for loss in program.losses]
 
 
-def _member_not_finite(moment: Moment, node: NodeId) -> int | None:
+def _member_not_finite(moment: RolloutRow, node: NodeId) -> int | None:
     """The first rollout in which the node's value is not finite."""
     value = moment.values.nodes[node]
     if value is None:
@@ -87,7 +87,9 @@ def _member_not_finite(moment: Moment, node: NodeId) -> int | None:
     return None if fine.all() else int(np.argmin(fine))
 
 
-def _origin(program: Program, moment: Moment, node: NodeId, member: int) -> tuple[Node, str | None]:
+def _origin(
+    program: Program, moment: RolloutRow, node: NodeId, member: int
+) -> tuple[Node, str | None]:
     """The value that is not finite though its operands are, and the equation that needs it."""
     inside: str | None = None
     while True:
@@ -98,7 +100,7 @@ def _origin(program: Program, moment: Moment, node: NodeId, member: int) -> tupl
         node, inside = before, here.label or inside
 
 
-def _is_bad(moment: Moment, node: NodeId, member: int) -> bool:
+def _is_bad(moment: RolloutRow, node: NodeId, member: int) -> bool:
     value = moment.values.nodes[node]
     return value is not None and not np.isfinite(value[min(member, len(value) - 1)]).all()
 

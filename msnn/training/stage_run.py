@@ -17,7 +17,7 @@ from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_e
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult, Weights
-from msnn.training.records.checkpoint import Place
+from msnn.training.records.checkpoint import TrainingPosition
 from msnn.training.records.progress import EpochEnd
 
 
@@ -50,7 +50,7 @@ class StageRun:
     _watching: float = field(init=False, default=0.0)
     """Seconds that the monitor took."""
 
-    def resume(self, place: Place) -> None:
+    def resume(self, place: TrainingPosition) -> None:
         """Goes on at a place of this attempt."""
         self.engine.restore(place.engine)
         self.epoch, self.batch = place.epoch, place.batch
@@ -90,11 +90,11 @@ class StageRun:
             attempt=self.attempt,
         )
 
-    def place(self) -> Place | None:
+    def place(self) -> TrainingPosition | None:
         """Where the attempt stands now; None before it has begun."""
         if self.best is None:
             return None
-        return Place(
+        return TrainingPosition(
             epoch=self.epoch,
             batch=self.batch,
             sums=self.sums or {},

@@ -17,7 +17,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Expression, Member, Name, Window
 from spec_schema.sections.data.data import Source
-from spec_schema.sections.validation import Check, Metric
+from spec_schema.sections.validation import Metric, Validation
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import ONE, Unit
@@ -46,7 +46,9 @@ class CheckPlan:
     span: Span | None
 
 
-def plan_checks(program: Program, checks: Sequence[Check], findings: Findings) -> list[CheckPlan]:
+def plan_checks(
+    program: Program, checks: Sequence[Validation], findings: Findings
+) -> list[CheckPlan]:
     """The entries as they will be measured; without any, the rmse of every prediction.
 
     What is wrong with them goes to `findings`.
@@ -81,7 +83,7 @@ def default_set(data: Dataset) -> str:
 
 
 def _planned(
-    program: Program, check: Check, sets: dict[str, Source], findings: Findings
+    program: Program, check: Validation, sets: dict[str, Source], findings: Findings
 ) -> CheckPlan | None:
     outputs: Mapping[str, Output] = {output.name: output for output in program.outputs}
     losses = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))

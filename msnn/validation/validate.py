@@ -19,7 +19,7 @@ from msnn.validation.measurement import Measurement, error_curve, error_trace, s
 from msnn.validation.plan import CheckPlan, default_set, plan_checks
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
-from spec_schema.sections.validation import Check
+from spec_schema.sections.validation import Validation
 from spec_schema.units.unit import Unit
 
 Weights = Mapping[str, FloatArray]
@@ -76,7 +76,7 @@ class ValidationReport:
 def validate(
     program: Program,
     data: Dataset | None,
-    checks: Sequence[Check],
+    checks: Sequence[Validation],
     weights: Weights | None = None,
     *,
     on: str | None = None,

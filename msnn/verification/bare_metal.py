@@ -11,7 +11,7 @@ from msnn.verification.builds.call_graph import stack_bound
 from msnn.verification.builds.golden_run import differences
 from msnn.verification.builds.harness import TEMPLATES, includes, write_harness, write_linker_script
 from msnn.verification.exported_c import ExportedC
-from msnn.verification.proof_step import Check, Figures, Result, run_tool
+from msnn.verification.proof_step import Figures, ProofStep, Result, run_tool
 from msnn.verification.tools import GCC
 
 LEVELS = ("-O2", "-Os")
@@ -20,7 +20,7 @@ _RETURN = 2
 _SECONDS = 60.0
 
 
-def board_checks(model: ExportedC, targets: frozenset[str]) -> Iterator[Check]:
+def board_checks(model: ExportedC, targets: frozenset[str]) -> Iterator[ProofStep]:
     """One check for each board and optimisation level."""
     for board in BOARDS:
         if board.target in targets:
@@ -28,7 +28,7 @@ def board_checks(model: ExportedC, targets: frozenset[str]) -> Iterator[Check]:
                 yield _on_board(board, level, model)
 
 
-def _on_board(board: Board, level: str, model: ExportedC) -> Check:
+def _on_board(board: Board, level: str, model: ExportedC) -> ProofStep:
     def run(folder: Path) -> Result:
         build = _Build(board, level, model, folder)
         program = build.program()
@@ -55,7 +55,7 @@ def _on_board(board: Board, level: str, model: ExportedC) -> Check:
         return check.of(found, f"{len(model.expected)} golden steps: {promise}", [figures])
 
     needs = (board.compiler, board.emulator, GCC)
-    check = Check("golden vectors", f"{board.core} {level}", needs, run)
+    check = ProofStep("golden vectors", f"{board.core} {level}", needs, run)
     return check
 
 

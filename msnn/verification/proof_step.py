@@ -49,7 +49,7 @@ class Result:
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class ProofStep:
     """A check that is run in a folder of its own."""
 
     name: str

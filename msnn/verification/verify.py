@@ -16,7 +16,7 @@ from msnn.verification.host.coverage import coverage_check
 from msnn.verification.host.fuzz import fuzz_check
 from msnn.verification.host.host_checks import host_checks, misra_check
 from msnn.verification.proof.proof import proof_checks
-from msnn.verification.proof_step import Check, Result
+from msnn.verification.proof_step import ProofStep, Result
 from msnn.verification.tools import Tool
 
 Target = Literal["host", "m0", "m4", "m7", "rv32"]
@@ -24,7 +24,7 @@ TARGETS: tuple[Target, ...] = ("host", "m4", "m7", "m0", "rv32")
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class WantedSteps:
     """What shall be checked."""
 
     targets: frozenset[str]
@@ -62,7 +62,7 @@ class Verification:
         return f"apt-get install {' '.join(packages)}"
 
 
-def verify(folder: Path, wanted: Wanted) -> Verification:
+def verify(folder: Path, wanted: WantedSteps) -> Verification:
     """Checks the export in a folder; SpecError (E1046) where there is none.
 
     Nothing is written into the folder. What a missing tool would have checked is among the
@@ -74,13 +74,13 @@ def verify(folder: Path, wanted: Wanted) -> Verification:
         return Verification(model, _all_results(checks, Path(place)))
 
 
-def _all_results(checks: Sequence[Check], place: Path) -> tuple[Result, ...]:
+def _all_results(checks: Sequence[ProofStep], place: Path) -> tuple[Result, ...]:
     with ThreadPoolExecutor(max_workers=cpu_count() or 1) as pool:
         folders = (place / str(number) for number in range(len(checks)))
-        return tuple(pool.map(Check.result, checks, folders))
+        return tuple(pool.map(ProofStep.result, checks, folders))
 
 
-def _checks(model: ExportedC, wanted: Wanted) -> Iterator[Check]:
+def _checks(model: ExportedC, wanted: WantedSteps) -> Iterator[ProofStep]:
     if "host" in wanted.targets:
         yield from host_checks(model)
         yield coverage_check(model)

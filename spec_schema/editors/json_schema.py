@@ -9,7 +9,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from spec_schema.editors.key_docs import key_doc
 from spec_schema.fields.entry import Entry, Variant
 from spec_schema.fields.entry_kinds import about, kinds_of, kinds_within
-from spec_schema.fields.leaf import Gathering, JsonSchema, Leaf
+from spec_schema.fields.leaf import Gathering, JsonSchema, LeafField
 from spec_schema.sections.spec import Spec
 
 # Draft 7 is what the YAML extension of VS Code supports best.
@@ -139,7 +139,7 @@ def _types(schema: JsonSchema) -> list[str]:
 
 def _schema(annotation: Any, metadata: list[Any]) -> JsonSchema:
     for note in metadata:
-        if isinstance(note, Leaf):
+        if isinstance(note, LeafField):
             return note.schema
         if isinstance(note, Gathering):
             return note.schema(_item(annotation))

@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validat
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
-from spec_schema.fields.leaf import Leaf
-from spec_schema.fields.located import Place
+from spec_schema.fields.leaf import LeafField
+from spec_schema.fields.located import KeyAndValueSpan
 from spec_schema.yaml_tree.nodes import Node, Scalar, Table, kind
 
 # No YAML key can be this: the reader keeps only printable keys.
@@ -21,7 +21,7 @@ class RefusedError(ValueError):
     """Tells pydantic that a value was refused; the diagnostic is in the findings already."""
 
 
-def _as_given(place: Place, info: ValidationInfo) -> Place:
+def _as_given(place: KeyAndValueSpan, info: ValidationInfo) -> KeyAndValueSpan:
     del info
     return place
 
@@ -42,7 +42,7 @@ class Entry(BaseModel):
     shorthand: ClassVar[str | None] = None
     later: ClassVar[frozenset[str]] = frozenset()
 
-    place: Annotated[Place, Leaf(_as_given)] = Field(alias=_PLACE, repr=False)
+    place: Annotated[KeyAndValueSpan, LeafField(_as_given)] = Field(alias=_PLACE, repr=False)
 
     @classmethod
     def known_keys(cls) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ class Entry(BaseModel):
             findings.report(errors.wrong_kind("a mapping", kind(node), node.span, repair))
             raise RefusedError
         key = node.key or _first_key(node)
-        values: dict[str, Any] = {_PLACE: Place(key, node.span)}
+        values: dict[str, Any] = {_PLACE: KeyAndValueSpan(key, node.span)}
         values.update(cls._admitted(node, findings))
         missing = [
             field.alias or name

@@ -20,7 +20,7 @@ MEMBER = rf"^{_NAME}(\.{_NAME})+$"
 
 
 @dataclass(frozen=True)
-class Leaf:
+class LeafField:
     """Reads one value; `schema` describes it as it is written."""
 
     read: Callable[[Any, ValidationInfo], Any]

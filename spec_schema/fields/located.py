@@ -23,7 +23,7 @@ class Choice(Located[Value]):
 
 
 @dataclass(frozen=True)
-class Place:
+class KeyAndValueSpan:
     """Where an entry stands: its key (or name) and its whole value."""
 
     key: Span

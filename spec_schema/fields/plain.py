@@ -14,7 +14,7 @@ from spec_schema.fields.leaf import (
     REFERENCE,
     Gathering,
     JsonSchema,
-    Leaf,
+    LeafField,
     list_of,
     one_or_many,
 )
@@ -27,13 +27,13 @@ Item = TypeVar("Item")
 LARGEST_COUNT = 2**31 - 1
 
 
-def reads(reader: Callable[[Node, Findings], Any], schema: JsonSchema) -> Leaf:
+def reads(reader: Callable[[Node, Findings], Any], schema: JsonSchema) -> LeafField:
     """A pydantic validator out of a function from a node to a value, and what editors are told."""
 
     def validate(node: Node, info: ValidationInfo) -> Any:
         return reader(node, findings_of(info))
 
-    return Leaf(validate, schema=schema)
+    return LeafField(validate, schema=schema)
 
 
 def scalar(node: Node, findings: Findings, wanted: str) -> Scalar:
@@ -117,7 +117,7 @@ def number(
     least: float = -math.inf,
     most: float = math.inf,
     below: float = math.inf,
-) -> Leaf:
+) -> LeafField:
     """Validates a number with above < number < below, least ≤ number ≤ most."""
     limits = [
         f"above {above:g}" if above > -math.inf else "",
@@ -183,13 +183,13 @@ def _read_language_version(node: Node, findings: Findings) -> int:
     return 1
 
 
-def count(least: int, most: int = LARGEST_COUNT) -> Leaf:
+def count(least: int, most: int = LARGEST_COUNT) -> LeafField:
     """Validates an integer from `least` to `most`."""
     schema = {"type": "integer", "minimum": least, "maximum": most}
     return reads(lambda node, findings: read_count(node, findings, least, most), schema)
 
 
-def choice(*now: str) -> Leaf:
+def choice(*now: str) -> LeafField:
     """Validates one of the words."""
 
     def read(node: Node, findings: Findings) -> str:
@@ -202,14 +202,14 @@ def choice(*now: str) -> Leaf:
     return reads(read, {"type": "string", "enum": list(now)})
 
 
-def located_choice(*now: str) -> Leaf:
+def located_choice(*now: str) -> LeafField:
     """Validates one of the words and remembers where it stands."""
     chosen = choice(*now)
 
     def validate(node: Node, info: ValidationInfo) -> Choice[str]:
         return Choice(chosen.read(node, info), node.span, node.key)
 
-    return Leaf(validate, schema=chosen.schema)
+    return LeafField(validate, schema=chosen.schema)
 
 
 def read_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:

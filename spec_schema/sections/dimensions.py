@@ -6,7 +6,7 @@ from typing import Annotated, TypeAlias
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import RefusedError
-from spec_schema.fields.located import Place
+from spec_schema.fields.located import KeyAndValueSpan
 from spec_schema.fields.plain import read_count, reads, scalar
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar
 
@@ -17,11 +17,11 @@ class Dimension:
 
     size: int
     labels: tuple[str, ...]
-    place: Place = field(compare=False)
+    place: KeyAndValueSpan = field(compare=False)
 
 
 def _read_dimension(node: Node, findings: Findings) -> Dimension:
-    place = Place(node.key or node.span, node.span)
+    place = KeyAndValueSpan(node.key or node.span, node.span)
     if not isinstance(node, Listing):
         return Dimension(read_count(node, findings, least=1), (), place)
     labels: dict[str, Scalar] = {}

@@ -16,7 +16,7 @@ from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.signals import Equation, Loss, Output, Signal, State
 from spec_schema.sections.submodels import Connection, Connections, Use
 from spec_schema.sections.training.training import Stage
-from spec_schema.sections.validation import Check
+from spec_schema.sections.validation import Validation
 from spec_schema.sections.values import Constant, Function, Parameter
 
 
@@ -68,7 +68,7 @@ class Spec(Entry):
     """Measured files and which column is which signal."""
     train: EntriesOf[Stage] = ()
     """Stages of training, each from the best weights of the one before."""
-    checks: EntriesOf[Check] = Field(default=(), alias="validate")
+    checks: EntriesOf[Validation] = Field(default=(), alias="validate")
     """What is measured of the trained model, with limits."""
     export: Export | None = None
     """What `msnn export` writes."""

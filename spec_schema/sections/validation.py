@@ -15,7 +15,7 @@ from spec_schema.sections.training.training import Rollout
 Metric: TypeAlias = Literal["rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic"]
 
 
-class Check(Entry):
+class Validation(Entry):
     """A metric of an output or loss; `max` and `min` are its limits.
 
     It is measured over a set of the data, `data`, or over `files` of its own, for which the
@@ -42,7 +42,7 @@ class Check(Entry):
     """Limit that the metric must reach."""
 
     @model_validator(mode="after")
-    def _has_one_set(self, info: ValidationInfo) -> "Check":
+    def _has_one_set(self, info: ValidationInfo) -> "Validation":
         if self.data is not None and self.files is not None:
             place = self.files.place.key
             findings_of(info).report(errors.excluded_key("files", "data", place, self.noun))

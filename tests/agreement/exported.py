@@ -8,7 +8,7 @@ from pathlib import Path
 from compiler.ir.program import Program
 from msnn.agreement.compare import Agreement
 from msnn.agreement.judgement import FloatType
-from msnn.agreement.record import Record, drawn_record
+from msnn.agreement.record import AgreementRecord, drawn_record
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_export
 from msnn.exports.export import target_named, write_export
@@ -27,7 +27,7 @@ def checked(
     plan: AnyPlan,
     weights: Mapping[str, FloatArray],
     folder: Path,
-    record: Record | None = None,
+    record: AgreementRecord | None = None,
     *,
     written: Mapping[str, FloatArray] | None = None,
 ) -> Agreement:

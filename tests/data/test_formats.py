@@ -17,7 +17,7 @@ from rosbags.rosbag2.enums import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
-from msnn.data.formats.table_of_formats import FORMATS, Format, format_of, require_reader
+from msnn.data.formats.table_of_formats import FORMATS, FileFormat, format_of, require_reader
 from msnn.errors.failures import MissingExtraError
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.data.specs import load
@@ -240,7 +240,7 @@ def test_arrays_that_are_no_columns(
 def test_a_format_without_its_reader_names_the_install_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Format, "missing", property(lambda format: format.packages))
+    monkeypatch.setattr(FileFormat, "missing", property(lambda format: format.packages))
     require_reader("a.csv")
     for format in FORMATS:
         if format.packages:

@@ -20,7 +20,7 @@ from compiler.passes.close_loop import close_loop
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judgement import FloatType
-from msnn.agreement.record import Record
+from msnn.agreement.record import AgreementRecord
 from msnn.data.reading.load import load_data
 from msnn.data.starts import reach
 from msnn.model.load import load_model
@@ -42,7 +42,7 @@ class Trained:
 
     program: Program
     weights: dict[str, np.ndarray]
-    record: Record
+    record: AgreementRecord
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def trained(request: pytest.FixtureRequest, folder: Path) -> Trained:
         name: np.concatenate([s[start:stop], s[start:stop][::-1]] * (1 + STEPS // (stop - start)))
         for name, s in data.series.items()
     }
-    record = Record(log, far.back, STEPS, request.param)
+    record = AgreementRecord(log, far.back, STEPS, request.param)
     return Trained(to_step_form(program), dict(result.weights), record)
 
 

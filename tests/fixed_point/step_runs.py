@@ -13,11 +13,11 @@ from compiler.fixed_point.golden import drawn
 from compiler.fixed_point.integers.interpret import initial, reset
 from compiler.fixed_point.integers.program import (
     Choose,
+    IntegerLookup,
     IntegerNode,
     IntegerProgram,
     Larger,
     Literal,
-    Lookup,
     Product,
     ReadMemory,
     ReadWord,
@@ -195,7 +195,7 @@ def _value(
             return np.maximum(*args)
         case Choose(relation):
             return np.where(_HOLDS[relation](args[0], args[1]), args[2], args[3])
-        case Lookup(first, bits, entries):
+        case IntegerLookup(first, bits, entries):
             table = np.array(entries, np.int64)
             place = args[0] - first
             cell, part = place >> bits, place & ((1 << bits) - 1)

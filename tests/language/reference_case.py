@@ -39,7 +39,7 @@ from compiler.ir.types import Axis
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judge import judge
 from msnn.agreement.judgement import FloatType
-from msnn.agreement.record import Record
+from msnn.agreement.record import AgreementRecord
 from msnn.data.starts import reach
 from msnn.exports.export import load_export, write_export
 from spec_schema.reading.reader import read_spec
@@ -129,7 +129,7 @@ def _torch(case: Case) -> Arrays:
 def _exported(target: str, dtype: FloatType) -> Callable[[Case], Arrays]:
     def run(case: Case) -> Arrays:
         plan = plan_of(target, to_step_form(case.program), dtype)
-        record = Record(case.log, case.start, case.steps, "the case")
+        record = AgreementRecord(case.log, case.start, case.steps, "the case")
         given = judge(plan.program, case.weights, record, dtype)
         with TemporaryDirectory(prefix="reference_case_") as folder:
             written = write_export(plan, case.weights, Path(folder))

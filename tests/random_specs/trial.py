@@ -18,7 +18,7 @@ from backends.native import compile_kernel
 from compiler.program_file.file import program_from_json, program_to_json
 from msnn.agreement.deviation import worst_deviation
 from msnn.agreement.judge import judge
-from msnn.agreement.record import Record, drawn_record
+from msnn.agreement.record import AgreementRecord, drawn_record
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
@@ -146,12 +146,12 @@ def _exported(model: Model, folder: Path) -> Fault | None:
     return None
 
 
-def _record(plan: AnyPlan) -> Record:
+def _record(plan: AnyPlan) -> AgreementRecord:
     found = drawn_record(plan.program, "drawn numbers")
-    return Record(found.log, found.t0, min(found.steps, STEPS), found.origin)
+    return AgreementRecord(found.log, found.t0, min(found.steps, STEPS), found.origin)
 
 
-def _rounding(plan: AnyPlan, weights: Mapping[str, FloatArray], record: Record) -> float:
+def _rounding(plan: AnyPlan, weights: Mapping[str, FloatArray], record: AgreementRecord) -> float:
     """How far the judge in float32 is from the judge in float64: how well the model is posed."""
     exact = judge(plan.program, weights, record, np.float64)
     rough = judge(plan.program, weights, record, np.float32)

@@ -21,7 +21,12 @@ from msnn.training.engines.torch.torch_squares import TorchSquares
 from msnn.training.plans.learning_rate import NO_REDUCTIONS
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
-from msnn.training.records.checkpoint import Checkpoint, Place, read_checkpoint, write_checkpoint
+from msnn.training.records.checkpoint import (
+    Checkpoint,
+    TrainingPosition,
+    read_checkpoint,
+    write_checkpoint,
+)
 from msnn.training.records.progress import Silent
 from msnn.training.train import TrainingDivergedError, TrainingOptions, TrainingResult, train
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
@@ -249,7 +254,7 @@ def test_where_no_batch_is_left_training_ends(engine: str, optimizer: str) -> No
 
 def test_batches_without_a_step_are_counted_over_an_interruption(tmp_path: Path) -> None:
     """Else an epoch in which no batch was left would end the one training and not the other."""
-    place = Place(
+    place = TrainingPosition(
         epoch=1,
         batch=2,
         sums={},

@@ -11,7 +11,7 @@ import pytest
 from msnn.cli.application import run
 from msnn.verification.proof.eva import Alarm
 from msnn.verification.proof.root_alarms import roots_first
-from msnn.verification.proof_step import Check, Result, run_tool
+from msnn.verification.proof_step import ProofStep, Result, run_tool
 from msnn.verification.tools import FRAMA_C
 from tests.conditions import miss
 
@@ -100,7 +100,7 @@ def test_a_tool_that_does_not_end_is_not_done_and_no_finding(tmp_path: Path) -> 
         run_tool(["sleep", "20"], folder, 0.1)
         raise AssertionError
 
-    result = Check("proof", "step", (), hang).result(tmp_path / "here")
+    result = ProofStep("proof", "step", (), hang).result(tmp_path / "here")
     assert (result.verdict, result.findings) == ("not done", ())
     assert result.detail == "no answer within 0.1 s: sleep"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from msnn.verification.proof.trace import Block, by_spec_line, traced
+from msnn.verification.proof.trace import TracedBlock, by_spec_line, traced
 
 PLANT = """\
 static float filtered(void)
@@ -33,9 +33,9 @@ def test_blocks_end_at_the_next_comment_or_with_their_function(tmp_path: Path) -
     blocks = traced((tmp_path / "params.c", tmp_path / "plant.c"))
     spec = "plant(1).msnn.yaml"
     assert blocks == (
-        Block(file="plant.c", first=3, last=5, name="v_next", spec=spec, line=27),
-        Block(file="plant.c", first=7, last=8, name="", spec=spec, line=22),
-        Block(file="plant.c", first=13, last=15, name="v_next", spec=spec, line=27),
+        TracedBlock(file="plant.c", first=3, last=5, name="v_next", spec=spec, line=27),
+        TracedBlock(file="plant.c", first=7, last=8, name="", spec=spec, line=22),
+        TracedBlock(file="plant.c", first=13, last=15, name="v_next", spec=spec, line=27),
     )
     assert by_spec_line(blocks) == [
         (f"{spec}:22", "", "plant.c:7-8"),

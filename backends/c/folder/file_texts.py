@@ -7,7 +7,7 @@ from collections.abc import Collection
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, header_text
 from backends.c.folder.package_texts import package_texts
-from backends.c.functions.function_writer import Model, Weights
+from backends.c.functions.function_writer import ControllerCode, Weights
 from backends.c.functions.input_policy import nearest_to_zero, policy_functions
 from backends.c.functions.jacobian_functions import jacobian_functions
 from backends.c.functions.start import init_function, reset_function, restart_functions
@@ -49,7 +49,7 @@ def _model_texts(
     """The same, and the kernels that the code calls."""
     prefix, options = interface.prefix, interface.options
     table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
-    model = Model(interface, weights, table, program.formulas)
+    model = ControllerCode(interface, weights, table, program.formulas)
     every = program.sample_time
     sample_time = None if every is None else real_literal(every, options.dtype)
     functions = {

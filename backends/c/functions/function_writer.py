@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Field, Interface
 from backends.c_language.functions import FunctionTable
-from backends.c_language.places import Place
+from backends.c_language.places import ArrayView
 from backends.c_language.scope import LocalNames, Scope
 from backends.c_language.tree import Argument, Comment, Discard, Function, Name, Statement
 from backends.c_lowering.local_values import LocalValues
@@ -39,7 +39,7 @@ Weights = Mapping[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class ControllerCode:
     """What the functions of one controller share."""
 
     interface: Interface
@@ -51,7 +51,7 @@ class Model:
 class FunctionWriter:
     """One function while it is being written; also where its graph finds its leaves."""
 
-    def __init__(self, model: Model, graph: Graph) -> None:
+    def __init__(self, model: ControllerCode, graph: Graph) -> None:
         self.model = model
         self.interface = model.interface
         self.unroll = model.interface.options.unroll
@@ -64,16 +64,16 @@ class FunctionWriter:
             block=block,
             names_constants=True,
         )
-        self.inputs: dict[str, Place] = {}
+        self.inputs: dict[str, ArrayView] = {}
         """Where the step finds its checked inputs."""
-        self.checked_windows: dict[str, Place] = {}
+        self.checked_windows: dict[str, ArrayView] = {}
         """Where the start finds samples around t0 that were checked."""
         self._reads_parameters = False
         self._memory = {memory.state.name: memory for memory in self.interface.states}
         self._windows = {field.name: (field, port) for field, port in self.interface.windows}
         self._parameters = {field.name: field for field in self.interface.parameters}
 
-    def read(self, op: AnyRead, type: Type) -> Place:
+    def read(self, op: AnyRead, type: Type) -> ArrayView:
         match op:
             case ReadParameter(name):
                 return self._parameter(self._parameters[name], type)
@@ -88,7 +88,7 @@ class FunctionWriter:
             case _:
                 assert_never(op)
 
-    def push(self, op: Window, newest: Place, scope: Scope) -> Place | None:
+    def push(self, op: Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
         memory = self._memory[op.state]
         if isinstance(memory, PlainState | DelayLine):
             return None
@@ -96,7 +96,7 @@ class FunctionWriter:
         memory.push(newest, scope, self.unroll)
         return memory.window
 
-    def before_push(self, memory: Buffer, newest: Place) -> None:
+    def before_push(self, memory: Buffer, newest: ArrayView) -> None:
         """What happens before a buffer takes its newest sample; nothing, if not overridden."""
 
     def instance(self) -> tuple[Name, ...]:
@@ -132,14 +132,14 @@ class FunctionWriter:
         body = (*unused, *self.locals.constants(statements), *statements)
         return Function(f"{prefix}_{name}", result, (*arguments, *structs), body, doc)
 
-    def _parameter(self, field: Field, type: Type) -> Place:
+    def _parameter(self, field: Field, type: Type) -> ArrayView:
         if self.interface.takes_parameters:
             self._reads_parameters = True
             return field.place("p")
         values = tuple(float(value) for value in self.model.weights[field.name].ravel())
         return self.locals.known(values, type, field.name, self.scope)
 
-    def _window(self, name: str, first: int, last: int, type: Type) -> Place:
+    def _window(self, name: str, first: int, last: int, type: Type) -> ArrayView:
         field, port = self._windows[name]
         samples = self.checked_windows.get(name, field.place("x0")).reshaped(port.type.shape)
         assert samples is not None  # at most an axis of length 1 is added

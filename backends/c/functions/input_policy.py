@@ -14,7 +14,7 @@ from backends.c.interface.state_checks import largest
 from backends.c.interface.status import Status, status_macro
 from backends.c_language.functions import FunctionTable
 from backends.c_language.literals import Dtype
-from backends.c_language.places import Place
+from backends.c_language.places import ArrayView
 from backends.c_language.scope import Scope
 from backends.c_language.tree import (
     Argument,
@@ -73,13 +73,13 @@ def checked_input(
     unroll: int,
     *,
     remembers: bool = True,
-) -> Place:
+) -> ArrayView:
     """Writes the checks of one input; returns where the step finds its values.
 
     What `hold` falls back to is replaced by valid values where the function `remembers` them.
     """
     field, signal = input.field, input.port.signal
-    check = _Check(field.place("u"), signal, functions)
+    check = _InputCheck(field.place("u"), signal, functions)
     if signal.on_invalid != "hold":
         return _checked(check, field.identifier, scope, unroll)
     assert input.held is not None
@@ -92,15 +92,15 @@ def checked_input(
 
 def checked_window(
     field: Field, port: Port, functions: FunctionTable, scope: Scope, unroll: int
-) -> Place:
+) -> ArrayView:
     """The same for samples around t0, each of which `hold` replaces by the one before it."""
-    check = _Check(field.place("x0"), port.signal, functions)
+    check = _InputCheck(field.place("x0"), port.signal, functions)
     if port.signal.on_invalid != "hold":
         return _checked(check, field.identifier, scope, unroll)
     check = replace(check, instead=check.nearest_to_zero)
     if port.first == port.last:
         return _filled(check, field.identifier, scope, unroll)
-    valid = Place.array(scope.array(field.identifier, field.size), field.shape)
+    valid = ArrayView.array(scope.array(field.identifier, field.size), field.shape)
     axis, samples = len(field.shape) - 1, field.shape[-1]
     first = replace(check, given=check.given.sliced(axis, 0, 1))
     _fill(first, valid.sliced(axis, 0, 1), scope, unroll)
@@ -113,7 +113,7 @@ def checked_window(
     return valid
 
 
-def _checked(check: _Check, name: str, scope: Scope, unroll: int) -> Place:
+def _checked(check: _InputCheck, name: str, scope: Scope, unroll: int) -> ArrayView:
     """The values of an input by a policy that needs no memory."""
     match check.signal.on_invalid:
         case "trust":
@@ -134,20 +134,20 @@ def _checked(check: _Check, name: str, scope: Scope, unroll: int) -> Place:
 
 
 @dataclass(frozen=True, slots=True)
-class _Check:
+class _InputCheck:
     """Calls the function of a policy; where time may depend on numbers, for invalid ones only."""
 
-    given: Place
+    given: ArrayView
     """The values as they came."""
     signal: Signal
     functions: FunctionTable
-    instead: Place | None = None
+    instead: ArrayView | None = None
     """What replaces NaN, or every invalid value."""
 
     @property
-    def nearest_to_zero(self) -> Place:
+    def nearest_to_zero(self) -> ArrayView:
         """The valid value nearest to 0 in place of each."""
-        value = Place.single(Real(stand_in(self.signal, self.functions.dtype)))
+        value = ArrayView.single(Real(stand_in(self.signal, self.functions.dtype)))
         return value.reshaped_single(self.given.shape)
 
     def call(self, at: Indices) -> Expression:
@@ -171,21 +171,21 @@ class _Check:
         return limits(self.signal, self.functions.dtype)
 
 
-def _filled(check: _Check, name: str, scope: Scope, unroll: int) -> Place:
+def _filled(check: _InputCheck, name: str, scope: Scope, unroll: int) -> ArrayView:
     """A local with the corrected values of an input."""
     shape = check.given.shape
     if not shape:
         if check.functions.constant_time:
-            return Place.single(scope.constant(name, check.call(())))
+            return ArrayView.single(scope.constant(name, check.call(())))
         value = scope.variable(name, check.given.element(()))
         check.where_invalid((), Assign(value, check.call(())), scope)
-        return Place.single(value)
-    place = Place.array(scope.array(name, math.prod(shape)), shape)
+        return ArrayView.single(value)
+    place = ArrayView.array(scope.array(name, math.prod(shape)), shape)
     _fill(check, place, scope, unroll)
     return place
 
 
-def _fill(check: _Check, place: Place, scope: Scope, unroll: int) -> None:
+def _fill(check: _InputCheck, place: ArrayView, scope: Scope, unroll: int) -> None:
     """Writes the corrected values to a place, in the order of its elements."""
 
     def correct(at: Indices, inner: Scope) -> None:

@@ -7,7 +7,7 @@ from itertools import groupby
 
 from compiler.ir.rules.unit_rules import quotient_unit
 from compiler.ir.types import Type
-from compiler.jacobian.matrices import Block, Matrix, Member, Vector
+from compiler.jacobian.matrices import Matrix, MatrixBlock, Member, Vector
 
 _MOST_ROWS, _MOST_COLUMNS = 32, 64
 """Of a matrix whose pattern is shown; that of any is in the JSON file."""
@@ -39,7 +39,7 @@ def mark(matrix: Matrix, entry: int) -> str:
     return "p" if matrix.fixed[entry] else "*"
 
 
-def entries_comment(matrix: Matrix, block: Block, type: Type) -> str:
+def entries_comment(matrix: Matrix, block: MatrixBlock, type: Type) -> str:
     """`d speed / d torque [m/s/N/m]` for the entries that a block writes."""
     places = block.places(type.shape).ravel()
     row, first = divmod(int(places[0]), matrix.columns.size)

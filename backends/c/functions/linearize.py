@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from backends.c.functions.function_writer import FunctionWriter, Model
+from backends.c.functions.function_writer import ControllerCode, FunctionWriter
 from backends.c.functions.input_policy import checked_input
 from backends.c.functions.jacobian_comments import entries_comment, pattern_comments
 from backends.c.functions.number_runs import number_runs
@@ -12,20 +12,20 @@ from backends.c.functions.state_reports import report_unready
 from backends.c.functions.valid_range import report_outside
 from backends.c.interface.jacobian_interface import OUT, JacobianInterface, MatrixField
 from backends.c.interface.status import Status
-from backends.c_language.places import Index, Place
+from backends.c_language.places import ArrayView, Index
 from backends.c_language.tree import Argument, CType, Declare, Discard, Function, Name, Real, Return
 from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.state_memory import DelayLine, PlainState
 from compiler.ir.liveness import needed
 from compiler.ir.ops import ReadSignal, ReadState
 from compiler.ir.program import Graph
-from compiler.jacobian.matrices import Block
+from compiler.jacobian.matrices import MatrixBlock
 
 _FEW = 16
 """Known entries that are written one after the other."""
 
 
-def linearize_function(model: Model, interface: JacobianInterface) -> Function:
+def linearize_function(model: ControllerCode, interface: JacobianInterface) -> Function:
     """`<prefix>_linearize(s, p, u, jac)`: the slopes of the step at s and u."""
     writer = _LinearizeWriter(model, interface)
     writer.begin()
@@ -51,14 +51,14 @@ def linearize_function(model: Model, interface: JacobianInterface) -> Function:
     return writer.finished("linearize", f"{prefix}_status_t", structs, doc, reads_only=True)
 
 
-def _entries(field: MatrixField, block: Block, graph: Graph) -> Place:
+def _entries(field: MatrixField, block: MatrixBlock, graph: Graph) -> ArrayView:
     """Where the entries of a block stand."""
     shape = graph[block.node].type.shape
-    return Place(field.place.storage, shape, block.strides, Index(block.offset))
+    return ArrayView(field.place.storage, shape, block.strides, Index(block.offset))
 
 
 class _LinearizeWriter(FunctionWriter):
-    def __init__(self, model: Model, interface: JacobianInterface) -> None:
+    def __init__(self, model: ControllerCode, interface: JacobianInterface) -> None:
         super().__init__(model, interface.jacobian.graph)
         graph = interface.jacobian.graph
         live = needed(graph, interface.jacobian.roots)
@@ -114,7 +114,7 @@ class _LinearizeWriter(FunctionWriter):
                 inner.assign(place.element([index]), Real(0.0))
             known = {i: x for i, x in known.items() if x != 0.0}
         for run in number_runs(known):
-            along = Place(place.storage, (run.count,), (run.stride,), Index(run.first))
+            along = ArrayView(place.storage, (run.count,), (run.stride,), Index(run.first))
             scope.each(
                 along.shape,
                 self.unroll,

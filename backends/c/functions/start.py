@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from backends.c.functions.function_writer import FunctionWriter, Model
+from backends.c.functions.function_writer import ControllerCode, FunctionWriter
 from backends.c.functions.input_policy import checked_window, stand_in
 from backends.c.functions.state_reports import (
     BUFFERS_EMPTY,
@@ -13,7 +13,7 @@ from backends.c.functions.state_reports import (
     report_first_states,
 )
 from backends.c.interface.structs import RESERVED
-from backends.c_language.places import Place
+from backends.c_language.places import ArrayView
 from backends.c_language.tree import (
     Argument,
     Assign,
@@ -33,7 +33,7 @@ from backends.c_lowering.values import copy_value
 from compiler.ir.program import Program
 
 
-def init_function(program: Program, model: Model) -> Function:
+def init_function(program: Program, model: ControllerCode) -> Function:
     """`<prefix>_init(s, p)`: states that need no record; the others are marked as not set."""
     writer = _StartWriter(model, program.start)
     interface = model.interface
@@ -49,7 +49,7 @@ def init_function(program: Program, model: Model) -> Function:
     return writer.finished("init", "void", (), "Initialises the state without history.")
 
 
-def reset_function(program: Program, model: Model) -> Function:
+def reset_function(program: Program, model: ControllerCode) -> Function:
     """`<prefix>_reset(s, p, x0)`: all states, from samples around the first step.
 
     Returns what was out of order among the samples and the states that they give.
@@ -72,7 +72,7 @@ def reset_function(program: Program, model: Model) -> Function:
     return writer.finished("reset", f"{prefix}_status_t", structs, doc)
 
 
-def restart_functions(program: Program, model: Model) -> tuple[Function, ...]:
+def restart_functions(program: Program, model: ControllerCode) -> tuple[Function, ...]:
     """`<prefix>_restart_<state>(s, p)` for each state with `on_range: reset`."""
     found: list[Function] = []
     for memory in model.interface.states:
@@ -86,7 +86,7 @@ def restart_functions(program: Program, model: Model) -> tuple[Function, ...]:
 
 
 class _StartWriter(FunctionWriter):
-    def set_states(self, program: Program, starts: dict[str, Place | None]) -> None:
+    def set_states(self, program: Program, starts: dict[str, ArrayView | None]) -> None:
         """Sets the named states to a place, or where it is None to what the start graph says."""
         computed = [s.start for s in program.states if s.name in starts and starts[s.name] is None]
         lowered = GraphLowering(program.start, computed, self, self.scope, self.locals)
@@ -119,7 +119,7 @@ class _StartWriter(FunctionWriter):
         interface = self.interface
         for input in interface.inputs:
             if input.held is not None:
-                valid = Place.single(Real(stand_in(input.port.signal, interface.options.dtype)))
+                valid = ArrayView.single(Real(stand_in(input.port.signal, interface.options.dtype)))
                 held = member_place("s", input.held, input.field.shape)
                 copy_value(valid.reshaped_single(held.shape), held, self.scope, self.unroll)
         if interface.has_state:
@@ -128,5 +128,5 @@ class _StartWriter(FunctionWriter):
             self.scope.add(Assign(Member("s", RESERVED), Unsigned(0)))
 
 
-def _zeros(shape: tuple[int, ...]) -> Place:
-    return Place.single(Real(0.0)).reshaped_single(shape)
+def _zeros(shape: tuple[int, ...]) -> ArrayView:
+    return ArrayView.single(Real(0.0)).reshaped_single(shape)

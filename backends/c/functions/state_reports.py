@@ -8,7 +8,7 @@ from backends.c.functions.function_writer import FunctionWriter
 from backends.c.functions.valid_range import report_outside, within
 from backends.c.interface.state_checks import StateCheck
 from backends.c.interface.status import Status, status_macro
-from backends.c_language.places import Index, Place
+from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import Scope
 from backends.c_language.tree import (
     Assign,
@@ -55,7 +55,7 @@ def report_unready(writer: FunctionWriter) -> None:
         writer.scope.add(If(unready, (SetBits(Name("status"), bit),)))
 
 
-def report_not_a_number(writer: FunctionWriter, values: Place) -> None:
+def report_not_a_number(writer: FunctionWriter, values: ArrayView) -> None:
     """Sets a bit where the next value of a saturated state is NaN."""
     report_outside(writer, values, (-math.inf, math.inf), Status.STATE_OUT_OF_RANGE)
 
@@ -114,10 +114,10 @@ def _restart_in_constant_time(
     scope, functions, values = writer.scope, writer.model.functions, memory.samples
     left = Name(scope.fresh(f"{memory.identifier}_left"))
     scope.add(Declare(CType.UNSIGNED, left.text, Unsigned(0)))
-    kept = Place.array(
+    kept = ArrayView.array(
         scope.array(f"{memory.identifier}_kept", memory.size or 1), memory.shape or (1,)
     )
-    kept = kept if memory.shape else Place.single(kept.element([Index()]))
+    kept = kept if memory.shape else ArrayView.single(kept.element([Index()]))
 
     def look(indices: tuple[Index, ...], inner: Scope) -> None:
         low, high = check.limits

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from backends.c.functions.function_writer import FunctionWriter, Model
+from backends.c.functions.function_writer import ControllerCode, FunctionWriter
 from backends.c.functions.input_policy import checked_input
 from backends.c.functions.state_reports import (
     BUFFERS_EMPTY,
@@ -14,7 +14,7 @@ from backends.c.functions.state_reports import (
 )
 from backends.c.functions.valid_range import report_outside
 from backends.c.interface.status import Status
-from backends.c_language.places import Place
+from backends.c_language.places import ArrayView
 from backends.c_language.tree import (
     Argument,
     Binary,
@@ -36,7 +36,7 @@ from compiler.ir.program import Graph, Program
 from compiler.ir.saturation import unsaturated
 
 
-def step_function(program: Program, model: Model) -> Function:
+def step_function(program: Program, model: ControllerCode) -> Function:
     """`<prefix>_step(s, p, u, y)`: one step; returns what was out of order."""
     writer = _StepWriter(model, program.step)
     writer.begin()
@@ -68,7 +68,7 @@ def step_function(program: Program, model: Model) -> Function:
 
 
 class _StepWriter(FunctionWriter):
-    def __init__(self, model: Model, graph: Graph) -> None:
+    def __init__(self, model: ControllerCode, graph: Graph) -> None:
         super().__init__(model, graph)
         self._empty = set(model.interface.filled_by_first)
 
@@ -94,7 +94,7 @@ class _StepWriter(FunctionWriter):
             )
         report_unready(self)  # last, so that compilers join it with filling the buffers
 
-    def before_push(self, memory: Buffer, newest: Place) -> None:
+    def before_push(self, memory: Buffer, newest: ArrayView) -> None:
         if memory.state.name in self._empty:
             inner = self.scope.inner()
             memory.fill(newest, inner, self.unroll)
@@ -110,7 +110,7 @@ class _StepWriter(FunctionWriter):
         Buffers that have `moved` while a sum read them are left as they are.
         """
         interface = self.interface
-        following: list[tuple[PlainState | DelayLine, Place]] = []
+        following: list[tuple[PlainState | DelayLine, ArrayView]] = []
         if interface.states:
             self.comment("next states")
         for memory in interface.states:

@@ -14,7 +14,7 @@ from backends.c.interface.field_comments import (
 )
 from backends.c.interface.jacobian_interface import JacobianInterface, jacobian_interface
 from backends.c.interface.state_checks import StateCheck, state_checks
-from backends.c_language.places import Place
+from backends.c_language.places import ArrayView
 from backends.c_lowering.options import COptions
 from backends.c_lowering.shift_while_summing import moving_sums
 from backends.c_lowering.state_memory import (
@@ -57,7 +57,7 @@ class Field:
     def size(self) -> int:
         return math.prod(self.shape)
 
-    def place(self, base: str, *, pointer: bool = True) -> Place:
+    def place(self, base: str, *, pointer: bool = True) -> ArrayView:
         return member_place(base, self.identifier, self.shape, pointer=pointer)
 
 

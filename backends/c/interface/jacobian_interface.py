@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from backends.c_language.comments import comment_text
-from backends.c_language.places import Place, c_strides, variable
+from backends.c_language.places import ArrayView, c_strides, variable
 from backends.c_language.tree import Name
 from backends.c_lowering.options import COptions
 from backends.c_lowering.state_memory import member_place
@@ -47,7 +47,7 @@ class MatrixField:
         return self.matrix.name
 
     @property
-    def place(self) -> Place:
+    def place(self) -> ArrayView:
         """Its entries, by their number."""
         return member_place(OUT, self.identifier, (self.matrix.size,))
 
@@ -83,10 +83,10 @@ class VectorNames:
         """Whether the quantity of that name is in it."""
         return any(place.name == name for place in self.places)
 
-    def place(self, base: str, name: str, shape: tuple[int, ...]) -> Place:
+    def place(self, base: str, name: str, shape: tuple[int, ...]) -> ArrayView:
         """Where the numbers of a quantity stand in an array."""
         macro = next(place.macro for place in self.places if place.name == name)
-        return Place(Name(base), shape, c_strides(shape), variable(macro))
+        return ArrayView(Name(base), shape, c_strides(shape), variable(macro))
 
 
 @dataclass(frozen=True, slots=True)

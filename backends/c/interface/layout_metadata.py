@@ -20,7 +20,7 @@ from backends.c_lowering.state_memory import (
 )
 from backends.ports.metadata import interface_metadata, json_range
 from backends.ports.step_interface import PortNames, step_interface
-from compiler.ir.program import Declared, History, Memory, Program, Tape
+from compiler.ir.program import Declared, History, LayerMemory, Program, Tape
 
 
 def layout_metadata(
@@ -104,7 +104,7 @@ def _ranges(program: Program, interface: Interface) -> _Ranges:
     for memory in interface.states:
         state = memory.state
         match state.origin:
-            case Declared() | Memory():
+            case Declared() | LayerMemory():
                 kept = state.range
             case History(source):
                 kept = state.range or declared.get(source)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from backends.c.interface.status import Status
 from backends.c_language.literals import Dtype
-from backends.c_language.places import Place
+from backends.c_language.places import ArrayView
 from backends.c_lowering.state_memory import InPlace, PlainState, StateMemory
 from compiler.ir.liveness import needed_over_time
 from compiler.ir.program import Declared, Program, State
@@ -32,7 +32,7 @@ class StateCheck:
     bit: Status
 
     @property
-    def place(self) -> Place:
+    def place(self) -> ArrayView:
         """What a step looks at: of a buffer the sample that joined it last."""
         memory = self.memory
         return memory.samples if isinstance(memory, PlainState) else memory.last_sample

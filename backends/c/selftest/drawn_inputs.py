@@ -23,7 +23,7 @@ to the next."""
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class StartPoint:
     """Where in its range a run finds what its states begin with: in part `part` of `parts`."""
 
     part: int = 0
@@ -37,7 +37,7 @@ Outside = Literal["above", "below", "far above", "far below", "nan"]
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class DrawnRecord:
     """What was measured around the first step, (rows, *shape) by name."""
 
     log: dict[str, Array]
@@ -48,11 +48,11 @@ class Record:
 def drawn_record(
     program: Program,
     random: np.random.Generator,
-    start: Place | Outside,
+    start: StartPoint | Outside,
     dtype: Dtype,
     *,
     invalid: int | None = None,
-) -> Record:
+) -> DrawnRecord:
     """A record as long as the start graph needs.
 
     With `invalid` the first samples, and of the others every second or so, are invalid where the
@@ -69,9 +69,13 @@ def drawn_record(
         signal = program.signal(name)
         shape = tuple(axis.size for axis in signal.axes)
         # past samples of inputs out of range would drive a state far from its limit at once
-        here = start if name in ranges or isinstance(start, Place) or start == "nan" else Place()
+        here = (
+            start
+            if name in ranges or isinstance(start, StartPoint) or start == "nan"
+            else StartPoint()
+        )
         low, high = _within(drawable(signal.range or ranges.get(name)), here, number)
-        if isinstance(start, Place) and start.knot is not None and knots.size:
+        if isinstance(start, StartPoint) and start.knot is not None and knots.size:
             low = high = _nearest(knots, (low + high) / 2.0, below=start.knot == "below")
         log[name] = (low + (high - low) * random.random((rows, *shape))).astype(dtype)
         if invalid is not None and signal.on_invalid in ("clamp", "hold"):
@@ -79,7 +83,7 @@ def drawn_record(
             chosen[: t0 + reads[name].first + 1] = True
             kinds = np.roll([*_invalid(signal, dtype), *_NO_NUMBERS], -invalid)
             log[name][chosen] = np.resize(kinds, chosen.sum())
-    return Record(log, t0)
+    return DrawnRecord(log, t0)
 
 
 def knots_of(program: Program, dtype: Dtype) -> Array:
@@ -147,10 +151,12 @@ def drawn_series(
     return series
 
 
-def _within(limits: tuple[float, float], start: Place | Outside, shift: int) -> tuple[float, float]:
+def _within(
+    limits: tuple[float, float], start: StartPoint | Outside, shift: int
+) -> tuple[float, float]:
     """The limits to draw a start between; `shift` puts signals of a run in different parts."""
     low, high = limits
-    if isinstance(start, Place):
+    if isinstance(start, StartPoint):
         width = (high - low) / start.parts
         here = low + width * ((start.part + shift) % start.parts)
         return here, here + width

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from backends.c.selftest.drawn_inputs import Place, Record, beside, drawable, drawn_record
+from backends.c.selftest.drawn_inputs import DrawnRecord, StartPoint, beside, drawable, drawn_record
 from backends.c_language.literals import Dtype
 from compiler.ir.liveness import extents
 from compiler.ir.program import Program
@@ -17,7 +17,7 @@ Limits = tuple[float, float]
 
 def drawn_starts(
     program: Program, random: np.random.Generator, dtype: Dtype, unroll: int
-) -> Iterator[Record]:
+) -> Iterator[DrawnRecord]:
     """Records around t0: all at the lower limits, all at the upper ones, then one sample outside.
 
     Of signals with up to `unroll` numbers each is outside once in every way, as generated C has a
@@ -30,7 +30,7 @@ def drawn_starts(
         for name in reads
     }
     for end in (0, 1):
-        record = drawn_record(program, random, Place(), dtype)
+        record = drawn_record(program, random, StartPoint(), dtype)
         for name, series in record.log.items():
             series[:] = _common(limits[name])[end]
         yield record
@@ -39,7 +39,7 @@ def drawn_starts(
         count = size * (extent.last - extent.first + 1)
         for turn, value in enumerate(_invalid(limits[name], dtype)):
             for element in _elements(count, unroll, turn):
-                record = drawn_record(program, random, Place(), dtype)
+                record = drawn_record(program, random, StartPoint(), dtype)
                 for other, series in record.log.items():
                     np.clip(series, *_common(limits[other]), out=series)
                 begin = size * (record.t0 + extent.first)

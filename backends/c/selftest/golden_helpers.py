@@ -17,6 +17,7 @@ from backends.c_language.scope import LocalNames, Scope
 from backends.c_language.tree import (
     Argument,
     Call,
+    ConstantTable,
     CType,
     Declare,
     Element,
@@ -25,7 +26,6 @@ from backends.c_language.tree import (
     Name,
     Real,
     Return,
-    Table,
     Truth,
 )
 from compiler.jacobian.matrices import Vector
@@ -87,7 +87,7 @@ def _comparison(interface: Interface, letter: str, numbers: Array) -> Function:
     scope = Scope(LocalNames(prefix))
     for name in (_VECTOR, _DIFFER, _GOLDEN):
         scope.reserve(name)
-    scope.add(Table(_GOLDEN, tuple(numbers.tolist()), hexadecimal=True))
+    scope.add(ConstantTable(_GOLDEN, tuple(numbers.tolist()), hexadecimal=True))
     scope.add(Declare(CType.BOOL, _DIFFER, Truth(False)))
     allowed = Real(tolerance(interface, numbers))
     with scope.loop(len(numbers)) as (index, inner):

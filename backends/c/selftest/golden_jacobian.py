@@ -21,6 +21,7 @@ from backends.c_language.tree import (
     Assign,
     Binary,
     Call,
+    ConstantTable,
     CType,
     Declare,
     Discard,
@@ -31,7 +32,6 @@ from backends.c_language.tree import (
     Name,
     Real,
     Return,
-    Table,
     Truth,
     Unsigned,
 )
@@ -54,7 +54,7 @@ def slopes_function(
             golden.status.tolist(), _infinite(jacobian, golden.slopes).tolist(), strict=True
         )
     ]
-    scope.add(Table("golden_status", tuple(bits), CType.UNSIGNED))
+    scope.add(ConstantTable("golden_status", tuple(bits), CType.UNSIGNED))
     expected = Element(Name("golden_status"), Name("step"))
     scope.add(Declare(CType.BOOL, "differ", Binary("!=", Name("status"), expected)))
     if not jacobian.fields:
@@ -77,7 +77,9 @@ def _compare_hashes(
     prefix: str, jacobian: JacobianInterface, golden: GoldenVectors, scope: Scope
 ) -> None:
     hash = Name(scope.fresh("hash"))
-    scope.add(Table("golden_hash", tuple(map(float, checksums(golden.slopes))), CType.UNSIGNED))
+    scope.add(
+        ConstantTable("golden_hash", tuple(map(float, checksums(golden.slopes))), CType.UNSIGNED)
+    )
     scope.add(Declare(CType.UNSIGNED, hash.text, Unsigned(START)))
     for field in jacobian.fields:
         with scope.loop(field.matrix.size) as (index, inner):
@@ -136,16 +138,16 @@ def _compare(interface: Interface, field: MatrixField, golden: NDArray[Any], sco
     table, places, constants = (f"{kind}_{name}" for kind in ("golden", "computed", "known"))
     count = len(computed)
     if computed:
-        scope.add(Table(table, tuple(numbers.ravel().tolist()), hexadecimal=True))
+        scope.add(ConstantTable(table, tuple(numbers.ravel().tolist()), hexadecimal=True))
     zero: Expression = Real(0.0)
     some = any(matrix.known)
     if some:
         known = tuple(0.0 if number is None else number for number in matrix.known)
-        scope.add(Table(constants, known, hexadecimal=True))
+        scope.add(ConstantTable(constants, known, hexadecimal=True))
     every = count == matrix.size
     reached = f"reached_{name}"
     if computed and not every:
-        scope.add(Table(places, tuple(map(float, computed)), CType.UNSIGNED))
+        scope.add(ConstantTable(places, tuple(map(float, computed)), CType.UNSIGNED))
         scope.add(Declare(CType.UNSIGNED, reached, Unsigned(0)))
     with scope.loop(matrix.size) as (index, inner):
         at = index.expression()

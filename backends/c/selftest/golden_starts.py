@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.status import Status
-from backends.c.selftest.drawn_starts import Record, drawn_starts
+from backends.c.selftest.drawn_inputs import DrawnRecord
+from backends.c.selftest.drawn_starts import drawn_starts
 from backends.c.selftest.policy_reference import apply_policy_to_window
 from backends.c.selftest.state_reference import first_state_bits
 from compiler.interpreter.interpreter import Interpreter
@@ -34,7 +35,9 @@ class GoldenStart:
     """What it returns."""
 
 
-def golden_start(interface: Interface, interpreter: Interpreter, record: Record) -> GoldenStart:
+def golden_start(
+    interface: Interface, interpreter: Interpreter, record: DrawnRecord
+) -> GoldenStart:
     """What `reset` takes of a record, and what the interpreter answers in the same arithmetic."""
     windows: dict[str, Array] = {}
     log, bits = dict(record.log), Status(0)

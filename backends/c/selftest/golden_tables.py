@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Field
 from backends.c.interface.structs import RESERVED
-from backends.c_language.places import Index, Place, variable
+from backends.c_language.places import ArrayView, Index, variable
 from backends.c_language.scope import LocalNames, Scope
 from backends.c_language.tree import (
     Argument,
     Assign,
     Binary,
+    ConstantTable,
     CType,
     Declare,
     Discard,
@@ -28,7 +29,6 @@ from backends.c_language.tree import (
     Name,
     Return,
     Statement,
-    Table,
     Truth,
     Unsigned,
 )
@@ -102,7 +102,7 @@ class GoldenTables:
         bits = tuple(map(float, self.start_status))
         expected = Element(Name("golden_status"), Name(_START))
         body = (
-            Table("golden_status", bits, CType.UNSIGNED),
+            ConstantTable("golden_status", bits, CType.UNSIGNED),
             Return(Binary("!=", Name("status"), expected)),
         )
         arguments = (Argument(f"{self.prefix}_status_t", "status"), Argument("uint32_t", _START))
@@ -114,7 +114,7 @@ class GoldenTables:
         prefix = self.prefix
         scope = Scope(LocalNames(prefix))
         bits = tuple(float(status) for status in self.status)
-        scope.add(Table("golden_status", bits, CType.UNSIGNED))
+        scope.add(ConstantTable("golden_status", bits, CType.UNSIGNED))
         if self.outputs:
             scope.add(self._table(self.outputs))
         else:
@@ -134,33 +134,33 @@ class GoldenTables:
         body = tuple(scope.statements)
         return Function(f"{prefix}_results_differ", "bool", arguments, body, static=True)
 
-    def _table(self, columns: Sequence[Column]) -> Table:
+    def _table(self, columns: Sequence[Column]) -> ConstantTable:
         """All fields of a step in one row, the rows one after the other."""
         parts = [values.reshape(-1, field.size) for field, values in columns]
         numbers = np.concatenate(parts, axis=1).ravel().tolist()
-        return Table("golden", tuple(numbers), self.number, hexadecimal=True)
+        return ConstantTable("golden", tuple(numbers), self.number, hexadecimal=True)
 
 
 DIFFER: tuple[Statement, ...] = (Assign(Name("differ"), Truth(True)),)
 """What is done where something is not as expected."""
 
 
-def _row(table: str, fields: Iterable[Field], row: str) -> list[Place]:
+def _row(table: str, fields: Iterable[Field], row: str) -> list[ArrayView]:
     """Where each field stands in the table."""
     listed = list(fields)
     width = sum(field.size for field in listed)
     begin = variable(row).times(width)
-    places: list[Place] = []
+    places: list[ArrayView] = []
     for field in listed:
-        place = Place.array(Name(table), field.shape)
-        places.append(Place(place.storage, place.shape, place.strides, begin))
+        place = ArrayView.array(Name(table), field.shape)
+        places.append(ArrayView(place.storage, place.shape, place.strides, begin))
         begin = begin.plus(Index(field.size))
     return places
 
 
 def _compared(
-    given: Place,
-    expected: Place,
+    given: ArrayView,
+    expected: ArrayView,
     values: Array,
     differs: Callable[[Expression, Expression, Array], Expression],
 ) -> Callable[[tuple[Index, ...], Scope], None]:

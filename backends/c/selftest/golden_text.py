@@ -18,6 +18,7 @@ from backends.c_language.tree import (
     Argument,
     Binary,
     Call,
+    ConstantTable,
     CType,
     Declare,
     Element,
@@ -27,7 +28,6 @@ from backends.c_language.tree import (
     Name,
     Real,
     Return,
-    Table,
     Truth,
     Unary,
 )
@@ -119,7 +119,7 @@ def kernels_function(
         table = scope.fresh(f"golden_{kernel}")
         numbers = tuple(x for arguments, value in rows for x in (*arguments, value))
         width = len(numbers) // len(rows)
-        scope.add(Table(table, numbers, hexadecimal=True))
+        scope.add(ConstantTable(table, numbers, hexadecimal=True))
         with scope.loop(len(rows)) as (index, inner):
             begin = index.times(width)
             row = [Element(Name(table), begin.plus(Index(n)).expression()) for n in range(width)]

@@ -13,7 +13,7 @@ from backends.c.interface.interface import Interface
 from backends.c.interface.status import Status
 from backends.c.selftest.drawn_inputs import (
     Outside,
-    Place,
+    StartPoint,
     drawn_record,
     drawn_series,
     knots_of,
@@ -33,7 +33,7 @@ from compiler.ir.program import Program
 from compiler.jacobian.interpret import JacobianInterpreter
 
 Array = NDArray[Any]
-_ANYWHERE = Place()
+_ANYWHERE = StartPoint()
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def golden_vectors(
     steps: int,
     seed: int = 0,
     *,
-    start: Place | Outside | None = _ANYWHERE,
+    start: StartPoint | Outside | None = _ANYWHERE,
     opening: int = 0,
     invalid: int | None = None,
     written: Written | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 
 from backends.c.functions.function_writer import Weights
 from backends.c.interface.interface import Interface
-from backends.c.selftest.drawn_inputs import Outside, Place
+from backends.c.selftest.drawn_inputs import Outside, StartPoint
 from backends.c.selftest.expected_text import expected_text
 from backends.c.selftest.golden_helpers import helper_functions, resumed_step
 from backends.c.selftest.golden_jacobian import slopes_function
@@ -30,10 +30,10 @@ _LAG = 3
 """Steps by which a second instance follows the first: neither may touch the other's memory."""
 
 _PARTS = 7
-_STARTS: tuple[Place | Outside, ...] = (
-    *(Place(part, _PARTS) for part in range(_PARTS)),
-    *(Place(part, _PARTS, "at") for part in range(_PARTS)),
-    *(Place(part, _PARTS, "below") for part in range(_PARTS)),
+_STARTS: tuple[StartPoint | Outside, ...] = (
+    *(StartPoint(part, _PARTS) for part in range(_PARTS)),
+    *(StartPoint(part, _PARTS, "at") for part in range(_PARTS)),
+    *(StartPoint(part, _PARTS, "below") for part in range(_PARTS)),
     "above",
     "below",
     "far above",
@@ -146,9 +146,9 @@ def _golden_runs(program: Program, interface: Interface, weights: Weights) -> li
     """Runs from `reset`, the last of them with a written state, then runs from `init`."""
     begun = [_Run(start) for start in _STARTS]
     for part, opening, invalid in _OPENINGS:
-        begun.append(_Run(Place(part, _PARTS), opening, invalid))
+        begun.append(_Run(StartPoint(part, _PARTS), opening, invalid))
     for number, written in enumerate(written_states(interface)):
-        begun.append(_Run(Place(number % _PARTS, _PARTS), invalid=number, written=written))
+        begun.append(_Run(StartPoint(number % _PARTS, _PARTS), invalid=number, written=written))
     begun += [_Run(None, opening) for opening in _AFTER_INIT]
     return [
         golden_vectors(
@@ -170,7 +170,7 @@ def _golden_runs(program: Program, interface: Interface, weights: Weights) -> li
 class _Run:
     """How a golden run begins."""
 
-    start: Place | Outside | None
+    start: StartPoint | Outside | None
     opening: int = 0
     invalid: int | None = None
     written: Written | None = None

@@ -15,6 +15,7 @@ from backends.c_language.tree import (
     Call,
     Comment,
     Conditional,
+    ConstantTable,
     Convert,
     Declare,
     Discard,
@@ -31,7 +32,6 @@ from backends.c_language.tree import (
     Return,
     SetBits,
     Statement,
-    Table,
     Truth,
     Unary,
     Unsigned,
@@ -64,7 +64,7 @@ def _statement(statement: Statement) -> Statement:
             return replace(statement, body=_block(statement.body))
         case If(condition, then, otherwise):
             return If(_expression(condition), _block(then), _block(otherwise))
-        case Table() | SetBits() | Discard() | Comment():
+        case ConstantTable() | SetBits() | Discard() | Comment():
             return statement
         case _:
             assert_never(statement)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import assert_never
 
 from backends.c_language.functions import FunctionTable
-from backends.c_language.places import Index, Place
+from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import LocalNames, Scope
 from backends.c_language.tree import Argument, Binary, Function, Name, Statement
 from backends.c_lowering.graph import GraphLowering
@@ -15,7 +15,7 @@ from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.sums import sum_along
 from backends.c_lowering.values import Value, copy_value
-from backends.native.lanes.lane_memory import Memory, read_of
+from backends.native.lanes.lane_memory import LaneMemory, read_of
 from backends.native.late_adjoints import Echo
 from backends.native.tiled_sums import HORIZON, TIME, Factor
 from compiler.ir.ops import (
@@ -51,7 +51,7 @@ PARAMETERS = "theta"
 class LaneWriter:
     """One function; also where its graph finds its leaves."""
 
-    def __init__(self, memory: Memory, graph: Graph, functions: FunctionTable) -> None:
+    def __init__(self, memory: LaneMemory, graph: Graph, functions: FunctionTable) -> None:
         self.memory = memory
         self.graph = graph
         self.time = Index()
@@ -71,7 +71,7 @@ class LaneWriter:
 
     # ---- surroundings of the lowering
 
-    def read(self, op: AnyRead, type: Type) -> Place:
+    def read(self, op: AnyRead, type: Type) -> ArrayView:
         match op:
             case ReadParameter(name):
                 return array(PARAMETERS, type.shape, Index(self.memory.parameters[name]))
@@ -85,7 +85,7 @@ class LaneWriter:
             case _:
                 assert_never(op)
 
-    def push(self, op: Window, newest: Place, scope: Scope) -> Place | None:
+    def push(self, op: Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
         """The newest sample is stored behind the others, unless it stands there already."""
         tape = self.memory.buffers[op.state]
         count = tape.last + 1
@@ -94,11 +94,11 @@ class LaneWriter:
             copy_value(newest, row, scope, UNROLL)
         return self._now(tape.place((*newest.shape, count), 0, count), tape.elements)
 
-    def _given(self, value: TrainingValue, type: Type) -> Place:
+    def _given(self, value: TrainingValue, type: Type) -> ArrayView:
         match value:
             case LossScale(loss):
                 names = [term.loss.name for term in self.memory.step.losses]
-                return Place(Name("scale"), (), (), Index(names.index(loss)))
+                return ArrayView(Name("scale"), (), (), Index(names.index(loss)))
             case KeptRow(node):
                 tape = self.memory.rows[node]
                 return self._now(array(tape.name, type.shape), tape.elements)
@@ -110,14 +110,14 @@ class LaneWriter:
             case _:
                 assert_never(value)
 
-    def _state(self, name: str, type: Type) -> Place:
+    def _state(self, name: str, type: Type) -> ArrayView:
         buffers, plain = self.memory.buffers, self.memory.plain
         if name in plain:
             return self._now(array(plain[name][0], type.shape), type.size)
         tape = buffers[name]
         return self._now(tape.place(type.shape, 0, type.axes[-1].size), tape.elements)
 
-    def _adjoint(self, name: str, type: Type) -> Place:
+    def _adjoint(self, name: str, type: Type) -> ArrayView:
         if name in self.memory.plain:
             return array(f"d_next_{self.memory.plain[name][0]}", type.shape)
         tape = self.memory.buffers[name]
@@ -125,11 +125,11 @@ class LaneWriter:
             return adjoint_of(tape.place(type.shape, 0, type.window))
         return adjoint_of(tape.place(type.shape, tape.last, None))
 
-    def _now(self, place: Place, elements: int) -> Place:
+    def _now(self, place: ArrayView, elements: int) -> ArrayView:
         """The place where the row of `elements` stands that belongs to the time of the function."""
         return replace(place, offset=place.offset.plus(self.time.times(elements)))
 
-    def state_place(self, state: State) -> Place:
+    def state_place(self, state: State) -> ArrayView:
         """Where a state stands."""
         return self._state(state.name, Type(state.axes))
 
@@ -142,15 +142,17 @@ class LaneWriter:
     def lowered(self, *roots: NodeId) -> GraphLowering:
         return GraphLowering(self.graph, roots, self, self.scope, self.locals)
 
-    def add_to(self, lowered: GraphLowering, node: NodeId, target: Place) -> None:
+    def add_to(self, lowered: GraphLowering, node: NodeId, target: ArrayView) -> None:
         """target += value, element by element."""
         self._add_value(lowered.value(node), target)
 
-    def _add_value(self, value: Value, target: Place) -> None:
+    def _add_value(self, value: Value, target: ArrayView) -> None:
         def one(indices: tuple[Index, ...], inner: Scope) -> None:
             element = target.element(indices)
             term = (
-                value.element(indices) if isinstance(value, Place) else value.make(indices, inner)
+                value.element(indices)
+                if isinstance(value, ArrayView)
+                else value.make(indices, inner)
             )
             inner.assign(element, Binary("+", element, term))
 
@@ -173,7 +175,7 @@ class LaneWriter:
         """The operands of a product or contraction, views of what stands in rows over time."""
         args = product.args
         until = Graph(self.graph.nodes[: max(args) + 1])
-        moved: list[list[Place]] = []
+        moved: list[list[ArrayView]] = []
         for time in (0, 1):
             self.time = Index(time)
             lowered = GraphLowering(until, args, self, self.scope, self.locals)
@@ -192,12 +194,12 @@ class LaneWriter:
         return Function(name, "void", tuple(arguments), body, doc, static=True, inline=True)
 
 
-def array(name: str, shape: tuple[int, ...], offset: Index | None = None) -> Place:
-    place = Place.array(Name(name), shape)
-    return place if offset is None else Place(place.storage, shape, place.strides, offset)
+def array(name: str, shape: tuple[int, ...], offset: Index | None = None) -> ArrayView:
+    place = ArrayView.array(Name(name), shape)
+    return place if offset is None else ArrayView(place.storage, shape, place.strides, offset)
 
 
-def adjoint_of(place: Place) -> Place:
+def adjoint_of(place: ArrayView) -> ArrayView:
     """The adjoint of what stands in a tape: the same place in the tape of adjoints."""
     assert isinstance(place.storage, Name)
-    return Place(Name(f"d_{place.storage.text}"), place.shape, place.strides, place.offset)
+    return ArrayView(Name(f"d_{place.storage.text}"), place.shape, place.strides, place.offset)

@@ -72,7 +72,7 @@ class LaneKernelPrinter(LanePrinter):
             return self.expression(expression)
         return super().operand(expression)
 
-    def table(self, table: c.Table) -> str:
+    def table(self, table: c.ConstantTable) -> str:
         """A constant array of which each lane reads its own entry."""
         return KernelPrinter(self.prefix, self.dtype).table(table)
 
@@ -126,7 +126,7 @@ class _LaneLowering(RoutineLowering):
     ) -> c.Expression:
         return c.Call(_CHOICES[kind], (condition, then, otherwise))
 
-    def entry(self, table: c.Table, index: c.Expression) -> c.Expression:
+    def entry(self, table: c.ConstantTable, index: c.Expression) -> c.Expression:
         """An entry a lane; lanes of the side not taken read entry 0."""
         arguments = (c.Name(table.name), c.Integer(len(table.values)), index)
         return c.Call(_LOOK_UPS[table.type], arguments)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from backends.c_language.places import Index, Place, c_strides
+from backends.c_language.places import ArrayView, Index, c_strides
 from backends.c_language.tree import Name
 from backends.native.late_adjoints import Echo, echoes
 from backends.native.loop_splitting import Phases, phases
@@ -30,7 +30,7 @@ def _shape(axes: tuple[Axis, ...]) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Tape:
+class LaneTape:
     """Rows of samples of one lane group, a row of `elements` a time, oldest first.
 
     A function that works at time t gets a pointer to the row of `first` samples after t.
@@ -42,17 +42,17 @@ class Tape:
     last: int
     """Samples after t of the last row that is used at t."""
 
-    def place(self, shape: tuple[int, ...], first: int, count: int | None) -> Place:
+    def place(self, shape: tuple[int, ...], first: int, count: int | None) -> ArrayView:
         """Samples t+first … (`count` of them as the last axis of the shape, None for one)."""
         offset = Index((first - self.first) * self.elements)
         if count is None:
-            return Place(Name(self.name), shape, c_strides(shape), offset)
+            return ArrayView(Name(self.name), shape, c_strides(shape), offset)
         inner = shape[:-1]
-        return Place(Name(self.name), shape, (*c_strides(inner), self.elements), offset)
+        return ArrayView(Name(self.name), shape, (*c_strides(inner), self.elements), offset)
 
 
 @dataclass(frozen=True)
-class Memory:
+class LaneMemory:
     """All arrays of one program's kernel."""
 
     step: TrainingStep
@@ -62,7 +62,7 @@ class Memory:
         return self.step.program
 
     @cached_property
-    def signals(self) -> dict[str, Tape]:
+    def signals(self) -> dict[str, LaneTape]:
         """The log of each signal that the step or the start reads."""
         found: dict[str, Extent] = {}
         for graph in (self.program.step, self.program.start):
@@ -72,7 +72,7 @@ class Memory:
                     found[name] = before.union(extent) if before else extent
         taken: set[str] = set()
         return {
-            signal.name: Tape(
+            signal.name: LaneTape(
                 c_identifier(f"log_{signal.name}", taken),
                 size_of(signal.axes),
                 found[signal.name].first,
@@ -83,11 +83,11 @@ class Memory:
         }
 
     @cached_property
-    def buffers(self) -> dict[str, Tape]:
+    def buffers(self) -> dict[str, LaneTape]:
         """The samples of each buffer; at t it holds rows 0 … n−1, the newest becomes row n."""
         taken: set[str] = set()
         return {
-            state.name: Tape(
+            state.name: LaneTape(
                 c_identifier(f"tape_{state.name}", taken),
                 size_of(state.axes[:-1]),
                 0,
@@ -97,16 +97,16 @@ class Memory:
             if state.name in self.step.newest
         }
 
-    def newest_row(self, state: State) -> Place:
+    def newest_row(self, state: State) -> ArrayView:
         """Where the newest sample of a buffer goes at t."""
         tape = self.buffers[state.name]
         return tape.place(_shape(state.axes[:-1]), tape.last, None)
 
-    def adjoint_rows(self, state: State) -> Place:
+    def adjoint_rows(self, state: State) -> ArrayView:
         """The adjoints of the samples that a buffer holds at t."""
         tape = self.buffers[state.name]
         place = tape.place(_shape(state.axes), 0, state.axes[-1].size)
-        return Place(Name(f"d_{tape.name}"), place.shape, place.strides, place.offset)
+        return ArrayView(Name(f"d_{tape.name}"), place.shape, place.strides, place.offset)
 
     @cached_property
     def plain(self) -> dict[str, tuple[str, State]]:
@@ -123,19 +123,22 @@ class Memory:
         return phases(self.step)
 
     @cached_property
-    def rows(self) -> dict[NodeId, Tape]:
+    def rows(self) -> dict[NodeId, LaneTape]:
         """The values over time of nodes that are kept."""
         reverse = self.step.reverse_step.graph
         return {
-            node: Tape(f"row_{node}", reverse[node].type.size, 0, 0) for node in self.phases.rows
+            node: LaneTape(f"row_{node}", reverse[node].type.size, 0, 0)
+            for node in self.phases.rows
         }
 
     @cached_property
-    def echoes(self) -> dict[Echo, Tape]:
+    def echoes(self) -> dict[Echo, LaneTape]:
         """Sources over the time, the latest time first; at t the newest becomes row n."""
         reverse = self.step.reverse_step.graph
         return {
-            echo: Tape(echo.name, reverse[echo.source].type.size, 0, self.buffers[echo.state].last)
+            echo: LaneTape(
+                echo.name, reverse[echo.source].type.size, 0, self.buffers[echo.state].last
+            )
             for echo in echoes(self.step)
         }
 
@@ -154,7 +157,7 @@ class Memory:
         return sum(size_of(parameter.axes) for parameter in self.program.parameters)
 
 
-def read_of(tape: Tape, op: ReadSignal | ReadLog, axes: tuple[Axis, ...]) -> Place:
+def read_of(tape: LaneTape, op: ReadSignal | ReadLog, axes: tuple[Axis, ...]) -> ArrayView:
     """The samples that a node reads of a signal."""
     shape = tuple(axis.size for axis in axes)
     windowed = bool(axes) and axes[-1].name == WINDOW

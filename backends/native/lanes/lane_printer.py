@@ -7,12 +7,12 @@ from collections.abc import Iterable
 from backends.c_language.printer import Printer
 from backends.c_language.tree import (
     Conditional,
+    ConstantTable,
     CType,
     Expression,
     Loop,
     Real,
     Statement,
-    Table,
     Truth,
 )
 from backends.native.tiled_sums import HORIZON, TimeLoop
@@ -73,7 +73,7 @@ class LanePrinter(Printer):
         yield from self._block(body, 1)
         yield "}"
 
-    def table(self, table: Table) -> str:
+    def table(self, table: ConstantTable) -> str:
         """A constant array, every number in all lanes."""
         numbers = [f"all({self.number(value)})" for value in table.values]
         head = f"static const lanes {table.name}[{len(numbers)}]"

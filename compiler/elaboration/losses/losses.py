@@ -11,7 +11,7 @@ from compiler.ir.liveness import reads_simulation
 from compiler.ir.program import Loss, Measure, NodeId, Output
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.twin_axes import warn_of_twin_axes
@@ -20,7 +20,7 @@ from spec_schema.expressions.language import LOSS_FUNCTIONS
 from spec_schema.expressions.tree import Call, Expression
 from spec_schema.sections.signals import Loss as LossEntry
 
-_LOSS = Environment(Part.LOSS)
+_LOSS = Environment(EnvironmentPart.LOSS)
 _COMPARING = {
     "mse": Measure.MSE,
     "rmse": Measure.RMSE,

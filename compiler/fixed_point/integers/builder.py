@@ -8,11 +8,11 @@ from itertools import pairwise
 
 from compiler.fixed_point.integers.program import (
     Choose,
+    IntegerLookup,
     IntegerNode,
     IntegerOp,
     Larger,
     Literal,
-    Lookup,
     Product,
     ReadMemory,
     ReadWord,
@@ -193,7 +193,7 @@ class IntegerBuilder:
         (a, b), (c, d) = self.bounds(left), self.bounds(right)
         return error > 0.0 and max(a - d, c - b) <= error
 
-    def lookup(self, node: int, table: Lookup, fraction: int) -> int:
+    def lookup(self, node: int, table: IntegerLookup, fraction: int) -> int:
         widest = max(abs(b - a) for a, b in pairwise(table.values))
         self._check(0, widest * 2**table.bits + 2**table.bits)
         found = self[node]

@@ -10,12 +10,12 @@ from typing import assert_never
 from compiler.fixed_point.integers.program import (
     CheckedInput,
     Choose,
+    IntegerLookup,
+    IntegerMemory,
     IntegerNode,
     IntegerProgram,
     Larger,
     Literal,
-    Lookup,
-    Memory,
     Product,
     ReadMemory,
     ReadWord,
@@ -188,7 +188,7 @@ def _value(
             return max(args)
         case Choose(relation):
             return args[2] if _holds(relation, args[0], args[1]) else args[3]
-        case Lookup(first, bits, table):
+        case IntegerLookup(first, bits, table):
             place = args[0] - first
             cell, part = place >> bits, place & ((1 << bits) - 1)
             rise = (table[cell + 1] - table[cell]) * part
@@ -219,7 +219,7 @@ def _first_held(program: IntegerProgram) -> dict[str, list[int]]:
     }
 
 
-def _kept(memory: Memory, nodes: Sequence[int], values: Sequence[int]) -> list[int]:
+def _kept(memory: IntegerMemory, nodes: Sequence[int], values: Sequence[int]) -> list[int]:
     """What a memory keeps of these nodes."""
     return [_within(values[node], memory.low, memory.high) for node in nodes]
 

@@ -92,7 +92,7 @@ class Choose:
 
 
 @dataclass(frozen=True, slots=True)
-class Lookup:
+class IntegerLookup:
     """Linear interpolation in a table whose cells are 2^bits wide and begin at `first`."""
 
     first: int
@@ -111,7 +111,7 @@ IntegerOp = (
     | Smaller
     | Larger
     | Choose
-    | Lookup
+    | IntegerLookup
 )
 
 
@@ -149,7 +149,7 @@ class WordPort:
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class IntegerMemory:
     """What stays between steps: words or, of a state that is summed up, wide numbers."""
 
     name: str
@@ -220,7 +220,7 @@ class IntegerProgram:
     window_firsts: tuple[int, ...]
     """The oldest sample of each window, relative to the first step."""
     outputs: tuple[tuple[WordPort, tuple[int, ...]], ...]
-    memories: tuple[Memory, ...]
+    memories: tuple[IntegerMemory, ...]
     step: tuple[IntegerNode, ...]
     start: tuple[IntegerNode, ...]
     expected: tuple[ExpectedWords, ...] = ()

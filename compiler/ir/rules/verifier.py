@@ -17,8 +17,8 @@ from compiler.ir.program import (
     Expected,
     Graph,
     History,
+    LayerMemory,
     Loss,
-    Memory,
     Node,
     NodeId,
     Parameter,
@@ -169,7 +169,7 @@ def _check_state(program: Program, state: State) -> None:
     _require(state.on_range == "flag" or state.range is not None, f"{what} has no range to act on")
     windowed = Type(state.axes).window is not None
     match state.origin:
-        case Declared() | Memory():
+        case Declared() | LayerMemory():
             pass
         case History():
             _require(windowed, f"{what} is a buffer without a window")

@@ -19,7 +19,7 @@ from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.arrays.initial_values import initial_values
 from compiler.lowering.arrays.named_draws import uniform_draws
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Argument, Environment
+from compiler.lowering.environment import Environment, FunctionArgument
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
@@ -163,7 +163,9 @@ class LayerContext:
         inner = replace(
             self.environment,
             arguments={
-                name: Argument(Name(name, span), self.environment, {self.environment.time: node})
+                name: FunctionArgument(
+                    Name(name, span), self.environment, {self.environment.time: node}
+                )
                 for name, node in arguments.items()
             },
         )

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from compiler.ir.program import Memory as MemoryOrigin
-from compiler.ir.program import NodeId, State
+from compiler.ir.program import LayerMemory, NodeId, State
 from compiler.ir.types import Axis, Type, describe_axes
 from compiler.layers.rules.arguments import read_elements, read_value
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments
-from compiler.lowering.environment import Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from spec_schema.errors import names, shapes, time
 from spec_schema.expressions.tree import Expression
@@ -35,7 +34,7 @@ def read_vector(context: LayerContext, settings: Entry) -> Arguments:
 
 
 @dataclass(frozen=True)
-class Memory:
+class CallMemory:
     """The state of one call of a layer."""
 
     context: LayerContext
@@ -45,10 +44,10 @@ class Memory:
     @staticmethod
     def of(
         context: LayerContext, arguments: Arguments, axes: tuple[Axis, ...], unit: Unit | None
-    ) -> Memory:
+    ) -> CallMemory:
         """The state with these axes after the cells', one for each signal."""
         name = context.lowering.memories.name(context.name, arguments)
-        return Memory(context, name, Type((*context.cells, *axes), unit))
+        return CallMemory(context, name, Type((*context.cells, *axes), unit))
 
     def value(self) -> NodeId:
         """What was remembered at the last step."""
@@ -61,7 +60,7 @@ class Memory:
             name=self.name,
             axes=axes,
             unit=self.type.unit,
-            origin=MemoryOrigin(),
+            origin=LayerMemory(),
             next=context.builder.broadcast(following, axes),
             start=starting(context).builder.broadcast(start, axes),
             doc=doc,
@@ -72,7 +71,7 @@ class Memory:
 
 def starting(context: LayerContext) -> LayerContext:
     """The context in which a state's start is computed, over the log at t0."""
-    return replace(context, environment=Environment(Part.START))
+    return replace(context, environment=Environment(EnvironmentPart.START))
 
 
 def initial_value(
@@ -95,8 +94,10 @@ def _in_the_step(context: LayerContext) -> LayerContext:
     """The context of the step: within a vector field the layer is held over the step (R6)."""
     environment, call = context.environment, context.call
     layer = f"the layer `{context.name}`"
-    if environment.part is not Part.STEP:
-        repair = "name its value in `equations:`" if environment.part is Part.LOSS else None
+    if environment.part is not EnvironmentPart.STEP:
+        repair = (
+            "name its value in `equations:`" if environment.part is EnvironmentPart.LOSS else None
+        )
         where = environment.part.value
         context.refuse(names.misplaced(context.name, where, call.function.span, repair))
     if environment.window is not None or environment.shift:

@@ -10,7 +10,7 @@ from compiler.lowering.arrays.named_draws import generator_of, uniform_draws
 from compiler.lowering.arrays.number_file import UnusableFileError, read_numbers
 from compiler.lowering.constants import evaluate, shaped
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Argument, Environment, Part
+from compiler.lowering.environment import Environment, EnvironmentPart, FunctionArgument
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, shapes
@@ -92,7 +92,7 @@ def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Sp
 
     What a sub-model declares has a dot in its name: there a bare one is always an index.
     """
-    plain = Environment(Part.CONSTANT)
+    plain = Environment(EnvironmentPart.CONSTANT)
     if not axes:
         return plain
     builder = context.builder(plain)
@@ -102,11 +102,11 @@ def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Sp
     }
     values[LENGTH] = builder.constant(axes[-1].size)
     arguments = {
-        name: Argument(Name(name, span), plain, {plain.time: node})
+        name: FunctionArgument(Name(name, span), plain, {plain.time: node})
         for name, node in values.items()
         if name not in context.scope or context.is_of_submodel(array)
     }
-    return Environment(Part.CONSTANT, arguments=arguments)
+    return Environment(EnvironmentPart.CONSTANT, arguments=arguments)
 
 
 def _from_file(context: Context, file: Located[str], axes: tuple[Axis, ...]) -> Array:

@@ -12,7 +12,7 @@ from msnn.cli.arguments import Settings
 from msnn.cli.exit_codes import ExitCode
 
 
-class Format(StrEnum):
+class OutputFormat(StrEnum):
     """How diagnostics are printed."""
 
     FULL = "full"
@@ -30,7 +30,9 @@ def check(
         bool, typer.Option("--strict-units", help="Units that do not fit are errors.")
     ] = False,
     settings: Settings = None,
-    format: Annotated[Format, typer.Option(help="How diagnostics are printed.")] = Format.FULL,
+    format: Annotated[
+        OutputFormat, typer.Option(help="How diagnostics are printed.")
+    ] = OutputFormat.FULL,
 ) -> None:
     """Say what is wrong with specs.
 
@@ -54,19 +56,19 @@ def check(
             model, diagnostics, sources = None, error.diagnostics, error.sources
         failed |= model is None
         line = summary_line(model.program) if model is not None else None
-        if format is Format.JSON:
+        if format is OutputFormat.JSON:
             record = {"file": str(file), "ok": model is not None, "summary": line}
             found.append(record | {"diagnostics": records(diagnostics)})
             continue
-        if format is Format.SARIF:
+        if format is OutputFormat.SARIF:
             said.extend(diagnostics)
             continue
         report(diagnostics, sources, format.value)
         if line is not None:
             result(line)
-    if format is Format.JSON:
+    if format is OutputFormat.JSON:
         json_result("check", {"files": found})
-    if format is Format.SARIF:
+    if format is OutputFormat.SARIF:
         result(render(said, "sarif"))
     if failed:
         raise typer.Exit(ExitCode.DIAGNOSTICS)

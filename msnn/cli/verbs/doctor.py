@@ -30,7 +30,7 @@ def doctor(
     of it is optional but what comes with msnn. Where compiled kernels are kept and how many.
     """
     from msnn.cli.console import json_result, note, report, result
-    from msnn.project.installation import Part, installation
+    from msnn.project.installation import InstalledPart, installation
     from msnn.project.kernels import Limits, cleaned_cache, kernel_cache
     from msnn.tables import table_text
 
@@ -42,7 +42,7 @@ def doctor(
         note(cleaned_cache(Limits(0.0 if everything else unused_for, down_to)))
     cache = kernel_cache()
     remedy = "set MSNN_CACHE to a folder you may write"
-    parts = [*installation(), Part("cache", "compiled kernels", cache.text, remedy)]
+    parts = [*installation(), InstalledPart("cache", "compiled kernels", cache.text, remedy)]
     if format is ResultFormat.JSON:
         record = {"parts": [asdict(part) for part in parts], "kernels": cache.values()}
         json_result("doctor", record)

@@ -51,7 +51,7 @@ def verify(
         verification_text,
         verification_values,
     )
-    from msnn.verification.verify import TARGETS, Wanted
+    from msnn.verification.verify import TARGETS, WantedSteps
     from msnn.verification.verify import verify as verify_export
 
     names = [name.strip() for name in targets.split(",") if name.strip()]
@@ -60,7 +60,7 @@ def verify(
             message = f"`{name}` is none of {', '.join(TARGETS)} and all"
             raise typer.BadParameter(message, param_hint="'--targets'")
     chosen = frozenset(TARGETS if "all" in names else names)
-    found = verify_export(folder, Wanted(chosen, proof, misra, fuzz))
+    found = verify_export(folder, WantedSteps(chosen, proof, misra, fuzz))
     written = write_text(report or folder / "REPORT.md", verification_markdown(found))
     if format is ResultFormat.JSON:
         json_result("verify", verification_values(found))

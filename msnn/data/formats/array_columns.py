@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.table import ColumnKey, Table, Wanted
+from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
 from msnn.errors import data_cells as cell_errors
 from msnn.errors import data_files as errors
 from msnn.errors import data_formats
@@ -28,7 +28,7 @@ class NamedArrays:
     names: Sequence[str]
     get: Callable[[str], NDArray[Any]]
 
-    def table(self, wanted: Wanted) -> Table:
+    def table(self, wanted: WantedColumns) -> ColumnTable:
         """The wanted columns. An array of one dimension is a column by its name; `name[2]` is the
         third column of one of two dimensions, whose rows are samples.
 
@@ -57,7 +57,7 @@ class NamedArrays:
             faults += length_faults(self.file, columns)
         if faults:
             raise SpecError(faults)
-        return Table(columns)
+        return ColumnTable(columns)
 
     def has(self, key: ColumnKey) -> bool:
         """Whether there is an array for a column."""

@@ -11,7 +11,7 @@ import numpy as np
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.csv_cells import checked_columns, line_of_row
 from msnn.data.formats.csv_header import Dialect, Header, read_header
-from msnn.data.formats.table import ColumnKey, Table, Wanted
+from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
@@ -19,7 +19,7 @@ from spec_schema.diagnostics.source import Span
 _CHUNK = 1 << 20
 
 
-def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
     """The wanted columns of a UTF-8 text file.
 
     An empty or NaN cell becomes NaN in optional columns and is an error in the others. `shown` is
@@ -42,7 +42,7 @@ def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
         line = line_of_row(path, header, row)
         return Span(file=shown, line=line, column=1, end_line=line, end_column=1)
 
-    return Table(dict(zip(places, columns, strict=True)), place=place)
+    return ColumnTable(dict(zip(places, columns, strict=True)), place=place)
 
 
 _WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from msnn.data.formats.table import ColumnKey, Wanted
+from msnn.data.formats.table import ColumnKey, WantedColumns
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
@@ -60,7 +60,7 @@ class Header:
         """What messages call a column: its name, or its index."""
         return self.names[index] if self.lines else str(index)
 
-    def places(self, wanted: Wanted) -> dict[ColumnKey, int]:
+    def places(self, wanted: WantedColumns) -> dict[ColumnKey, int]:
         """The index of each wanted column that is there; SpecError with all that are missing."""
         found: dict[ColumnKey, int] = {}
         faults: list[Diagnostic] = []

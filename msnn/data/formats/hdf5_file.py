@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.csv_header import Dialect
-from msnn.data.formats.table import Table, Wanted
+from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
 
-def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
     """The wanted datasets of the file; (rows,) or (rows, columns).
 
     Raises SpecError with everything that is wrong.
@@ -26,8 +26,8 @@ def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
 
 
 def read_datasets(
-    path: Path, shown: str, wanted: Wanted, *, transposed: bool, separator: str
-) -> Table:
+    path: Path, shown: str, wanted: WantedColumns, *, transposed: bool, separator: str
+) -> ColumnTable:
     """The wanted datasets; `transposed` where the file keeps matrices column by column, as MATLAB.
 
     A dataset whose numbers stand in another file is not followed: a data file reads nothing else.

@@ -14,14 +14,14 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.csv_header import Dialect
 from msnn.data.formats.stream_columns import stream_columns
-from msnn.data.formats.table import Streams, Wanted
+from msnn.data.formats.table import Streams, WantedColumns
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _IN_GROUP = re.compile(r"(?P<name>.+)@(?P<group>[0-9]{1,6})")
 
 
-def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Streams:
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Streams:
     """The wanted channels with their conversions to physical values applied.
 
     A name that several channel groups have is written with the group, `speed@2`. Times count from

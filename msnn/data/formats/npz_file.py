@@ -10,12 +10,12 @@ import numpy as np
 
 from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.csv_header import Dialect
-from msnn.data.formats.table import Table, Wanted
+from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
 
-def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Table:
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
     """The wanted arrays of the archive. Raises SpecError with everything that is wrong."""
     del dialect  # lays out text
     try:

@@ -17,7 +17,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.csv_header import Dialect
 from msnn.data.formats.stream_columns import stream_columns
-from msnn.data.formats.table import Streams, Wanted
+from msnn.data.formats.table import Streams, WantedColumns
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -42,7 +42,7 @@ class _Channel:
         self.values.append(float(message))
 
 
-def read(path: Path, shown: str, wanted: Wanted, dialect: Dialect) -> Streams:
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Streams:
     """The wanted fields; the time of a message is when it was recorded, from the bag's start.
 
     Raises SpecError with everything that is wrong.

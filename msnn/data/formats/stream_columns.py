@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.array_columns import NamedArrays
-from msnn.data.formats.table import ColumnKey, Streams, Wanted
+from msnn.data.formats.table import ColumnKey, Streams, WantedColumns
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
@@ -14,7 +14,7 @@ Lookup = Callable[[str], tuple[FloatArray, NamedArrays] | None]
 """A column's name → the seconds of its samples and its values under that name; None: no such."""
 
 
-def stream_columns(file: str, wanted: Wanted, names: Sequence[str], find: Lookup) -> Streams:
+def stream_columns(file: str, wanted: WantedColumns, names: Sequence[str], find: Lookup) -> Streams:
     """The wanted columns; an index counts along `names`.
 
     Raises SpecError with all that is wrong.
@@ -32,7 +32,7 @@ def stream_columns(file: str, wanted: Wanted, names: Sequence[str], find: Lookup
                 continue
             time, values = found
             optional = frozenset({name}) if key in wanted.optional else frozenset[ColumnKey]()
-            columns[key] = (time, values.table(Wanted({name: user}, optional)).columns[name])
+            columns[key] = (time, values.table(WantedColumns({name: user}, optional)).columns[name])
         except SpecError as error:
             faults += error.diagnostics
     if missing:

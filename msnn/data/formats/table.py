@@ -18,7 +18,7 @@ def _no_place(row: int) -> Span | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class WantedColumns:
     """What is asked of a file; `users` says for each column what wants it, for messages."""
 
     users: Mapping[ColumnKey, str]
@@ -29,7 +29,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ColumnTable:
     """Columns of equal length; row 0 is the first."""
 
     columns: Mapping[ColumnKey, FloatArray]

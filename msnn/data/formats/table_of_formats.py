@@ -13,14 +13,14 @@ from msnn.errors.failures import MissingExtraError
 
 if TYPE_CHECKING:
     from msnn.data.formats.csv_header import Dialect
-    from msnn.data.formats.table import Streams, Table, Wanted
+    from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 
-    Reader = Callable[[Path, str, Wanted, Dialect], Table | Streams]
+    Reader = Callable[[Path, str, WantedColumns, Dialect], ColumnTable | Streams]
     """(path, its name in messages, what is wanted, layout of text) → columns; raises SpecError."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Format:
+class FileFormat:
     """One kind of file. The reader is `read` of `module`, loaded when a file needs it."""
 
     name: str
@@ -42,7 +42,7 @@ class Format:
         return tuple(p for p in self.packages if importlib.util.find_spec(p) is None)
 
 
-TEXT = Format(
+TEXT = FileFormat(
     name="CSV",
     suffixes=(".csv", ".txt", ".tsv", ".dat"),
     module="msnn.data.formats.csv_file",
@@ -51,29 +51,29 @@ TEXT = Format(
 
 FORMATS = (
     TEXT,
-    Format(name="NPZ", suffixes=(".npz",), module="msnn.data.formats.npz_file"),
-    Format(
+    FileFormat(name="NPZ", suffixes=(".npz",), module="msnn.data.formats.npz_file"),
+    FileFormat(
         name="Parquet",
         suffixes=(".parquet",),
         module="msnn.data.formats.parquet_file",
         packages=("pyarrow",),
         extra="parquet",
     ),
-    Format(
+    FileFormat(
         name="MAT",
         suffixes=(".mat",),
         module="msnn.data.formats.mat_file",
         packages=("scipy", "h5py"),
         extra="mat",
     ),
-    Format(
+    FileFormat(
         name="HDF5",
         suffixes=(".h5", ".hdf5"),
         module="msnn.data.formats.hdf5_file",
         packages=("h5py",),
         extra="hdf5",
     ),
-    Format(
+    FileFormat(
         name="MDF",
         suffixes=(".mf4", ".mdf"),
         module="msnn.data.formats.mdf_file",
@@ -81,7 +81,7 @@ FORMATS = (
         extra="mdf",
         keeps_time=True,
     ),
-    Format(
+    FileFormat(
         name="ROS bag",
         suffixes=(".bag", ".db3", ".mcap"),
         module="msnn.data.formats.rosbag_file",
@@ -93,7 +93,7 @@ FORMATS = (
 SUFFIXES = tuple(suffix for format in FORMATS for suffix in format.suffixes)
 
 
-def format_of(path: Path | str) -> Format:
+def format_of(path: Path | str) -> FileFormat:
     """The format of a file; a suffix that says nothing stands for text."""
     suffix = Path(path).suffix.lower()
     return next((format for format in FORMATS if suffix in format.suffixes), TEXT)

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 from spec_schema.editors.spec_data import entry_data
 from spec_schema.sections.data.data import Data, Source
 from spec_schema.sections.spec import Spec
-from spec_schema.sections.validation import Check
+from spec_schema.sections.validation import Validation
 
 if TYPE_CHECKING:
     from compiler.ir.program import Program
     from msnn.data.dataset import Dataset
 
 
-def file_sets(checks: Sequence[Check]) -> dict[str, Source]:
+def file_sets(checks: Sequence[Validation]) -> dict[str, Source]:
     """The files of all entries by the name of their set; entries that ask for the same share one.
 
     A set is named by its patterns, a second one of the same patterns but other keys has a number.

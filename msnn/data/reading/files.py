@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from msnn.data.formats.array_columns import NamedArrays
-from msnn.data.formats.table_of_formats import SUFFIXES, Format, format_of
+from msnn.data.formats.table_of_formats import SUFFIXES, FileFormat, format_of
 from msnn.data.reading.splits import split_source
 from msnn.errors import data_files as errors
 from msnn.errors.workflow import unknown_set
@@ -35,7 +35,7 @@ class DataFile:
     """Arrays of a session in place of a file; `path` only names them."""
 
     @property
-    def format(self) -> Format:
+    def format(self) -> FileFormat:
         return format_of(self.path)
 
     @property

@@ -17,7 +17,7 @@ from msnn.data.reading.load import joined_files
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.whole_signals import with_whole_signals
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.fields.located import Place
+from spec_schema.fields.located import KeyAndValueSpan
 from spec_schema.sections.data.data import Data, Source
 
 
@@ -40,7 +40,7 @@ def frame_data(
     program: Program,
     data: Data | None,
     frames: Frames,
-    place: Place,
+    place: KeyAndValueSpan,
     filters: Mapping[str, RowFilter],
     *,
     beside: Sequence[Signal] = (),
@@ -136,7 +136,7 @@ def _arrays(shown: str, frame: Frame) -> NamedArrays:
     return NamedArrays(shown, names, get)
 
 
-def _layout(data: Data | None, place: Place) -> Source:
+def _layout(data: Data | None, place: KeyAndValueSpan) -> Source:
     if data is None:
         return Source.model_construct(place=place, files=())
     first = next(iter(data.source.values()))

@@ -12,7 +12,7 @@ from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset, Record
 from msnn.data.formats.table_of_formats import require_reader
 from msnn.data.reading.files import DataFile, find_files
-from msnn.data.reading.part import Part, read_part
+from msnn.data.reading.part import FilePart, read_part
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
@@ -96,7 +96,7 @@ def _once(faults: Iterable[Diagnostic]) -> list[Diagnostic]:
     ]
 
 
-def _dropped(part: Part, findings: Findings) -> bool:
+def _dropped(part: FilePart, findings: Findings) -> bool:
     if part.usable.all():
         return False
     (piece,) = part.pieces  # files are joined later
@@ -104,9 +104,11 @@ def _dropped(part: Part, findings: Findings) -> bool:
     return True
 
 
-def _with_files_joined(parts: Sequence[Part], data: Data, sample_time: float | None) -> list[Part]:
+def _with_files_joined(
+    parts: Sequence[FilePart], data: Data, sample_time: float | None
+) -> list[FilePart]:
     """Parts whose files follow each other in time as one record, where `join:` asks for it."""
-    found: list[Part] = []
+    found: list[FilePart] = []
     for part in parts:
         join = part.file.layout.join if part.file.layout.join is not None else data.join
         before = found[-1] if found else None
@@ -117,7 +119,7 @@ def _with_files_joined(parts: Sequence[Part], data: Data, sample_time: float | N
     return found
 
 
-def _follows(before: Part, after: Part, sample_time: float | None) -> bool:
+def _follows(before: FilePart, after: FilePart, sample_time: float | None) -> bool:
     if before.file.layout is not after.file.layout or sample_time is None:
         return False
     if before.time is None or after.time is None or not len(before.time) * len(after.time):
@@ -135,7 +137,7 @@ def _set_names(data: Data) -> tuple[str, ...]:
 
 def _sets(
     data: Data,
-    parts: Sequence[Part],
+    parts: Sequence[FilePart],
     sets: Sequence[str],
     sample_time: float | None,
     findings: Findings,
@@ -155,7 +157,7 @@ def _sets(
     return rows
 
 
-def _times(part: Part, sample_time: float | None) -> RecordTimes:
+def _times(part: FilePart, sample_time: float | None) -> RecordTimes:
     time = part.time
     if time is None and sample_time is not None:
         time = np.arange(len(part.usable), dtype=np.float64)
@@ -163,7 +165,9 @@ def _times(part: Part, sample_time: float | None) -> RecordTimes:
     return RecordTimes(len(part.usable), time)
 
 
-def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: Findings) -> None:
+def _report_ranges(
+    signals: Sequence[Signal], parts: Sequence[FilePart], findings: Findings
+) -> None:
     """Data outside a signal's `range:` is a warning, never clamped (rule R10)."""
     for signal in signals:
         if signal.range is None:
@@ -199,7 +203,7 @@ def _report_ranges(signals: Sequence[Signal], parts: Sequence[Part], findings: F
 
 def _joined(
     signals: Sequence[Signal],
-    parts: Sequence[Part],
+    parts: Sequence[FilePart],
     sets: tuple[str, ...],
     rows: Sequence[SetCodes],
     warnings: tuple[Diagnostic, ...],

@@ -10,7 +10,7 @@ import numpy as np
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, FileRows, FloatArray
 from msnn.data.formats.csv_header import Dialect
-from msnn.data.formats.table import Streams, Table, Wanted
+from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.reading.columns import Feed, feeds, target_columns, wanted_columns
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.record_rows import RecordRows, record_rows
@@ -23,7 +23,7 @@ _TO = " … "
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class FilePart:
     """The picked rows of one file, or of several that follow each other."""
 
     file: DataFile
@@ -34,14 +34,14 @@ class Part:
     continues: BoolArray
     usable: BoolArray
 
-    def with_next(self, other: Part) -> Part:
+    def with_next(self, other: FilePart) -> FilePart:
         """One record of this one and of another that begins one sample later."""
         assert self.time is not None
         assert other.time is not None
         first = self.file.shown.split(_TO)[0]
         continues = np.concatenate((self.continues, other.continues))
         continues[len(self.continues)] = True
-        return Part(
+        return FilePart(
             file=replace(self.file, shown=f"{first}{_TO}{other.file.shown}"),
             pieces=(*self.pieces, *(piece.moved(len(self.continues)) for piece in other.pieces)),
             series={n: np.concatenate((v, other.series[n])) for n, v in self.series.items()},
@@ -58,7 +58,7 @@ def read_part(
     row_filter: RowFilter | None,
     findings: Findings,
     beside: Sequence[Signal] = (),
-) -> Part | None:
+) -> FilePart | None:
     """The rows of a file that the spec picks; None after a report of what is wrong.
 
     `beside` are signals that the file need not have: their series are NaN then.
@@ -89,7 +89,7 @@ def read_part(
     series = {signal.name: series[signal.name] for signal in program.signals}
     series |= {feed.signal.name: feed.series_if_there(rows.columns, len(usable)) for feed in more}
     piece = FileRows(file=file.shown, start=0, stop=len(usable), rows=rows.rows, time=rows.time)
-    return Part(
+    return FilePart(
         file=file,
         pieces=(piece,),
         series=series,
@@ -121,7 +121,7 @@ def _kept(
 
 def _read(
     file: DataFile, data: Data, found: Sequence[Feed], more: Sequence[Feed], findings: Findings
-) -> Table | Streams | None:
+) -> ColumnTable | Streams | None:
     needed = wanted_columns(found)
     users = {**wanted_columns(more), **needed}
     spare = frozenset(users) - frozenset(needed)
@@ -132,7 +132,7 @@ def _read(
         optional -= {time.column.column}
         spare -= {time.column.column}
     try:
-        wanted = Wanted(users, optional, spare)
+        wanted = WantedColumns(users, optional, spare)
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")

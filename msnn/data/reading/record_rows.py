@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
-from msnn.data.formats.table import ColumnKey, Streams, Table
+from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, resample
 from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows
@@ -35,7 +35,7 @@ class RecordRows:
 
 
 def record_rows(
-    read: Table | Streams,
+    read: ColumnTable | Streams,
     file: DataFile,
     data: Data,
     sample_time: float | None,
@@ -71,18 +71,18 @@ def record_rows(
     return _as_recorded(table, file, data, sample_time, how == "error", findings)
 
 
-def _one_table(streams: Streams, beside: Collection[ColumnKey]) -> Table | None:
+def _one_table(streams: Streams, beside: Collection[ColumnKey]) -> ColumnTable | None:
     """The streams as rows where all have the same times, without those beside that have others."""
     times = {key: time for key, (time, _) in streams.columns.items()}
     first = next(time for key, time in times.items() if key not in beside)
     alike = {key for key, time in times.items() if np.array_equal(time, first)}
     if not alike >= times.keys() - set(beside):
         return None
-    return Table({key: v for key, (_, v) in streams.columns.items() if key in alike}, first)
+    return ColumnTable({key: v for key, (_, v) in streams.columns.items() if key in alike}, first)
 
 
 def _picked(
-    table: Table, file: DataFile, data: Data, findings: Findings
+    table: ColumnTable, file: DataFile, data: Data, findings: Findings
 ) -> tuple[RowRange, FloatArray | None] | None:
     """The range of rows, and the seconds of all rows of the table."""
     time = table.time
@@ -94,7 +94,7 @@ def _picked(
 
 
 def _as_recorded(
-    table: Table,
+    table: ColumnTable,
     file: DataFile,
     data: Data,
     sample_time: float | None,
@@ -125,7 +125,7 @@ def _as_recorded(
 
 
 def _resampled(
-    table: Table,
+    table: ColumnTable,
     file: DataFile,
     data: Data,
     sample_time: float,
@@ -236,7 +236,9 @@ def _unbroken(length: int) -> BoolArray:
     return continues
 
 
-def _time_fault(fault: TimeFault, file: DataFile, sample_time: float, table: Table) -> Diagnostic:
+def _time_fault(
+    fault: TimeFault, file: DataFile, sample_time: float, table: ColumnTable
+) -> Diagnostic:
     place: Span | None = table.place(fault.row)
     match fault.kind:
         case "gap":

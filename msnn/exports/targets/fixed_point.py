@@ -16,7 +16,7 @@ from compiler.ir.program import Declared, State
 from compiler.passes.limit_expected import limit_expected
 from msnn.agreement.judgement import Arrays, Beginning, Judgement, NumberType, Promise
 from msnn.agreement.loaded import Loaded
-from msnn.agreement.record import Record
+from msnn.agreement.record import AgreementRecord
 from msnn.exports.prepare import name_prefix, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written, interpreted
 from msnn.tables import table_text
@@ -116,7 +116,7 @@ class _Scale:
 
 
 def _judge(
-    plan: ExportPlan[None], weights: Weights, record: Record, dtype: NumberType
+    plan: ExportPlan[None], weights: Weights, record: AgreementRecord, dtype: NumberType
 ) -> Judgement:
     """The integer interpreter along the inputs of the interpreter in float64."""
     floating = interpreted(plan, weights, record, "float64")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import assert_never
 
 from compiler.ir.liveness import needed_over_time
-from compiler.ir.program import Declared, History, Memory, Program, State, Tape
+from compiler.ir.program import Declared, History, LayerMemory, Program, State, Tape
 from msnn.data.reads import reads
 from msnn.errors import training
 from msnn.training.plans.stage_plan import StagePlan
@@ -28,15 +28,15 @@ def fixed_starts(plan: StagePlan) -> list[Diagnostic]:
         match state.origin:
             case Declared():
                 fixed = True
-            case Memory(of_run):
+            case LayerMemory(starts_fresh_each_run):
                 forgotten = plan.rollout.skip > 0  # what begins wrong fades before a row counts
-                fixed = not of_run and state.name in deployed and not forgotten
+                fixed = not starts_fresh_each_run and state.name in deployed and not forgotten
             case History() | Tape():
                 fixed = False
             case _:
                 assert_never(state.origin)
         if fixed and not _reads_log(program, state):
-            of_call = isinstance(state.origin, Memory)
+            of_call = isinstance(state.origin, LayerMemory)
             found.append(
                 training.starts_elsewhere(plan.name, state.name, state.span, of_call=of_call)
             )

@@ -26,7 +26,7 @@ _RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class TrainingPosition:
     """The position inside an attempt at a stage, the engine there, and the best weights so far."""
 
     epoch: int
@@ -58,7 +58,7 @@ class Checkpoint:
     attempt: int = 0
     leader: StageResult | None = None
     """The best of the attempts before this one."""
-    place: Place | None = None
+    place: TrainingPosition | None = None
     """None where the attempt has not begun."""
     metrics: int = 0
     """Bytes of `metrics.jsonl` up to here."""
@@ -123,8 +123,8 @@ def read_checkpoint(path: Path) -> Checkpoint:
         raise SpecError((errors.other_checkpoint(str(path.parent), reason),)) from error
 
 
-def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Place:
-    return Place(
+def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> TrainingPosition:
+    return TrainingPosition(
         epoch=int(record["epoch"]),
         batch=int(record["batch"]),
         sums={name: LossSum(float(t), int(n)) for name, (t, n) in record["sums"].items()},

@@ -23,7 +23,7 @@ from msnn.model.kept_run import (
     WEIGHTS,
     read_json,
 )
-from msnn.model.spec_hash import Part
+from msnn.model.spec_hash import SubmodelFile
 from msnn.model.weights_file import write_weights
 
 METRICS = "metrics.jsonl"
@@ -96,7 +96,7 @@ class RunFolder:
         write_text(self.path / PARAMETERS, text + "\n")
 
     def write_description(
-        self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[Part] = ()
+        self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[SubmodelFile] = ()
     ) -> None:
         """Writes `run.json` (resolved stages, data), the spec and its sub-models as they were."""
         self._describe(record)

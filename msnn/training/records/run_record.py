@@ -13,7 +13,7 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
-from msnn.model.spec_hash import Part
+from msnn.model.spec_hash import SubmodelFile
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.bits_record import bits_record
 from spec_schema.version import __version__
@@ -25,7 +25,7 @@ _SAME_BITS = frozenset({"threads"})
 
 
 def run_record(
-    program: Program, plans: Sequence[StagePlan], data: Dataset, parts: Sequence[Part] = ()
+    program: Program, plans: Sequence[StagePlan], data: Dataset, parts: Sequence[SubmodelFile] = ()
 ) -> dict[str, Any]:
     """The resolved stages, hashes of spec and data as read, versions, what decides the bits."""
     return {

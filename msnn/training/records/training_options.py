@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from msnn.data.dataset import FloatArray
-from msnn.model.spec_hash import Part
+from msnn.model.spec_hash import SubmodelFile
 from msnn.training.engines.devices import CPU, Device
 
 
@@ -29,7 +29,7 @@ class TrainingOptions:
     """Its name, for the commands that go on from the run."""
     settings: tuple[str, ...] = ()
     """The values that `--set` has replaced in it."""
-    parts: tuple[Part, ...] = ()
+    parts: tuple[SubmodelFile, ...] = ()
     """Its sub-models, to be kept with it."""
     black_boxes: frozenset[str] = frozenset()
     """Its layers whose numbers mean nothing one by one."""

@@ -11,7 +11,7 @@ from typing import Any
 
 from msnn.verification.builds.harness import includes
 from msnn.verification.exported_c import ExportedC
-from msnn.verification.proof_step import Check, Result, ToolFailedError, run_tool
+from msnn.verification.proof_step import ProofStep, Result, ToolFailedError, run_tool
 from msnn.verification.tools import GCC, GCOV
 
 
@@ -51,7 +51,7 @@ class Coverage:
         return self.branches - sum(place.branches for place in self.unreached)
 
 
-def coverage_check(model: ExportedC) -> Check:
+def coverage_check(model: ExportedC) -> ProofStep:
     """What is not reached is a note, no finding: a clamp may hide a branch for good."""
 
     def run(folder: Path) -> Result:
@@ -62,7 +62,7 @@ def coverage_check(model: ExportedC) -> Check:
         )
         return check.of([], detail, notes=[str(place) for place in found.unreached])
 
-    check = Check("coverage", "gcc", (GCC, GCOV), run)
+    check = ProofStep("coverage", "gcc", (GCC, GCOV), run)
     return check
 
 

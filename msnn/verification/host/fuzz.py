@@ -8,7 +8,13 @@ from pathlib import Path
 from msnn.verification.builds.harness import write_harness
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.host.fuzz_values import fuzz_facts
-from msnn.verification.proof_step import Check, Result, ToolFailedError, ToolTimedOutError, run_tool
+from msnn.verification.proof_step import (
+    ProofStep,
+    Result,
+    ToolFailedError,
+    ToolTimedOutError,
+    run_tool,
+)
 from msnn.verification.tools import CLANG, LIBFUZZER
 
 _SANITIZERS = "-fsanitize=fuzzer,address,undefined,float-cast-overflow"
@@ -16,7 +22,7 @@ _OPTIONS = ("-max_len=65536", "-seed=1", "-len_control=0")
 _DONE = re.compile(r"Done (\d+) runs in (\d+) second")
 
 
-def fuzz_check(model: ExportedC, seconds: int) -> Check:
+def fuzz_check(model: ExportedC, seconds: int) -> ProofStep:
     """For so many seconds: any bits as state, a corrupted one included, and any inputs; and from a
     valid start, where invalid inputs act as their policies say and outputs stay finite."""
 
@@ -32,7 +38,7 @@ def fuzz_check(model: ExportedC, seconds: int) -> Check:
             return check.of(found, "the fuzzer found an input")
         return check.of([], f"{runs:,} runs of 8 steps in {seconds} s, corrupted states included")
 
-    check = Check("fuzz", "clang", (CLANG, LIBFUZZER), run)
+    check = ProofStep("fuzz", "clang", (CLANG, LIBFUZZER), run)
     return check
 
 

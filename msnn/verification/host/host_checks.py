@@ -11,7 +11,7 @@ from msnn.verification.builds.harness import includes, write_harness
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
 from msnn.verification.proof_step import (
-    Check,
+    ProofStep,
     Result,
     ToolFailedError,
     ToolTimedOutError,
@@ -29,7 +29,7 @@ _SANITIZERS = (
 )
 
 
-def host_checks(model: ExportedC) -> Iterator[Check]:
+def host_checks(model: ExportedC) -> Iterator[ProofStep]:
     """All that a machine with gcc and clang can say in seconds."""
     yield _compiling("warnings", "gcc", (GCC,), model, [*_STANDARD, "-O2", *GCC_WARNINGS])
     yield _compiling("warnings", "clang", (CLANG,), model, [*_STANDARD, "-O2", *CLANG_WARNINGS])
@@ -42,7 +42,7 @@ def host_checks(model: ExportedC) -> Iterator[Check]:
     yield _sanitized(model)
 
 
-def misra_check(model: ExportedC) -> Check:
+def misra_check(model: ExportedC) -> ProofStep:
     """The MISRA addon of cppcheck, which checks a part of MISRA C:2012."""
 
     def run(folder: Path) -> Result:
@@ -65,13 +65,13 @@ def misra_check(model: ExportedC) -> Check:
         version = run_tool([CPPCHECK.command, "--version"], folder).strip()
         return check.of(found, f"{len(found)} findings by the MISRA addon of {version}")
 
-    check = Check("misra", "source", (CPPCHECK,), run)
+    check = ProofStep("misra", "source", (CPPCHECK,), run)
     return check
 
 
 def _compiling(
     name: str, target: str, needs: tuple[Tool, ...], model: ExportedC, flags: list[str]
-) -> Check:
+) -> ProofStep:
     """A compiler that shall have nothing to say."""
 
     def run(folder: Path) -> Result:
@@ -83,7 +83,7 @@ def _compiling(
         what = f"{count} warning flags" if count else "-fanalyzer"
         return check.of(shown, f"{len(found)} warnings, {what}")
 
-    check = Check(name, target, needs, run)
+    check = ProofStep(name, target, needs, run)
     return check
 
 
@@ -99,18 +99,18 @@ def writable_objects(sources: Sequence[Path], options: Sequence[str], folder: Pa
     return [f"{file.removesuffix('.o')}.c: {name}" for file, name in _WRITABLE.findall(said)]
 
 
-def _memory(model: ExportedC) -> Check:
+def _memory(model: ExportedC) -> ProofStep:
     """Instances are independent where all memory is in the structs that functions are given."""
 
     def run(folder: Path) -> Result:
         found = writable_objects(model.model_sources, includes(model), folder)
         return check.of(found, f"{len(found)} objects that all instances would share")
 
-    check = Check("memory", "gcc", (GCC, NM), run)
+    check = ProofStep("memory", "gcc", (GCC, NM), run)
     return check
 
 
-def _golden(tool: Tool, model: ExportedC) -> Check:
+def _golden(tool: Tool, model: ExportedC) -> ProofStep:
     def run(folder: Path) -> Result:
         found: list[str] = []
         for level in LEVELS:
@@ -121,11 +121,11 @@ def _golden(tool: Tool, model: ExportedC) -> Check:
         detail = f"{steps} golden steps at {' '.join(LEVELS)}: {promise}"
         return check.of(found, "golden steps differ" if found else detail)
 
-    check = Check("golden vectors", tool.command, (tool,), run)
+    check = ProofStep("golden vectors", tool.command, (tool,), run)
     return check
 
 
-def _sanitized(model: ExportedC) -> Check:
+def _sanitized(model: ExportedC) -> ProofStep:
     def run(folder: Path) -> Result:
         try:
             answer = _replay(GCC.command, list(_SANITIZERS), model, folder)
@@ -137,7 +137,7 @@ def _sanitized(model: ExportedC) -> Check:
             differences(model, answer), "address, undefined behaviour, float-cast-overflow"
         )
 
-    check = Check("sanitizers", "gcc", (GCC,), run)
+    check = ProofStep("sanitizers", "gcc", (GCC,), run)
     return check
 
 

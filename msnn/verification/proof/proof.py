@@ -29,18 +29,18 @@ from msnn.verification.proof.eva import PRECISION, Alarm, Analysis, Values, anal
 from msnn.verification.proof.kernel_bounds import kernel_bounds
 from msnn.verification.proof.root_alarms import roots_first
 from msnn.verification.proof.trace import place_of, traced
-from msnn.verification.proof_step import Check, Result
+from msnn.verification.proof_step import ProofStep, Result
 from msnn.verification.tools import FRAMA_C
 
 
-def proof_checks(model: ExportedC) -> Iterator[Check]:
+def proof_checks(model: ExportedC) -> Iterator[ProofStep]:
     """Of the step, and of the Jacobian where there is one."""
     yield _check("step", model)
     if model.linearizes:
         yield _check("linearize", model)
 
 
-def _check(function: str, model: ExportedC) -> Check:
+def _check(function: str, model: ExportedC) -> ProofStep:
     def run(folder: Path) -> Result:
         if model.fixed_point:
             detail = "the export proved the bounds of every integer; Eva is asked about floats only"
@@ -54,11 +54,11 @@ def _check(function: str, model: ExportedC) -> Check:
             return Result(check=check.name, target=check.target, verdict="not done", detail=detail)
         return _proved(check, function, model, folder)
 
-    check = Check("proof", function, (FRAMA_C,), run)
+    check = ProofStep("proof", function, (FRAMA_C,), run)
     return check
 
 
-def _proved(check: Check, function: str, model: ExportedC, folder: Path) -> Result:
+def _proved(check: ProofStep, function: str, model: ExportedC, folder: Path) -> Result:
     results = model.outputs if function == "step" else model.slopes
     reals = [("result", m) for m in results if not m.unsigned]
     if function == "step":

@@ -16,7 +16,7 @@ _END = re.compile(r"^\}|^ {4}/\*", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Block:
+class TracedBlock:
     """Lines `first` … `last` of a C file, and what of the spec they compute."""
 
     file: str
@@ -38,22 +38,22 @@ class Block:
         return f"{self.file}:{self.first}" + (f"-{self.last}" if self.last > self.first else "")
 
 
-def traced(sources: tuple[Path, ...]) -> tuple[Block, ...]:
+def traced(sources: tuple[Path, ...]) -> tuple[TracedBlock, ...]:
     """The blocks of all files in the order of their lines."""
     return tuple(
         block for source in sources for block in _blocks(source.name, source.read_text("utf-8"))
     )
 
 
-def place_of(blocks: tuple[Block, ...], file: str, line: int) -> str | None:
+def place_of(blocks: tuple[TracedBlock, ...], file: str, line: int) -> str | None:
     """Where the spec says what a line of C computes: the last note before it."""
     before = [block.place for block in blocks if block.file == file and block.first <= line]
     return before[-1] if before else None
 
 
-def by_spec_line(blocks: tuple[Block, ...]) -> list[tuple[str, str, str]]:
+def by_spec_line(blocks: tuple[TracedBlock, ...]) -> list[tuple[str, str, str]]:
     """Place in the spec, name, and all lines of C that compute it."""
-    found: dict[tuple[str, int], list[Block]] = {}
+    found: dict[tuple[str, int], list[TracedBlock]] = {}
     for block in blocks:
         found.setdefault((block.spec, block.line), []).append(block)
     return [
@@ -66,10 +66,10 @@ def by_spec_line(blocks: tuple[Block, ...]) -> list[tuple[str, str, str]]:
     ]
 
 
-def _blocks(file: str, text: str) -> list[Block]:
+def _blocks(file: str, text: str) -> list[TracedBlock]:
     notes = list(_NOTE.finditer(text))
     ends = [note.start() for note in notes[1:]] + [len(text)]
-    blocks: list[Block] = []
+    blocks: list[TracedBlock] = []
     for note, end in zip(notes, ends, strict=False):
         said = _FOLD.sub(" ", note.group(1))
         what, _, place = said.removesuffix(")").rpartition(" (")
@@ -79,6 +79,6 @@ def _blocks(file: str, text: str) -> list[Block]:
         first, last = text.count("\n", 0, note.start()) + 1, text[:stop].rstrip().count("\n") + 1
         name = _FORMULA.split(what)[0]
         blocks.append(
-            Block(file=file, first=first, last=last, name=name, spec=spec, line=int(line))
+            TracedBlock(file=file, first=first, last=last, name=name, spec=spec, line=int(line))
         )
     return blocks

@@ -6,7 +6,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import Entry, RefusedError
 from spec_schema.fields.formulas import ExpressionField, PredictionField
-from spec_schema.fields.leaf import Leaf
+from spec_schema.fields.leaf import LeafField
 from spec_schema.fields.plain import Reference, Switch, number, read_count, reads
 from spec_schema.fields.quantities import LengthField, PositiveLength
 from spec_schema.yaml_tree.nodes import Node
@@ -15,7 +15,7 @@ LARGEST_ORDER = 64
 """Of a filter: beyond it coefficients in single precision lose their meaning."""
 
 
-def order(least: int) -> Leaf:
+def order(least: int) -> LeafField:
     """Validates the order of a filter."""
 
     def read(node: Node, findings: Findings) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from backends.gauss_newton_products import Products
 from backends.native.kernel import Kernel
-from backends.native.kernel_data import Data
+from backends.native.kernel_data import KernelData
 from backends.native.sensitivity_kernel import SensitivityKernel
 from backends.native.variables import flat
 from compiler.differentiation.sensitivities import sensitivities
@@ -67,7 +67,7 @@ class NativeSquares:
         """The losses of rollouts on the rows that are watched."""
         return self._costs_on(self._evaluation, runs, weights)
 
-    def _costs_on(self, data: Data, runs: Runs, weights: Weights) -> LossSums:
+    def _costs_on(self, data: KernelData, runs: Runs, weights: Weights) -> LossSums:
         kernel = self._costs
         groups = kernel.groups(runs.t0, runs.steps)
         physical = flat(self._program, weights)

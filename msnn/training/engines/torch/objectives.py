@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from backends.native.kernel import Kernel
-from backends.native.kernel_data import Data
+from backends.native.kernel_data import KernelData
 from backends.torch_module.module import TorchModel
 from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Measure
@@ -145,7 +145,7 @@ class KernelObjective:
         return losses
 
     def value_and_slope(
-        self, physical: Tensor, data: Data, runs: Runs, losses: LossSums, *, slope: bool
+        self, physical: Tensor, data: KernelData, runs: Runs, losses: LossSums, *, slope: bool
     ) -> tuple[float, FloatArray]:
         """The weighted total and its gradient in physical parameters; fills in `losses`."""
         kernel = self._kernel
@@ -180,7 +180,7 @@ class _KernelTotal(torch.autograd.Function):
         ctx: Any,
         physical: Tensor,
         objective: KernelObjective,
-        data: Data,
+        data: KernelData,
         runs: Runs,
         losses: LossSums,
     ) -> Tensor:
