@@ -163,7 +163,7 @@ def _estimated(
     spread = np.zeros_like(total)
     for name in measured & curvatures.keys():
         one, curvature = products[name], curvatures[name]
-        freedom = one.count - float(np.sum(inverse * curvature))
+        freedom = one.count - one.left_out - float(np.sum(inverse * curvature))
         variance = one.squares / freedom if freedom > 0 else np.nan
         noise[name] = float(np.sqrt(variance))
         spread += shares[name] * variance * curvature
@@ -177,7 +177,7 @@ def _estimated(
         {p.name: e.reshape(weights[p.name].shape) for p, e in zip(parameters, errors, strict=True)},
         _combinations(total, nothing, [names[i] for i in free]),
         noise,
-        sum(products[name].count for name in noise),
+        sum(products[name].count - products[name].left_out for name in noise),
     )
 
 
