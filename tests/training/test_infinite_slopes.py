@@ -28,6 +28,7 @@ from msnn.training.records.checkpoint import (
     write_checkpoint,
 )
 from msnn.training.records.progress import Silent
+from msnn.training.records.standard_errors import StandardErrors, standard_errors
 from msnn.training.train import TrainingDivergedError, TrainingOptions, TrainingResult, train
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from tests.conditions import require_tool
@@ -182,6 +183,22 @@ def test_where_nothing_is_left_training_ends(engine: str) -> None:
     said = caught.value.diagnostic
     assert said.code == "E0985"
     assert "its slope in `k` is not" in said.message
+
+
+def test_standard_errors_are_those_of_the_other_rows() -> None:
+    plan, weights = planned(LM.replace("ENGINE", "torch")), {"k": np.array(FIRST)}
+    weights["m"] = np.array(1.1)
+    found: list[StandardErrors] = []
+    for at_first in (3, 0):
+        series = measured(at_first=3)
+        kept = {name: values[3 - at_first :] for name, values in series.items()}
+        data = dataset(kept, train=[len(kept["u"])])
+        found.append(standard_errors(plan, data, weights))
+    one, other = found
+    assert one.noise["y"] == pytest.approx(other.noise["y"], rel=1e-9)
+    assert one.residuals == other.residuals
+    for name, error in other.errors.items():
+        assert float(one.errors[name]) == pytest.approx(float(error), rel=1e-9)
 
 
 # ---- first order

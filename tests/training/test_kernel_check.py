@@ -136,6 +136,10 @@ CHANGES = {
     ),
     "a sum that leaves a lane out": ("half[0] += half[1];", ""),
     "steps that are not skipped": ("p->skip", "0"),
+    "missing targets that count, in data that miss none": (
+        "count[0U] = choose(",
+        "count[0U] = splat(1) + choose(",
+    ),
 }
 
 

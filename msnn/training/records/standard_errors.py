@@ -163,7 +163,7 @@ def _estimated(
     spread = np.zeros_like(total)
     for name in measured & curvatures.keys():
         one, curvature = products[name], curvatures[name]
-        freedom = one.count - float(np.sum(inverse * curvature))
+        freedom = one.count - one.left_out - float(np.sum(inverse * curvature))
         variance = one.squares / freedom if freedom > 0 else np.nan
         noise[name] = float(np.sqrt(variance))
         spread += shares[name] * variance * curvature
@@ -180,7 +180,7 @@ def _estimated(
         },
         unidentified=_combinations(total, nothing, [names[i] for i in free]),
         noise=noise,
-        residuals=sum(products[name].count for name in noise),
+        residuals=sum(products[name].count - products[name].left_out for name in noise),
     )
 
 
