@@ -18,7 +18,8 @@ from backends.c_language.tree import Function
 from backends.fixed_point.functions import FixedFunctions
 from backends.fixed_point.golden_text import expected_text, golden_functions
 from backends.fixed_point.names import FixedNames, fixed_names
-from backends.fixed_point.structs import port_comment, structs
+from backends.fixed_point.port_facts import port_facts, real_type
+from backends.fixed_point.structs import structs
 from compiler.fixed_point.deviation import OutputError
 from compiler.fixed_point.golden import GoldenRun, IntegerGoldenStart, golden_run, golden_starts
 from compiler.fixed_point.integers.interpret import FixedStatus
@@ -68,7 +69,7 @@ def step_texts(
     writer = FixedFunctions(program, names)
     functions = writer.all()
     printer = _printer(program, names)
-    ports = _ports(program, names)
+    ports = port_facts(program, names)
     texts = {
         f"include/{prefix}.h": _filled(
             "header.h",
@@ -87,7 +88,7 @@ def step_texts(
             selftest_checks="",
         ),
         f"include/{prefix}_real.h": _filled(
-            "real.h", names, "Physical numbers", ports=ports, **_real_type(program)
+            "real.h", names, "Physical numbers", ports=ports, **real_type(program)
         ),
         f"src/{prefix}.c": _filled(
             "source.c",
@@ -109,7 +110,7 @@ def _readme(
     errors: Sequence[OutputError],
     paths: Iterable[str],
 ) -> str:
-    zero = _real_type(program)["zero"]
+    zero = real_type(program)["zero"]
     return _filled(
         "README.md",
         names,
@@ -128,7 +129,7 @@ def _readme(
         ],
         outputs=[_shown(names, port) for port, _ in program.outputs],
         dtype=program.width.name,
-        ports=_ports(program, names),
+        ports=port_facts(program, names),
         errors=[_error_row(error) for error in errors],
         error_steps=errors[0].steps if errors else 0,
         step_errors=[_step_row(error) for error in program.step_errors if error.largest],
@@ -194,44 +195,6 @@ def _printed(printer: Printer, functions: Iterable[Function]) -> list[str]:
 
 def _filled(template: str, names: FixedNames, title: str, **facts: Any) -> str:
     return render(f"{template}.j2", names, title, "fixed_point", **facts)
-
-
-def _ports(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
-    listed = [
-        *(("input", e.port, names.inputs[e.port.name]) for e in program.inputs),
-        *(("output", port, names.outputs[port.name]) for port, _ in program.outputs),
-        *(("start", port, names.windows[port.name]) for port in program.windows),
-    ]
-    return [_port(kind, port, field, names, program) for kind, port, field in listed]
-
-
-def _port(
-    kind: str, port: WordPort, field: str, names: FixedNames, program: IntegerProgram
-) -> dict[str, Any]:
-    infix = "x0_" if kind == "start" else ""
-    macro = f"{names.macro}_{infix.upper()}{field.upper()}"
-    ending = "F" if program.width.word == 16 else ""
-    step = math.ldexp(1.0, -port.fraction)
-    return {
-        "kind": kind,
-        "name": port.name,
-        "macro": macro,
-        "function": f"{names.prefix}_{infix}{field}",
-        "goes_in": kind != "output",
-        "comment": comment(f"{kind} {port.name}: {port_comment(port)}"),
-        "fraction": port.fraction,
-        "low": port.low,
-        "high": port.high,
-        "step": f"{step:.3g}",
-        "scale": f"{math.ldexp(1.0, port.fraction)!r}{ending}",
-        "unscale": f"{step!r}{ending}",
-    }
-
-
-def _real_type(program: IntegerProgram) -> dict[str, str]:
-    if program.width.word == 16:
-        return {"real": "float", "zero": "0.0F", "half": "0.5F"}
-    return {"real": "double", "zero": "0.0", "half": "0.5"}
 
 
 def _bit(names: FixedNames, bit: FixedStatus) -> dict[str, str]:
