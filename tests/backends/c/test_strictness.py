@@ -87,8 +87,11 @@ def test_it_is_cpp_as_well(name: str, tmp_path: Path) -> None:
     assert "agree" in _run([program])
 
 
-@pytest.mark.parametrize("constant_time", [False, True])
-@pytest.mark.parametrize("extras", [(), ("jacobian", "parameter_jacobian")])
+@pytest.mark.parametrize(
+    ("extras", "constant_time"),
+    [((), False), (("jacobian", "parameter_jacobian"), True)],  # statements of each, in two runs
+    ids=["step", "constant time, with Jacobians"],
+)
 def test_the_misra_addon_of_cppcheck_finds_nothing(
     extras: tuple[Extra, ...], constant_time: bool, tmp_path: Path
 ) -> None:
