@@ -194,7 +194,7 @@ class Formula:
     left: str
     """A name, `der(x)` or `next(x)`."""
     right: str
-    span: Span
+    span: Span = field(compare=False)
 
 
 class Measure(Enum):

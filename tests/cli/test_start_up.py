@@ -101,7 +101,6 @@ _NOT_WHOLE = {
         "safetensors_file",
         "spec_hash",
         "submodel_weights",
-        "trained_model",
     },
     "msnn.project": {"package_names", "workflow_checks"},
     "msnn.reports": {"summary"},

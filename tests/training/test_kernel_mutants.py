@@ -13,7 +13,7 @@ from tests.conditions import require_tool
 def test_changed_rules_of_derivatives_are_found() -> None:
     score = rules_score(every=10)
     assert score.missed == ()
-    assert score.found >= 7
+    assert score.found >= 6
 
 
 @pytest.mark.parametrize("seed", range(6))
