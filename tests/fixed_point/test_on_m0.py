@@ -43,8 +43,9 @@ def _no_two_equal(program: Program) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("dtype", ["q15", "q31"])
-@pytest.mark.parametrize("name", ["battery", "engine_map", "quarter_car"])
+@pytest.mark.parametrize(
+    ("name", "dtype"), [("battery", "q31"), ("engine_map", "q15"), ("quarter_car", "q15")]
+)
 def test_misra(name: str, dtype: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if not CPPCHECK.is_there:
         miss(f"{CPPCHECK.command} is not installed: apt-get install {CPPCHECK.package}")
