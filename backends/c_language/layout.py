@@ -14,7 +14,9 @@ _SHORTEST = 30
 
 def comment(text: str, indent: str = "") -> str:
     """A block comment of one or more lines; any text is safe."""
-    lines = textwrap.wrap(comment_text(text), WIDTH - len(indent) - len("/*  */")) or [""]
+    width = WIDTH - len(indent) - len("/*  */")
+    # a hyphen stays inside its word: in names of files, and where it is a minus
+    lines = textwrap.wrap(comment_text(text), width, break_on_hyphens=False) or [""]
     return f"\n{indent} * ".join([f"{indent}/* {lines[0]}", *lines[1:]]) + " */"
 
 

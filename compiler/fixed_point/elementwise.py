@@ -44,9 +44,30 @@ class Elementwise(Settler):
             pick = max if largest else min
             error = max(left.error, right.error)
             return self.number(pick(left.constant, right.constant)).within(error)
+        for number, other in ((left, right), (right, left)):
+            if not number.terms and self._is_beyond(number, other, above=largest):
+                error = self._overshoot(number, other, above=largest)
+                return self.number(number.constant).within(max(number.error, error))
         a, b = self._aligned(left, right)
         found = self.builder.larger(a, b) if largest else self.builder.smaller(a, b)
         return self._simple(found)
+
+    def _is_beyond(self, number: Form, other: Form, *, above: bool) -> bool:
+        """Whether a number is above, or below, all that a node can hold.
+
+        `_aligned` moves such a number nearer, where it still decides a comparison; as the extreme
+        itself it has to stay.
+        """
+        found = self.builder[self.node(other)]
+        scaled = math.ldexp(number.constant, found.fraction)
+        return scaled > found.high if above else scaled < found.low
+
+    def _overshoot(self, number: Form, other: Form, *, above: bool) -> float:
+        """How far beyond such a number the real value may be, of which the node is an error off."""
+        node = self.node(other)
+        low, high = self.builder.bounds(node)
+        apart = number.constant - high if above else low - number.constant
+        return max(self.builder.errors[node] - apart, 0.0)
 
     def _simple(self, node: int) -> Form:
         low, high = self.builder.bounds(node)

@@ -1,4 +1,4 @@
-"""Compares a loaded export with the judge: single steps, a free run, slopes, and bits."""
+"""Compares a loaded export with the judge: start, single steps, a free run, slopes, and bits."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from msnn.agreement.deviation import bits_of_each, deviations, worst_deviation
-from msnn.agreement.judgement import Arrays, Judgement
-from msnn.agreement.loaded import Loaded, Step
+from msnn.agreement.judgement import Arrays, Beginning, Judgement
+from msnn.agreement.loaded import Loaded
 from msnn.agreement.record import AgreementRecord
 from msnn.agreement.rounding import (
     STEP_LIMIT,
+    first_states,
     labelled,
-    rounding_errors,
+    labelled_first,
     single_steps,
     step_limit,
     within_rounding,
@@ -43,7 +44,8 @@ class Agreement:
     dtype: str
     steps: int
     one_step: float | None
-    """The worst of all steps, each from the judge's state; None where states cannot be set."""
+    """The worst of the start and of all steps, each from the judge's state; None where states
+    cannot be set."""
     free_run: float
     """The worst of a free run of at most 1,000 steps; grows where the model is unstable."""
     jacobian: float | None
@@ -73,7 +75,7 @@ def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreem
     wanted = subject.judge("float64")
     same = subject.judge(subject.dtype) if exact else wanted
     free = _free_run(loaded, same, same.steps if exact else FREE_STEPS)
-    single = _single_steps(subject, loaded.step, wanted, record)
+    single = _start_and_steps(subject, loaded, same.beginning, wanted, record)
     slopes = measured_slopes(subject, loaded.slopes, same)
     if exact:
         counts = {**single.bits, **slopes.bits}
@@ -104,16 +106,23 @@ def _free_run(loaded: Loaded, judged: Judgement, most_steps: int) -> Arrays:
     return loaded.run(judged.beginning, inputs, steps)
 
 
-def _single_steps(
-    subject: Subject, step: Step | None, wanted: Judgement, record: AgreementRecord
+def _start_and_steps(
+    subject: Subject,
+    loaded: Loaded,
+    beginning: Beginning,
+    wanted: Judgement,
+    record: AgreementRecord,
 ) -> Measured:
-    if step is None:
+    """The states before the first step, and single steps from those of the judge."""
+    if loaded.step is None or loaded.start is None:
         return NOTHING
-    found = labelled(*step(wanted.inputs, wanted.states, wanted.steps))
+    found = labelled(*loaded.step(wanted.inputs, wanted.states, wanted.steps))
+    found |= labelled_first(loaded.start(beginning))
     single = single_steps(subject.program, subject.weights, record, wanted)
     rounded = labelled(single["outputs"], single["next_states"])
-    deviated = deviations(found, labelled(wanted.outputs, wanted.next_states))
-    errors = rounding_errors(single, wanted)
+    rounded |= labelled_first(first_states(subject.program, subject.weights, record))
+    judged = labelled(wanted.outputs, wanted.next_states) | labelled_first(wanted.states)
+    deviated, errors = deviations(found, judged), deviations(rounded, judged)
     far = {fault.of for fault in _far(subject, Measured(deviated, errors, {}))}
     if far and subject.dtype == "float64":
         doubted = {name: values for name, values in found.items() if name in far}

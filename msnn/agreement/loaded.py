@@ -1,4 +1,4 @@
-"""Says what a loaded export can do: a free run, and where it shows them, single steps and slopes.
+"""Says what a loaded export can do: a free run, and where it shows its states, more of it.
 
 It is all that comparing, and running data through an export, ask of a target.
 """
@@ -14,6 +14,8 @@ import numpy as np
 from compiler.jacobian.matrices import Jacobian
 from msnn.agreement.judgement import Arrays, Beginning
 
+Start: TypeAlias = Callable[[Beginning], Arrays]
+"""The states before the first step, (1, *shape) each."""
 Run: TypeAlias = Callable[[Beginning, Arrays, int], Arrays]
 """Outputs (steps, *shape) of a run from a beginning, for inputs (steps, *shape)."""
 Step: TypeAlias = Callable[[Arrays, Arrays, int], tuple[Arrays, Arrays]]
@@ -34,16 +36,18 @@ class Loaded:
     """An export that was loaded from its files, without the program that they came from."""
 
     run: Run
+    start: Start | None = None
+    """None where states are not seen."""
     step: Step | None = None
     """None where states cannot be set: such a target can promise bits only."""
     slopes: Slopes | None = None
 
 
-def run_by_steps(start: Callable[[Arrays], Arrays], step: Step) -> Run:
-    """The run of an export with explicit states; `start` makes the first out of windows."""
+def loaded_by_steps(start: Start, step: Step, slopes: Slopes | None = None) -> Loaded:
+    """An export with explicit states, which is run step by step."""
 
     def run(beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
-        states = start(beginning.windows)
+        states = start(beginning)
         found: list[Arrays] = []
         for k in range(steps):
             given = {name: values[k : k + 1] for name, values in inputs.items()}
@@ -51,7 +55,7 @@ def run_by_steps(start: Callable[[Arrays], Arrays], step: Step) -> Run:
             found.append(outputs)
         return {name: np.concatenate([one[name] for one in found]) for name in found[0]}
 
-    return run
+    return Loaded(run, start, step, slopes)
 
 
 def stacked(steps: list[Arrays]) -> Arrays:

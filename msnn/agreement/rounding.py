@@ -1,4 +1,4 @@
-"""Finds what rounding costs a step, and how near to the judge a target can therefore come."""
+"""Finds what rounding costs a start or step, and how near to the judge a target can come."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from compiler.interpreter.bounded import exact
 from compiler.interpreter.interpreter import Interpreter
 from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import Program
-from msnn.agreement.deviation import deviations
 from msnn.agreement.judgement import Arrays, Judgement
 from msnn.agreement.record import AgreementRecord
 from msnn.data.dataset import FloatArray
@@ -46,18 +45,24 @@ def single_steps(
     }
 
 
+def first_states(
+    program: Program, weights: Mapping[str, FloatArray], record: AgreementRecord
+) -> Arrays:
+    """The interpreter's states before the first step in float32, (1, *shape) each."""
+    log = {name: series.astype(np.float32) for name, series in record.log.items()}
+    with np.errstate(all="ignore"):
+        return Interpreter(program, weights, np.float32).start(log, record.t0)
+
+
 def labelled(outputs: Mapping[str, V], next_states: Mapping[str, V]) -> dict[str, V]:
     """Outputs and next states under the names that messages give them."""
     named = {f"`{name}`": values for name, values in outputs.items()}
     return named | {f"the state `{name}`": values for name, values in next_states.items()}
 
 
-def rounding_errors(single: Mapping[str, Arrays], wanted: Judgement) -> dict[str, float]:
-    """The worst deviation of each output and next state in single precision."""
-    return deviations(
-        labelled(single["outputs"], single["next_states"]),
-        labelled(wanted.outputs, wanted.next_states),
-    )
+def labelled_first(states: Mapping[str, V]) -> dict[str, V]:
+    """States before the first step, likewise."""
+    return {f"the first state `{name}`": values for name, values in states.items()}
 
 
 def within_rounding(
@@ -72,21 +77,28 @@ def within_rounding(
     A bound of its own for every value (decision 0180): one that is nothing but what rounding leaves
     of a difference of equal numbers says by its magnitude nothing of how large these were.
     """
-    judged = labelled(wanted.outputs, wanted.next_states)
-    nodes = {f"`{output.name}`": output.node for output in program.outputs}
-    nodes |= {f"the state `{state.name}`": state.next for state in program.states}
-    named = {name: nodes[name] for name in found if name in nodes}
-    graph = BoundedGraph(program.step, named.values(), weights, np.dtype(np.float64))
-    rows = record.t0 + np.arange(record.steps)
-    leaves = {name: exact(values) for name, values in wanted.states.items()}
-    values = graph.run(record.log, rows, leaves)
+    steps = labelled(
+        {output.name: output.node for output in program.outputs},
+        {state.name: state.next for state in program.states},
+    )
+    firsts = labelled_first({state.name: state.start for state in program.states})
+    begin, rows = np.array([record.t0]), record.t0 + np.arange(record.steps)
+    states = {name: exact(values) for name, values in wanted.states.items()}
+    judged = labelled(wanted.outputs, wanted.next_states) | labelled_first(wanted.states)
     inside: set[str] = set()
-    for name, node in named.items():
-        count = len(found[name])
-        # both are within the spread of the exact value
-        spread = 2.0 * np.broadcast_to(values[node].spread(graph.unit), judged[name].shape)
-        if np.all(np.abs(found[name] - judged[name][:count]) <= spread[:count]):
-            inside.add(name)
+    for graph, nodes, t, leaves in (
+        (program.start, firsts, begin, {}),
+        (program.step, steps, rows, states),
+    ):
+        named = {name: node for name, node in nodes.items() if name in found}
+        bounds = BoundedGraph(graph, named.values(), weights, np.dtype(np.float64))
+        values = bounds.run(record.log, t, leaves)
+        for name, node in named.items():
+            of_judge = judged[name][: len(found[name])]
+            # both are within the spread of the exact value
+            spread = 2.0 * values[node].spread(bounds.unit)
+            if np.all(np.abs(found[name] - of_judge) <= np.broadcast_to(spread, of_judge.shape)):
+                inside.add(name)
     return inside
 
 

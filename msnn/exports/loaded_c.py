@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from backends.c.host.library import CStep
 from backends.c.interface.interface import Interface
 from msnn.agreement.judgement import Arrays, Beginning
@@ -15,7 +17,7 @@ def loaded_c(step: CStep, interface: Interface) -> Loaded:
     model = _CModel(step, interface)
     matrices = interface.jacobian
     slopes = None if matrices is None else Slopes(matrices.jacobian, model.slopes)
-    return Loaded(model.run, model.step_each, slopes)
+    return Loaded(model.run, model.start, model.step_each, slopes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +25,8 @@ class _CModel:
     step: CStep
     interface: Interface
 
-    def run(self, beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
-        """A run of the loop in C, its states set from the samples around the first step."""
+    def start(self, beginning: Beginning) -> Arrays:
+        """What `reset` makes of the samples around the first step."""
         windows = {
             field.name: beginning.window(
                 field.name, port.first, port.last - port.first + 1
@@ -35,6 +37,11 @@ class _CModel:
             field.name: beginning.states[state.name] for field, state in self.interface.supplied
         }
         self.step.reset(windows | supplied)
+        return {name: value[np.newaxis] for name, value in self.step.states().items()}
+
+    def run(self, beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
+        """A run of the loop in C from there."""
+        self.start(beginning)
         return self.step.run(inputs, steps)[0]
 
     def step_each(self, inputs: Arrays, states: Arrays, steps: int) -> tuple[Arrays, Arrays]:

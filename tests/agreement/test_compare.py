@@ -64,6 +64,31 @@ def test_other_weights_do_not_agree(target: str, tmp_path: Path):
     assert not checked(plan, weights, tmp_path, written=others).agrees
 
 
+REMEMBERS = """msnn: 1
+name: m
+sample_time: 10 ms
+inputs: {u: {}}
+states: {x: {next: 0.9 * x + u, init: 0.3 * u}}
+outputs: {y: x}
+"""
+
+
+@pytest.mark.parametrize(("target", "dtype"), TYPES, ids=lambda value: value)
+def test_other_first_states_do_not_agree(target: str, dtype: FloatType, tmp_path: Path):
+    require_tool("gcc", install="apt install gcc")
+    plans: list[AnyPlan] = []
+    for name, text in {"one": REMEMBERS, "other": REMEMBERS.replace("0.3", "0.31")}.items():
+        spec = tmp_path / f"{name}.msnn.yaml"
+        spec.write_text(text, encoding="utf-8")
+        plans += [
+            replace(p, dtype=dtype) for p in plan_exports(load_model(spec), [target], Findings())
+        ]
+    plan, other = plans
+    written = write_export(other, {}, tmp_path / "out")
+    found = check_export(plan, {}, written, drawn_record(plan.program, "drawn"))
+    assert "the first state `x`" in [fault.of for fault in found.faults]
+
+
 def test_deviation_is_relative_to_the_largest_magnitude():
     wanted = {"a": np.array([1.0, -4.0]), "b": np.array([0.0, 0.0])}
     assert worst_deviation({"a": np.array([1.1, -4.0]), "b": wanted["b"]}, wanted) == (

@@ -41,6 +41,30 @@ def test_q31_is_a_hundred_times_closer(name: str, tmp_path: Path) -> None:
         assert error < max(LARGEST[name][output] / 100, 1e-6), output
 
 
+LIMITED = """msnn: 1
+name: limited
+sample_time: 10 ms
+inputs: {v: {range: [-1, 1]}}
+outputs:
+  positive: {expr: "max(v - 2, 0) + 0.5 * v"}
+  negative: {expr: "min(v + 2, 0) + 0.5 * v"}
+  held: {expr: "clip(v, 3, 5) + 0.5 * v"}
+  kept: {expr: "clip(v, -3, 5) + 0.5 * v"}
+"""
+
+
+@pytest.mark.parametrize(("dtype", "largest"), [("q15", 1e-3), ("q31", 1e-7)])
+def test_a_limit_that_no_value_reaches_keeps_its_number(
+    dtype: str, largest: float, tmp_path: Path
+) -> None:
+    plan = planned(fixed_model(tmp_path, LIMITED, dtype))
+    write_export(plan, {}, tmp_path / "c")
+    about = json.loads((tmp_path / "c" / "limited.json").read_text(encoding="utf-8"))
+    errors = {row["output"]: row["largest"] for row in about["errors"]}
+    assert errors.keys() == {"positive", "negative", "held", "kept"}
+    assert max(errors.values()) < largest, errors
+
+
 def test_the_export_shows_its_error(tmp_path: Path) -> None:
     plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
     write_export(plan, {}, tmp_path / "c")

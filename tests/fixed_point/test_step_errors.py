@@ -59,6 +59,19 @@ def test_no_step_of_a_random_model_is_further_off_than_is_proved(seed: int, tmp_
     assert not exceeded(program, integers, 60, 40)
 
 
+BEYOND = """msnn: 1
+name: beyond
+sample_time: 10 ms
+inputs: {v: {range: [-1, 1]}}
+outputs: {positive: "max(v / 3 - 2, 0) + v", negative: "min(v / 3 + 2, 0) + v"}
+"""
+
+
+def test_a_limit_that_no_value_reaches_stays_within_what_is_proved(tmp_path: Path) -> None:
+    program, integers = _made(tmp_path, BEYOND, Q15)
+    assert not exceeded(program, integers, 20, 10)
+
+
 def _no_rounding(patch: pytest.MonkeyPatch) -> None:
     plain = IntegerBuilder.to_fraction
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from backends.c_language.layout import comment
 from msnn.verification.proof.trace import TracedBlock, by_spec_line, traced
 
 PLANT = """\
@@ -41,3 +42,18 @@ def test_blocks_end_at_the_next_comment_or_with_their_function(tmp_path: Path) -
         (f"{spec}:22", "", "plant.c:7-8"),
         (f"{spec}:27", "v_next", "plant.c:3-5, plant.c:13-15"),
     ]
+
+
+def test_names_of_files_may_have_hyphens_and_parentheses(tmp_path: Path) -> None:
+    long = " + ".join(["stiffness * travel"] * 4)
+    said = [
+        f"load [N] = {long} (quarter-car (1).msnn.yaml:31)",
+        "quarter-car (1).msnn.yaml:32",
+        "slip = a * (b) (quarter-car (1).msnn.yaml:33)",
+    ]
+    notes = [f"{comment(f'spec: {note}', '    ')}\n    x = 1;\n" for note in said]
+    assert notes[0].count("\n") == 3, "the first does not fit in a line"
+    (tmp_path / "plant.c").write_text("".join(notes), encoding="utf-8")
+    found = [(block.name, block.spec, block.line) for block in traced((tmp_path / "plant.c",))]
+    spec = "quarter-car (1).msnn.yaml"
+    assert found == [("load", spec, 31), ("", spec, 32), ("slip", spec, 33)]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Matrix
-from msnn.agreement.judgement import Arrays, Promise
-from msnn.agreement.loaded import Loaded, Slopes, run_by_steps, stacked
+from msnn.agreement.judgement import Arrays, Beginning, Promise
+from msnn.agreement.loaded import Loaded, Slopes, loaded_by_steps, stacked
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
@@ -40,8 +40,7 @@ def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path
 @contextmanager
 def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
     exported = _CasadiExport(written.folder, plan.prefix)
-    run = run_by_steps(exported.start, exported.step)
-    yield Loaded(run, exported.step, _slopes(plan.program, exported))
+    yield loaded_by_steps(exported.start, exported.step, _slopes(plan.program, exported))
 
 
 def _slopes(program: Program, exported: _CasadiExport) -> Slopes | None:
@@ -85,9 +84,9 @@ class _CasadiExport:
             entry["port"]: np.array(entry["values"]) for entry in self._about["parameters"]
         }
 
-    def start(self, windows: Arrays) -> Arrays:
-        """The states before the first step, (1, *shape) each, from windows (*shape)."""
-        given = {e["port"]: windows[e["name"]].ravel() for e in self._about["start_windows"]}
+    def start(self, beginning: Beginning) -> Arrays:
+        about = self._about["start_windows"]
+        given = {e["port"]: beginning.windows[e["name"]].ravel() for e in about}
         values = self._call(self._start, given)
         return {e["name"]: _shaped(values[e["port"]], e)[None] for e in self._about["states"]}
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from msnn.agreement.judgement import Arrays, Promise
-from msnn.agreement.loaded import Loaded, run_by_steps, stacked
+from msnn.agreement.judgement import Arrays, Beginning, Promise
+from msnn.agreement.loaded import Loaded, loaded_by_steps, stacked
 from msnn.exports.prepare import float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from spec_schema.sections.exports import OnnxExport
@@ -40,7 +40,7 @@ def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
         "start_windows": names.start_windows,
     }
     exported = _OnnxExport(written.folder, plan.prefix, tables)
-    yield Loaded(run_by_steps(exported.start, exported.step), exported.step)
+    yield loaded_by_steps(exported.start, exported.step)
 
 
 TARGET: Target[OnnxExport, None] = Target(
@@ -64,11 +64,11 @@ class _OnnxExport:
         first = folder / f"{prefix}_initial_state.onnx"
         self._start = _session(first) if first.is_file() else None
 
-    def start(self, windows: Arrays) -> Arrays:
-        """The states before the first step, (1, *shape) each, from windows (*shape)."""
+    def start(self, beginning: Beginning) -> Arrays:
         if self._start is None:
             return {}
-        given = {port: windows[name] for name, port in self._names["start_windows"].items()}
+        ports = self._names["start_windows"]
+        given = {port: beginning.windows[name] for name, port in ports.items()}
         values = _infer(self._start, given)
         return {name: values[port][None] for name, port in self._names["states"].items()}
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from msnn.agreement.judgement import Arrays, Promise
-from msnn.agreement.loaded import Loaded, run_by_steps
+from msnn.agreement.judgement import Arrays, Beginning, Promise
+from msnn.agreement.loaded import Loaded, loaded_by_steps
 from msnn.exports.prepare import float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from spec_schema.sections.exports import TorchExport
@@ -32,7 +32,7 @@ def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path
 @contextmanager
 def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
     exported = _TorchExport(written.folder, plan.prefix)
-    yield Loaded(run_by_steps(exported.start, exported.step), exported.step)
+    yield loaded_by_steps(exported.start, exported.step)
 
 
 TARGET: Target[TorchExport, None] = Target(
@@ -60,9 +60,8 @@ class _TorchExport:
             spec.loader.exec_module(module)
         self._model: Any = module.load()
 
-    def start(self, windows: Arrays) -> Arrays:
-        """The states before the first step, (1, *shape) each, from windows (*shape)."""
-        given = {name: value[np.newaxis] for name, value in windows.items()}
+    def start(self, beginning: Beginning) -> Arrays:
+        given = {name: value[np.newaxis] for name, value in beginning.windows.items()}
         return self._arrays(self._model.initial_state(self._tensors(given)))
 
     def step(self, inputs: Arrays, states: Arrays, steps: int) -> tuple[Arrays, Arrays]:

@@ -72,8 +72,8 @@ def _blocks(file: str, text: str) -> list[TracedBlock]:
     blocks: list[TracedBlock] = []
     for note, end in zip(notes, ends, strict=False):
         said = _FOLD.sub(" ", note.group(1))
-        what, _, place = said.removesuffix(")").rpartition(" (")
-        spec, _, line = (place if what else said).rpartition(":")
+        what, place = _what_and_place(said)
+        spec, _, line = place.rpartition(":")
         closed = _END.search(text, note.end(), end)
         stop = end if closed is None else closed.start()
         first, last = text.count("\n", 0, note.start()) + 1, text[:stop].rstrip().count("\n") + 1
@@ -82,3 +82,18 @@ def _blocks(file: str, text: str) -> list[TracedBlock]:
             TracedBlock(file=file, first=first, last=last, name=name, spec=spec, line=int(line))
         )
     return blocks
+
+
+def _what_and_place(said: str) -> tuple[str, str]:
+    """`v_next` and `plant (1).msnn.yaml:27` of `v_next (plant (1).msnn.yaml:27)`.
+
+    A note with a name or formula ends with its place in parentheses, which may hold others.
+    """
+    if not said.endswith(")"):
+        return "", said
+    depth = 0
+    for position in range(len(said) - 1, -1, -1):
+        depth += (said[position] == ")") - (said[position] == "(")
+        if not depth:
+            return said[:position].rstrip(), said[position + 1 : -1]
+    return "", said.removesuffix(")")
