@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import PurePath
 
@@ -13,10 +14,15 @@ _LONGEST_FORMULA = 120
 """Characters of a formula that a comment shows."""
 
 
+_LEFT = re.compile(r"(der|next)\((.*)\)")
+"""`der(x)` in a name is `x_der`."""
+
+
 class SpecNotes:
     """Comments and names for the statements of one graph.
 
-    A node inside an equation has no name of its own: it goes by that of the equation on its line.
+    A node inside a formula has no name of its own: it goes by that of the formula, or where the
+    program keeps no formulas by that of the first named value on its line.
     """
 
     def __init__(self, graph: Graph, formulas: Sequence[Formula] = ()) -> None:
@@ -48,7 +54,7 @@ class SpecNotes:
 
     def part_name(self, node: Node, kind: str) -> str:
         """A name for a value inside an equation: `drag_sum`, or `sum` where nothing is known."""
-        equation = self._equation(node)
+        equation = _LEFT.sub(r"\2_\1", self._equation(node) or "")
         return f"{equation}_{kind}" if equation else kind
 
     def _what(self, node: Node, formula: Formula | None) -> str:
@@ -77,6 +83,9 @@ class SpecNotes:
     def _equation(self, node: Node) -> str | None:
         if node.label is not None or node.span is None:
             return node.label
+        formula = self._formula(node.span)
+        if formula is not None:
+            return formula.left
         return self._names.get((node.span.file, node.span.line))
 
 

@@ -6,7 +6,7 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -161,7 +161,7 @@ def killed(subject: Subject, folder: Path, seed: int) -> Outcome:
         else:
             lost = max(lost, _lost(folder, began, moment))
             told |= number != signal.SIGKILL  # whoever is told how to go on has the weights, too
-            stayed &= told or not _leads_to_unfinished(folder)
+            stayed &= told or not _leads_to_unfinished(folder, subject.left)
     ended = _wait(_started(subject.run, folder, _is_unfinished(folder))) == 0
     right = ended and whole and _left(subject.kind, folder) == subject.left
     return Outcome(subject.kind, kills, lost, right, stayed)
@@ -191,10 +191,16 @@ def _is_unfinished(folder: Path) -> bool:
     return next(folder.rglob(CHECKPOINT), None) is not None
 
 
-def _leads_to_unfinished(folder: Path) -> bool:
-    """Whether `latest` leads to a run that has not reached its last weights."""
-    checkpoint = folder / "runs" / "gain" / "latest" / CHECKPOINT
-    return checkpoint.is_file() and read_checkpoint(checkpoint).place is not None
+def _leads_to_unfinished(folder: Path, left: Mapping[str, bytes]) -> bool:
+    """Whether `latest` leads to a run that has not reached its last weights.
+
+    A run that has them keeps its last checkpoint until its standard errors are known.
+    """
+    latest = folder / "runs" / "gain" / "latest"
+    checkpoint = latest / CHECKPOINT
+    if not checkpoint.is_file() or read_checkpoint(checkpoint).place is None:
+        return False
+    return (latest / WEIGHTS).read_bytes() not in left.values()
 
 
 def _lost(folder: Path, began: float, moment: float) -> float:
