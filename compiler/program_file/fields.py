@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field
 from enum import Enum, EnumType
 from functools import cache
-from pathlib import PurePath
 from types import NoneType
 from typing import Any, Literal, TypeVar, assert_never, cast, get_args, get_origin, get_type_hints
 
@@ -53,6 +52,8 @@ class Shared:
     """What the values of one file share: the names of the specs, and units read before."""
 
     files: tuple[str, ...]
+    numbers: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Of the specs by their paths, where a file is written."""
     units: dict[str, Unit] = field(default_factory=dict[str, Unit])
 
 
@@ -194,8 +195,7 @@ def _read_span(record: PlainRecord, key: str, shared: Shared) -> Span:
 
 
 def _span_to_data(span: Span, shared: Shared) -> list[int]:
-    file = shared.files.index(PurePath(span.file).name)
-    return [file, span.line, span.column, span.end_line, span.end_column]
+    return [shared.numbers[span.file], span.line, span.column, span.end_line, span.end_column]
 
 
 def _read_prediction(record: PlainRecord, key: str, _: Shared) -> Prediction:

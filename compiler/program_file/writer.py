@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import PurePath
 
 from compiler.ir.program import Program
@@ -15,9 +16,10 @@ def program_to_data(program: Program) -> Data:
     """Dictionaries, lists, strings and numbers from which `program_from_data` makes it again.
 
     Numbers keep every bit, units are written by their text, places by the name of their file
-    without its folder. What has its default value is left out.
+    without its folder, unless two files have one name. What has its default value is left out.
     """
-    shared = Shared(_files(program))
+    names = _names_of_files(program)
+    shared = Shared(tuple(names.values()), numbers={path: i for i, path in enumerate(names)})
     data: Data = {
         "format": FORMAT,
         "name": program.name,
@@ -43,10 +45,19 @@ def program_to_data(program: Program) -> Data:
     return data
 
 
-def _files(program: Program) -> tuple[str, ...]:
+def _names_of_files(program: Program) -> dict[str, str]:
+    """The shortest ends of the paths of all specs in which no two are the same, by path."""
     spans = [node.span for graph in (program.start, program.step) for node in graph.nodes]
     for declared in (program.signals, program.parameters, program.states):
         spans += [item.span for item in declared]
     for declared in (program.outputs, program.losses, program.expected, program.formulas):
         spans += [item.span for item in declared]
-    return tuple(dict.fromkeys(PurePath(span.file).name for span in spans if span is not None))
+    parts = {span.file: PurePath(span.file).parts for span in spans if span is not None}
+    return {path: "/".join(own[-_length(own, parts.values()) :]) for path, own in parts.items()}
+
+
+def _length(own: tuple[str, ...], every: Iterable[tuple[str, ...]]) -> int:
+    """How many last parts of a path tell it from the others."""
+    others = [parts for parts in every if parts != own]
+    lengths = range(1, len(own) + 1)
+    return next((n for n in lengths if all(p[-n:] != own[-n:] for p in others)), len(own))

@@ -176,6 +176,20 @@ def test_infinite_bounds_and_roots_of_units_come_back() -> None:
     assert program_from_json(program_to_json(program), "x") == program
 
 
+def test_two_specs_of_one_name_stay_two() -> None:
+    b = GraphBuilder()
+    places = [
+        Span(file=f"/somewhere/{folder}/part.msnn.yaml", line=3, column=1, end_line=3, end_column=9)
+        for folder in ("a", "b")
+    ]
+    for number, place in enumerate(places):
+        with b.at(place):
+            b.signal(f"x{number}", 0, 0, Type())
+    program = Program("two", None, (), (), (), b.graph(), Graph(), ())
+    found = read_program(json.loads(json.dumps(program_to_data(program)))).step.nodes
+    assert [n.span.file for n in found if n.span] == ["a/part.msnn.yaml", "b/part.msnn.yaml"]
+
+
 def test_places_name_the_file_without_its_folder() -> None:
     b = GraphBuilder()
     with b.at(
