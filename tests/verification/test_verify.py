@@ -90,7 +90,7 @@ def test_the_reference_model_on_every_target(
         assert board["stack_bound"] is None or board["stack_painted"] <= board["stack_bound"]
     report = (folder / "REPORT.md").read_text(encoding="utf-8")
     assert "# Verification of `reference`" in report
-    assert "\n| reference.msnn.yaml:27 | v_next | reference.c:" in report
+    assert "\n| reference.msnn.yaml:27 | next(v), v_next | reference.c:" in report
     assert "| reference.msnn.yaml:22 |  |\n" in report
 
 
