@@ -80,10 +80,10 @@ class Elementwise(Settler):
         if not left.terms and not right.terms:
             error = left.error + right.error
             is_sure = not error or abs(left.constant - right.constant) > error
-            return Decided(_holds(relation, left.constant, right.constant), is_sure)
+            return Decided(relation.holds(left.constant, right.constant), is_sure)
         first, second = self._aligned(left, right)
         a, b = self.builder[first], self.builder[second]
-        most, least = (_holds(relation, *ends) for ends in ((a.low, b.high), (a.high, b.low)))
+        most, least = (relation.holds(*ends) for ends in ((a.low, b.high), (a.high, b.low)))
         if most == least:
             return Decided(most, not self.builder.is_doubtful(first, second))
         return IntegerCondition(relation, first, second, left - right)
@@ -176,15 +176,3 @@ class Elementwise(Settler):
         argument = builder.saturated(node, fitted.low, fitted.high)
         value = builder.lookup(argument, fitted.table, fitted.fraction)
         return self._simple(builder.allow(value, error))
-
-
-def _holds(relation: Relation, left: float, right: float) -> bool:
-    match relation:
-        case Relation.LESS:
-            return left < right
-        case Relation.LESS_EQUAL:
-            return left <= right
-        case Relation.GREATER:
-            return left > right
-        case Relation.GREATER_EQUAL:
-            return left >= right

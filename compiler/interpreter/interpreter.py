@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from compiler.interpreter.operations import NOWHERE, Array, Evaluator, LeafValues, evaluator
+from compiler.interpreter.operations import (
+    NOWHERE,
+    Array,
+    Evaluator,
+    LeafValues,
+    evaluator,
+    repeated_batch,
+)
 from compiler.ir.liveness import Extent, needed, states_beside_the_log
 from compiler.ir.ops import ReadSamples, ReadState, Window
 from compiler.ir.program import Graph, NodeId, Program
@@ -77,7 +84,7 @@ class Interpreter:
         t = _rows(t0)
         values = self._start.run(LeafValues(log, t, {}))
         return {
-            state.name: _for_batch(values[state.start], len(t)).copy()
+            state.name: repeated_batch(values[state.start], len(t)).copy()
             for state in self.program.states
         }
 
@@ -219,10 +226,4 @@ def _rows(t: ArrayLike) -> NDArray[np.int64]:
 
 
 def _value(values: Sequence[Array], node: NodeId, rows: NDArray[np.int64]) -> Array:
-    return _for_batch(values[node], len(rows))
-
-
-def _for_batch(value: Array, batch: int) -> Array:
-    if value.shape[0] == batch:
-        return value
-    return np.broadcast_to(value, (batch, *value.shape[1:]))
+    return repeated_batch(values[node], len(rows))

@@ -193,10 +193,11 @@ def _repeated(value: Array, shape: tuple[int, ...]) -> Array:
 
 def _concatenated(parts: list[Array], position: int) -> Array:
     batch = max(part.shape[0] for part in parts)
-    return np.concatenate([_repeated_batch(part, batch) for part in parts], axis=position)
+    return np.concatenate([repeated_batch(part, batch) for part in parts], axis=position)
 
 
-def _repeated_batch(value: Array, batch: int) -> Array:
+def repeated_batch(value: Array, batch: int) -> Array:
+    """The value for each element of the batch, where it is the same for all."""
     if value.shape[0] == batch:
         return value
     return np.broadcast_to(value, (batch, *value.shape[1:]))

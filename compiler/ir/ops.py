@@ -8,6 +8,7 @@ themselves are in the union `Op`, so that pyright names in a `match` which of th
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
@@ -23,6 +24,12 @@ class Relation(Enum):
     GREATER = ">"
     GREATER_EQUAL = ">="
 
+    def holds(self, left: float, right: float) -> bool:
+        """Whether two numbers are related so; False where one is NaN."""
+        return _TESTS[self.value](left, right)
+
+
+_TESTS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
 
 # ---- leaves: values that come from outside the graph
 

@@ -25,13 +25,8 @@ def deviations(found: Arrays, wanted: Arrays) -> dict[str, float]:
     return {name: _deviation(found[name], wanted[name]) for name in wanted}
 
 
-def differing_bits(found: Arrays, wanted: Arrays) -> int:
-    """How many values differ in any bit; one NaN is as good as another."""
-    return sum(bits_of_each(found, wanted).values())
-
-
 def bits_of_each(found: Arrays, wanted: Arrays) -> dict[str, int]:
-    """The same for each array."""
+    """How many values of each array differ in any bit; one NaN is as good as another."""
     counts: dict[str, int] = {}
     for name, values in wanted.items():
         a, b = np.ascontiguousarray(found[name]), np.ascontiguousarray(values)

@@ -32,19 +32,19 @@ def _plan(plan: AnyPlan) -> str:
     rows = [_input(port) for port in interface.inputs]
     for output in interface.outputs:
         type = program.step[output.node].type
-        range = _range(program.expected_range(output.name))
+        range = range_text(program.expected_range(output.name))
         rows.append(("out", output.name, *_type(type), range, _predicted(program, output.name)))
     for state in interface.states:
         about = state.doc.strip().partition("\n")[0]
         shape = describe_axes(state.axes) if state.axes else ""
         unit = "" if state.unit is None else state.unit.text
-        rows.append(("state", state.name, unit, shape, _range(state.range), about))
+        rows.append(("state", state.name, unit, shape, range_text(state.range), about))
     table = table_text(("port", "name", "unit", "shape", "range", ""), rows)
     return f"{plan.target.name}, {plan.dtype}\n{table}"
 
 
 def _input(port: Port) -> Sequence[str]:
-    return ("in", port.signal.name, *_type(port.type), _range(port.signal.range), _when(port))
+    return ("in", port.signal.name, *_type(port.type), range_text(port.signal.range), _when(port))
 
 
 def _type(type: Type) -> tuple[str, str]:
@@ -52,7 +52,8 @@ def _type(type: Type) -> tuple[str, str]:
     return "" if type.unit is None else type.unit.text, shape
 
 
-def _range(bounds: tuple[float, float] | None) -> str:
+def range_text(bounds: tuple[float, float] | None) -> str:
+    """`low … high`, or nothing."""
     return "" if bounds is None else f"{bounds[0]:g} … {bounds[1]:g}"
 
 

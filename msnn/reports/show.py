@@ -23,6 +23,7 @@ from compiler.ir.types import Axis, describe_axes
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.data.starts import reach
+from msnn.exports.describe import range_text
 from msnn.reports.summary import summary_line
 from msnn.tables import count, table_text
 from spec_schema.units.unit import Unit
@@ -126,7 +127,7 @@ def _inputs(program: Program, step: Program) -> str:
             _shape(signal.axes),
             _samples(read.get(signal.name)),
             _port(ports.get(signal.name)),
-            _bounds(signal.range),
+            range_text(signal.range),
             _line(signal.doc),
         )
         for signal in program.signals
@@ -166,7 +167,7 @@ def _states(step: Program) -> str:
 
 def _expected(program: Program) -> str:
     ranges = {
-        entry.name: (_unit(program.step[entry.node].type.unit), _bounds(entry.range))
+        entry.name: (_unit(program.step[entry.node].type.unit), range_text(entry.range))
         for entry in program.expected
     }
     rows = [(name, *about) for name, about in ranges.items()]
@@ -243,10 +244,6 @@ def _port(port: Port | None) -> str:
     if port.last > 0:
         return f"this sample and the next {port.last}"
     return "this sample"
-
-
-def _bounds(bounds: tuple[float, float] | None) -> str:
-    return "" if bounds is None else f"{bounds[0]:g} … {bounds[1]:g}"
 
 
 def _parameter_bounds(parameter: Parameter) -> str:

@@ -56,6 +56,7 @@ class StageRun:
         self.epoch, self.batch = place.epoch, place.batch
         self.best_value, self.best_epoch = place.best_value, place.best_epoch
         self.best, self.sums, self.left_out = place.best, place.sums, place.left_out
+        self.engine.has_left_out = place.left_out > 0  # is said when the epoch ends
         self.reductions = place.reductions
         self._began = time.monotonic() - place.seconds
 

@@ -79,11 +79,6 @@ class Unit:
         """The unit whose `degree`-th power is this one."""
         return self.power(Fraction(1, degree))
 
-    @property
-    def is_dimensionless(self) -> bool:
-        """Whether it counts as a pure number or an angle; `deg` and `%` do, with their scale."""
-        return self.same_dimension(ONE)
-
     def same_dimension(self, other: "Unit") -> bool:
         """Whether the SI exponents agree; the tag of angle is left out, so `1/s` is `rad/s`."""
         return _without_angle(self.exponents) == _without_angle(other.exponents)

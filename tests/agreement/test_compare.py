@@ -13,7 +13,7 @@ import pytest
 from backends.c import COptions
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.deviation import differing_bits, worst_deviation
+from msnn.agreement.deviation import bits_of_each, worst_deviation
 from msnn.agreement.judgement import FloatType
 from msnn.agreement.record import drawn_record
 from msnn.exports.check import check_export
@@ -109,8 +109,8 @@ def test_nan_and_infinity_must_stand_at_equal_places():
 def test_bits_count_the_sign_of_zero_but_not_the_kind_of_nan():
     one = {"a": np.array([0.0, math.nan, 1.0], np.float32)}
     other = {"a": np.array([-0.0, -math.nan, 1.0], np.float32)}
-    assert differing_bits(one, one) == 0
-    assert differing_bits(one, other) == 1
+    assert bits_of_each(one, one) == {"a": 0}
+    assert bits_of_each(one, other) == {"a": 1}
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

@@ -231,6 +231,31 @@ def test_r12_an_epoch_visits_every_start_once_and_the_last_batch_is_smaller() ->
     assert epochs[0].total == 1.0  # the mean over starts, not over batches
 
 
+def test_a_resumed_epoch_knows_of_the_batches_that_were_left_out() -> None:
+    program, spec = gain("  - {epochs: 1, batch: 8}\n")
+    (plan,) = plan_stages(program, spec.train, Findings())
+    runs = Runs(np.arange(21), np.ones(21, dtype=np.int64), 0, 22)
+    data = StageData(
+        train=runs, train_rows=None, watched=runs, watched_rows=None, watched_set="train"
+    )
+
+    def attempt() -> StageRun:
+        return StageRun(
+            plan=plan,
+            engine=Counting(),
+            data=data,
+            stop_asked=lambda: False,
+            epoch_ended=lambda event: None,
+        )
+
+    killed, resumed = attempt(), attempt()
+    killed.best, killed.left_out = {}, 1
+    place = killed.place()
+    assert place is not None
+    resumed.resume(place)
+    assert resumed.engine.has_left_out
+
+
 def test_lbfgs_takes_all_starts_at_once_and_fits_a_linear_model() -> None:
     result = run("  - {epochs: 3, dtype: float64, optimizer: {lbfgs: {}}}\n")
     assert result.weights["a"] == pytest.approx(0.8, abs=1e-6)

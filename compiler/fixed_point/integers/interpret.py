@@ -23,7 +23,6 @@ from compiler.fixed_point.integers.program import (
     Smaller,
     WeightedSum,
 )
-from compiler.ir.ops import Relation
 
 Words = Mapping[str, Sequence[int]]
 """Integers by name, each a flat list in C order."""
@@ -187,7 +186,7 @@ def _value(
         case Larger():
             return max(args)
         case Choose(relation):
-            return args[2] if _holds(relation, args[0], args[1]) else args[3]
+            return args[2] if relation.holds(args[0], args[1]) else args[3]
         case IntegerLookup(first, bits, table):
             place = args[0] - first
             cell, part = place >> bits, place & ((1 << bits) - 1)
@@ -196,18 +195,6 @@ def _value(
             return table[cell] + ((rise + half) >> bits)
         case _:
             assert_never(node.op)
-
-
-def _holds(relation: Relation, left: int, right: int) -> bool:
-    match relation:
-        case Relation.LESS:
-            return left < right
-        case Relation.LESS_EQUAL:
-            return left <= right
-        case Relation.GREATER:
-            return left > right
-        case Relation.GREATER_EQUAL:
-            return left >= right
 
 
 def _first_held(program: IntegerProgram) -> dict[str, list[int]]:
