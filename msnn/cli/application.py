@@ -14,6 +14,7 @@ from msnn.cli.interrupts import is_interrupt
 from msnn.cli.verbs import (
     check,
     compile,
+    data,
     diff,
     doctor,
     explain,
@@ -44,6 +45,7 @@ app = typer.Typer(
 for _verb in (
     init.init,
     check.check,
+    data.data,
     compile.compile_,
     train.train,
     validate.validate,
