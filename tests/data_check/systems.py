@@ -46,3 +46,10 @@ def first_order(u: FloatArray, constant: float, delay: int) -> FloatArray:
 def noisy(y: FloatArray, share: float, seed: int = 1) -> FloatArray:
     """y with white noise of so much of its deviation."""
     return y + share * np.std(y) * np.random.default_rng(seed).normal(size=len(y))
+
+
+def clock(rows: int, step: float) -> FloatArray:
+    """The seconds of evenly spaced rows."""
+    found = np.arange(rows, dtype=np.float64)
+    found *= step
+    return found

@@ -15,7 +15,7 @@ from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.explain import known_codes
 from tests.cli.command_line import CommandLine
-from tests.data_check.systems import first_order, held, multisine, noisy
+from tests.data_check.systems import clock, first_order, held, multisine, noisy
 
 pytest_plugins = ["tests.cli.conftest"]
 
@@ -36,7 +36,7 @@ def columns(rows: int = ROWS) -> dict[str, FloatArray]:
     """A clean record: first order, 15 rows, delay 1, around 300 K."""
     u = held(rows)
     return {
-        "time": 0.1 * np.arange(rows),
+        "time": clock(rows, 0.1),
         "u": u,
         "y": 300 + 2 * noisy(first_order(u, 15, 1), 0.02),
     }

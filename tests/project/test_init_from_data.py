@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 
 from msnn import api
 from msnn.data.dataset import FloatArray
+from msnn.model.model_data import read_data
 from msnn.project.from_data.columns import columns_of
 from msnn.project.from_data.new_spec import spec_from_data
 from msnn.project.from_data.time_column import time_of
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.format_spec import format_spec
 from tests.cli.command_line import CommandLine
-from tests.data_check.systems import first_order, held, noisy
+from tests.data_check.systems import clock, first_order, held, noisy
 
 pytest_plugins = ["tests.cli.conftest"]
 
@@ -30,7 +31,7 @@ STEP = 0.1
 def table() -> dict[str, FloatArray]:
     u, w = held(ROWS, 1), held(ROWS, 2)
     y = 20 + first_order(u, 12, 3) - 0.5 * first_order(w, 12, 1)
-    return {"t": STEP * np.arange(ROWS), "u": u, "w": w, "y": noisy(y - 20, 0.02) + 20}
+    return {"t": clock(ROWS, STEP), "u": u, "w": w, "y": noisy(y - 20, 0.02) + 20}
 
 
 def text(
@@ -61,10 +62,10 @@ DIALECTS = {
     "lines above": text(table(), "t,u,w,y", above="Logger 7\nserial 123\n\n"),
     "comments": text(table(), "t,u,w,y", above="# made by a logger\n"),
     "header as a comment": text(table(), "# t,u,w,y"),
-    "milliseconds": text(table() | {"t": 100 * np.arange(ROWS)}, "time_ms,u,w,y"),
-    "milliseconds by plausibility": text(table() | {"t": 100 * np.arange(ROWS)}, "time,u,w,y"),
+    "milliseconds": text(table() | {"t": clock(ROWS, 100)}, "time_ms,u,w,y"),
+    "milliseconds by plausibility": text(table() | {"t": clock(ROWS, 100)}, "time,u,w,y"),
     "no time": text({k: v for k, v in table().items() if k != "t"}, "u,w,y"),
-    "a counter": text(table() | {"t": np.arange(ROWS)}, "index,u,w,y"),
+    "a counter": text(table() | {"t": clock(ROWS, 1)}, "index,u,w,y"),
     "names of sections": text(table(), "time,offset,linear,y"),
     "a byte order mark": "\ufeff" + text(table(), "time,u,w,y"),
 }
@@ -97,7 +98,7 @@ def test_a_new_spec_checks_clean_trains_and_beats_a_constant_and_a_hold(
     assert format_spec(str(path), path.read_text()) == path.read_text()
     trained = api.train(model, runs=None)
     report = api.validate(model, trained.weights)
-    one_step, free = report.metrics
+    one_step, free = report.rows
     late = table()["y"][int(0.8 * ROWS) :]
     assert one_step.value < 0.95 * np.sqrt(np.mean(np.diff(late) ** 2))
     # noise of 2 % is left of a signal that a constant misses by all of its deviation
@@ -110,11 +111,21 @@ def test_what_a_spec_says_of_its_file(tmp_path: Path):
     assert "sample_time: 100 ms" in spec
     assert 'time: {column: "Time (s)"}' in spec
     assert 'y: {column: "y (°C)", unit: degC}' in spec
-    assert re.search(r"u: \{unit: V, range: \[-1(\.0)?, 1(\.0)?\], doc: \"u \(V\)\"\}", spec)
+    assert re.search(r"u: \{unit: V, range: \[-[01]\.\d+, [01]\.\d+\], doc: \"u \(V\)\"\}", spec)
     assert "from_u(u[t-2]) + from_w(w) + offset" in spec
     assert "from_u: {fir: {window: 1}}  # answers after 3 rows, 300 ms" in spec
     assert "split: {by: fraction, val: 0.2}" in spec
     assert "# put the equation you know here" in spec
+
+
+@pytest.mark.parametrize(
+    ("written", "unit"),
+    [("°/s", "deg/s"), ("Nm", "N*m"), ("m/s²", "m/s^2"), ("%", "%"), ("-", None), ("Foo", None)],
+)
+def test_units_as_people_write_them(written: str, unit: str | None, tmp_path: Path):
+    path = folder_of(tmp_path, text(table(), f"time,u [{written}],w,y"), "y")
+    found = api.load(path).program.signal("u").unit
+    assert (None if found is None else found.text) == unit
 
 
 def test_a_column_may_be_named_as_the_header_has_it(tmp_path: Path):
@@ -231,8 +242,7 @@ def test_hostile_headers_stay_text(label: str, tmp_path: Path):
     path = folder_of(tmp_path, text(table(), f"time,{quoted},w,y"), "y")
     model = api.load(path)
     assert model.warnings == ()
-    dataset = api.train(model, runs=None)
-    assert dataset.weights
+    assert read_data(model, None, "a test").rows == ROWS
     assert format_spec(str(path), path.read_text()) == path.read_text()
 
 
@@ -240,13 +250,13 @@ def test_columns_of_one_name_are_told_apart_by_their_index(tmp_path: Path):
     path = folder_of(tmp_path, text(table(), "time,a,a,y"), "y")
     assert "a: {column: 1}" in path.read_text()
     assert "a_2: {column: 2}" in path.read_text()
-    api.train(api.load(path), runs=None)
+    assert read_data(api.load(path), None, "a test").rows == ROWS
 
 
 LABELS = st.text(st.characters(exclude_characters="\r\n", exclude_categories=["Cs"]), max_size=30)
 
 
-@given(st.lists(LABELS, min_size=2, max_size=2))
+@given(labels=st.lists(LABELS, min_size=2, max_size=2))
 @settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
@@ -255,8 +265,6 @@ def test_any_header_gives_a_spec_that_reads_its_file(labels: list[str], tmp_path
     columns = {name: values[:80] for name, values in table().items()}
     path = folder_of(tmp_path, text(columns, f"zeit,{quoted},y_of_all"), "y_of_all")
     model = api.load(path)
-    from msnn.model.model_data import read_data
-
     assert read_data(model, None, "a test").rows == 80
 
 
@@ -333,5 +341,5 @@ def test_the_sample_project_gives_a_model_of_its_mass(made_project: Path, tmp_pa
     model = api.load(tmp_path / "mass.yaml")
     report = api.validate(model, api.train(model, runs=None).weights)
     x = np.loadtxt(file, delimiter=",", skiprows=1)[160:, 2]
-    assert report.metrics[1].value < 0.1 * np.std(x)
+    assert report.rows[1].value < 0.1 * np.std(x)
     assert json.dumps(spec)

@@ -90,7 +90,7 @@ def _scale(magnitudes: FloatArray) -> float:
 
 
 def _apart(found: list[IntArray]) -> tuple[IntArray, IntArray]:
-    """All first rows with their widths, without those of a wider spike that begins within a narrower one."""
+    """First rows and widths; of spikes that begin within each other only the narrowest."""
     taken: dict[int, int] = {}
     for width, rows in enumerate(found, start=1):
         for row in rows.tolist():

@@ -21,6 +21,8 @@ from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit, UnitError
 
 _LONGEST_NAME = 40
+_MOST_REPAIRS = 3
+"""Of one unit: each is a spelling that is known, as `°` and `Nm`."""
 _BRACKETS = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*", re.DOTALL)
 _OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
 
@@ -71,7 +73,7 @@ def columns_of(path: Path) -> FoundTable:
     ]
     if not numbers:
         raise SpecError([no_table(path.name)])
-    wanted = WantedColumns({index: "the new spec" for index in numbers}, frozenset(numbers))
+    wanted = WantedColumns(dict.fromkeys(numbers, "the new spec"), frozenset(numbers))
     table = read(path, path.name, wanted, layout.dialect)
     names = dict(zip(numbers, _names(layout, numbers), strict=True))
     return FoundTable(
@@ -122,10 +124,15 @@ def _names(layout: TextLayout, numbers: list[int]) -> Iterator[str]:
 
 def _unit(layout: TextLayout, index: int) -> Unit | None:
     text = layout.units[index].strip("[]()") or plain_label(layout.labels[index])[1]
-    try:
-        return parse_unit(text) if text and text != "-" else None
-    except UnitError:
-        return None
+    text = text.replace("²", "^2").replace("³", "^3")
+    for _ in range(_MOST_REPAIRS):
+        try:
+            return parse_unit(text) if text else None
+        except UnitError as error:
+            if error.repair is None:
+                return None
+            text = text[: error.start] + error.repair + text[error.end :]
+    return None
 
 
 def _key(layout: TextLayout, index: int) -> str | int:

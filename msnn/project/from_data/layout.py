@@ -15,7 +15,7 @@ from msnn.errors.new_specs import no_table
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _LINES = 400
-_DIALECTS = tuple((sign, ".") for sign in (",", ";", "\t", "|")) + ((";", ","), ("\t", ","))
+_DIALECTS = ((",", "."), (";", "."), ("\t", "."), ("|", "."), (";", ","), ("\t", ","))
 _COMMENTS = ("#", "%")
 _NOT_MEASURED = frozenset(("", "nan", "na", "null"))
 
@@ -30,7 +30,7 @@ class TextLayout:
     units: tuple[str, ...]
     """The cells of a line of units; empty texts where there is none."""
     named: bool
-    """Whether columns can be named by the header; where a line of units is passed over they cannot."""
+    """Whether the header can name columns; where a line of units is passed over it cannot."""
     sample: tuple[tuple[str, ...], ...]
     """The cells of the first rows."""
 
@@ -51,8 +51,8 @@ def layout_of(path: Path) -> TextLayout:
     above = [i for i in range(first) if len(rows[i]) == width]
     header = above[-1] if above else None
     units: tuple[str, ...] = ("",) * width
-    if len(above) > 1 and header == first - 1 and all(map(is_unit, rows[header])):
-        units, header = rows[header], above[-2]
+    if len(above) > 1 and above[-1] == first - 1 and all(is_unit(cell) for cell in rows[first - 1]):
+        units, header = rows[first - 1], above[-2]
     named = header is not None and not any(units)
     begins = lines[header][0] if header is not None and named else lines[first][0]
     # comments are passed over after the lines that are skipped

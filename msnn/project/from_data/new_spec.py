@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from msnn.project.from_data.roles import Role, roles_of
 from msnn.project.from_data.time_column import FoundTime, time_of
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.format_spec import format_spec
-from spec_schema.yaml_tree.writer import quoted
+from spec_schema.yaml_tree.writer import quoted, scalar_text
 
 _FEWEST_ROWS = 40
 
@@ -129,6 +130,7 @@ def _text(facts: _Facts) -> str:
         autoescape=False,  # noqa: S701  (YAML, not HTML)
     )
     environment.filters["quoted"] = quoted
+    environment.filters["scalar"] = partial(scalar_text, in_flow=True)
     environment.filters["comment"] = _comment
     return environment.get_template("from_data.yaml.j2").render(_values(facts))
 
@@ -192,7 +194,7 @@ def _signal(column: FoundColumn) -> dict[str, Any]:
         "name": column.name,
         "unit": None if column.unit is None else column.unit.text,
         "range": f"[{low!r}, {high!r}]" if low < high else None,
-        "label": column.label,
+        "label": _comment(column.label),
         "key": _key(column.key),
         "named": column.key == column.name and column.unit is None,
     }
