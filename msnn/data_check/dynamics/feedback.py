@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist
 
 import numpy as np
 
 from msnn.data_check.dynamics.arx import Orders, fit_arx
+from msnn.data_check.dynamics.chi_square import chi_square_quantile
 from msnn.data_check.dynamics.pieces import Piece, rows_of
 
 FALSE_ALARMS = 1e-3
@@ -18,6 +18,8 @@ _LEAST_SHARE = 0.01
 _OWN = 40
 _OTHER = 5
 _ROWS_A_NUMBER = 5
+_PREDICTED = 1e-5
+"""What a model leaves of an input that its own past predicts, as the ridge of the fit limits it."""
 
 
 def feedback(pieces: Sequence[Piece], number: int) -> float | None:
@@ -41,16 +43,6 @@ def feedback(pieces: Sequence[Piece], number: int) -> float | None:
         return None
     share = 1 - with_output.squares / alone.squares
     statistic = -alone.rows * math.log(max(1 - share, np.finfo(np.float64).tiny))
-    if share < _LEAST_SHARE or statistic < _chi_square(_OTHER):
+    if share < _LEAST_SHARE or statistic < chi_square_quantile(_OTHER, FALSE_ALARMS):
         return None
     return share
-
-
-_PREDICTED = 1e-5
-"""What a model leaves of an input that its own past predicts, as the ridge of the fit limits it."""
-
-
-def _chi_square(numbers: int) -> float:
-    """The quantile of χ² (Wilson and Hilferty, PNAS 17, 1931)."""
-    part = 2 / (9 * numbers)
-    return numbers * (1 - part + NormalDist().inv_cdf(1 - FALSE_ALARMS) * math.sqrt(part)) ** 3

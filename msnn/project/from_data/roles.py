@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from msnn.data.dataset import BoolArray
-from msnn.data_check.dynamics.arx import Orders, fit_arx
+from msnn.data_check.dynamics.arx import Arx, Orders, fit_arx
+from msnn.data_check.dynamics.chi_square import chi_square_quantile
 from msnn.data_check.dynamics.pieces import Piece, pieces_of
 from msnn.project.from_data.columns import FoundColumn
 
 _LAGS = 5
-_LEAST_SHARE = 0.05
-"""Of what a column's own past leaves open: an output has more of it from the past of others."""
+_LEAST_SHARE = 0.02
+_CHANCE = 1e-3
+_COMPUTED = 0.5
+"""Of what the past leaves open: a controller computes its command of values in the same row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,34 +27,54 @@ class Role:
 
     column: FoundColumn
     explained: float
-
-    @property
-    def output(self) -> bool:
-        return self.explained > _LEAST_SHARE
+    output: bool
+    """Whether that is visible, and the column is not computed of others in the same row."""
 
 
 def roles_of(
     columns: Sequence[FoundColumn], follows: BoolArray, without: FoundColumn | None = None
 ) -> list[Role]:
-    """The role of each column; the column `without` may explain nothing, as what is predicted."""
-    return [Role(column, _explained(column, columns, follows, without)) for column in columns]
+    """The role of each column; the column `without` may explain nothing, as what is predicted.
+
+    An output is what the past of others moves (Granger's test). A command of a controller is so
+    too, since it follows the output; but most of what is new in it is there in the same row.
+    """
+    return [_role(column, columns, follows, without) for column in columns]
 
 
-def _explained(
+def _role(
     column: FoundColumn,
     columns: Sequence[FoundColumn],
     follows: BoolArray,
     without: FoundColumn | None,
-) -> float:
-    others = [c.values for c in columns if c is not column and c is not without]
+) -> Role:
+    others = [c for c in columns if c is not column]
     if not others or _stands_still(column):
-        return 0.0
-    pieces = pieces_of(column.values, np.stack(others, axis=1), follows)
-    with_others = fit_arx(pieces, Orders(_LAGS, _LAGS, first=1))
-    alone = fit_arx([Piece(p.output, p.inputs[:, :0]) for p in pieces], Orders(_LAGS, 0))
-    if with_others is None or alone is None or not alone.squares > 0:
-        return 0.0
-    return max(1 - with_others.squares / alone.squares, 0.0)
+        return Role(column, 0.0, output=False)
+    past = _left(column, [c for c in others if c is not without], follows, first=1)
+    alone = _left(column, [], follows, first=1)
+    if past is None or alone is None:
+        return Role(column, 0.0, output=False)
+    share = max(1 - past.squares / alone.squares, 0.0)
+    statistic = -alone.rows * math.log(max(1 - share, 1e-300))
+    seen = share > _LEAST_SHARE and statistic > chi_square_quantile(_LAGS * len(others), _CHANCE)
+    both = _left(column, others, follows, first=1)
+    same_row = _left(column, others, follows, first=0)
+    computed = False
+    if both is not None and same_row is not None:
+        computed = 1 - same_row.squares / both.squares > _COMPUTED
+    return Role(column, share, output=seen and not computed)
+
+
+def _left(
+    column: FoundColumn, others: Sequence[FoundColumn], follows: BoolArray, *, first: int
+) -> Arx | None:
+    """The model of a column in its own past and that of others, from `first` rows back."""
+    table = np.zeros((len(follows), len(others)))
+    for number, other in enumerate(others):
+        table[:, number] = other.values
+    pieces: list[Piece] = pieces_of(column.values, table, follows)
+    return fit_arx(pieces, Orders(_LAGS, _LAGS, first=first))
 
 
 def _stands_still(column: FoundColumn) -> bool:
