@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from msnn.agreement.deviation import bits_of_each, deviations, worst_deviation
-from msnn.agreement.judgement import Arrays, Beginning, Judgement
+from msnn.agreement.faults import FarStep, Fault, beyond_proof, other_bits
+from msnn.agreement.judgement import Arrays, Beginning, Judgement, labelled, labelled_first
 from msnn.agreement.loaded import Loaded
 from msnn.agreement.record import AgreementRecord
 from msnn.agreement.rounding import (
     STEP_LIMIT,
     first_states,
-    labelled,
-    labelled_first,
     single_steps,
     step_limit,
     within_rounding,
@@ -22,18 +21,6 @@ from msnn.agreement.slopes import measured_slopes
 from msnn.agreement.subject import NOTHING, Measured, Subject
 
 FREE_STEPS = 1000
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """An output or a state in which a target is not what it promises."""
-
-    of: str
-    deviation: float | None
-    """Of one step, relative to the largest magnitude; None where bits are promised."""
-    limit: float | None
-    bits: int | None
-    """Values whose bits differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +55,8 @@ def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreem
     """Runs a loaded export along the record.
 
     One that promises bits is judged by those of the judge in its arithmetic: how far these are from
-    float64 is a property of the model, which is told and not judged.
+    float64 is a property of the model, which is told and not judged. Where it is proved how far a
+    step can be, as in fixed point, the judge itself is held to it.
     """
     exact = subject.is_exact
     assert exact or loaded.step is not None, "without single steps there is nothing to be near to"
@@ -81,7 +69,8 @@ def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreem
         counts = {**single.bits, **slopes.bits}
         for name, count in labelled(bits_of_each(free, same.outputs), {}).items():
             counts[name] = counts.get(name, 0) + count
-        bits, faults = sum(counts.values()), _different(counts)
+        bits = sum(counts.values())
+        faults = (*other_bits(counts), *beyond_proof(same.proof))
     else:
         bits, faults = None, (*_far(subject, single), *_far(subject, slopes))
     beginning = {name: values[:FREE_STEPS] for name, values in free.items()}
@@ -140,14 +129,10 @@ def _far(subject: Subject, measured: Measured) -> tuple[Fault, ...]:
     found = measured.deviations
     limits = {name: step_limit(subject.dtype, measured.rounding[name]) for name in found}
     return tuple(
-        Fault(name, deviation, limits[name], None)
+        FarStep(name, deviation, limits[name])
         for name, deviation in found.items()
         if not deviation <= limits[name]
     )
-
-
-def _different(counts: Mapping[str, int]) -> tuple[Fault, ...]:
-    return tuple(Fault(name, None, None, count) for name, count in counts.items() if count)
 
 
 def _costly(subject: Subject, wanted: Judgement, errors: Mapping[str, float]) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from msnn.agreement.compare import Agreement, Fault
+from msnn.agreement.compare import Agreement
 from msnn.errors import commands
 from msnn.errors.failures import MissingExtraError
 from msnn.tables import table_text
@@ -80,7 +80,7 @@ def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:
     found: list[Diagnostic] = []
     for row in report.rows:
         found += [
-            commands.target_differs(row.target, row.dtype, fault.of, _difference(fault))
+            commands.target_differs(row.target, row.dtype, fault.of, fault.difference)
             for fault in row.faults
         ]
         if row.agrees:
@@ -89,15 +89,6 @@ def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:
                 for of, error in row.rounding.items()
             ]
     return found
-
-
-def _difference(fault: Fault) -> str:
-    if fault.deviation is None or fault.limit is None:
-        return f"{fault.bits} values have other bits"
-    return (
-        f"a step is off by {fault.deviation:.1e} of the largest magnitude, "
-        f"where rounding explains {fault.limit:.1e}"
-    )
 
 
 def agreement_values(report: AgreementReport) -> dict[str, Any]:

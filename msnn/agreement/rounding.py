@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeVar
 
 import numpy as np
 
@@ -11,11 +10,9 @@ from compiler.interpreter.bounded import exact
 from compiler.interpreter.interpreter import Interpreter
 from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import Program
-from msnn.agreement.judgement import Arrays, Judgement
+from msnn.agreement.judgement import Arrays, Judgement, labelled, labelled_first
 from msnn.agreement.record import AgreementRecord
 from msnn.data.dataset import FloatArray
-
-V = TypeVar("V")
 
 STEP_LIMIT = {"float64": 1e-12, "float32": 1e-5}
 """One step in the arithmetic of the target from the judge's state: what is always granted."""
@@ -52,17 +49,6 @@ def first_states(
     log = {name: series.astype(np.float32) for name, series in record.log.items()}
     with np.errstate(all="ignore"):
         return Interpreter(program, weights, np.float32).start(log, record.t0)
-
-
-def labelled(outputs: Mapping[str, V], next_states: Mapping[str, V]) -> dict[str, V]:
-    """Outputs and next states under the names that messages give them."""
-    named = {f"`{name}`": values for name, values in outputs.items()}
-    return named | {f"the state `{name}`": values for name, values in next_states.items()}
-
-
-def labelled_first(states: Mapping[str, V]) -> dict[str, V]:
-    """States before the first step, likewise."""
-    return {f"the first state `{name}`": values for name, values in states.items()}
 
 
 def within_rounding(
