@@ -59,7 +59,25 @@ class BeyondProof:
         )
 
 
-Fault = FarStep | OtherBits | BeyondProof
+@dataclass(frozen=True, slots=True)
+class NoChoice:
+    """An output or state that is none of the choices of a condition which rounding decides."""
+
+    of: str
+    step: int
+    """Along the record, from 0; the worst."""
+    error: float
+    """From the nearest choice, in the unit of the value."""
+
+    @property
+    def difference(self) -> str:
+        return (
+            f"step {self.step}, at which rounding decides a condition, is off by {self.error:.3g} "
+            f"from the nearer of the choices"
+        )
+
+
+Fault = FarStep | OtherBits | BeyondProof | NoChoice
 
 
 def other_bits(counts: Mapping[str, int]) -> tuple[Fault, ...]:

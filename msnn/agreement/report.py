@@ -20,12 +20,11 @@ class Failure:
     dtype: str
     error: Exception
 
-    @property
-    def row(self) -> tuple[str, ...]:
-        """Its row of the table."""
+    def cells(self, place: int) -> tuple[str, ...]:
+        """Its row of the table, which says in a column what is the matter."""
         missing = isinstance(self.error, MissingExtraError)
         why = "not compared" if missing else f"FAILED: {type(self.error).__name__}"
-        return self.target, self.dtype, "", "", "", "", "", why
+        return self.target, self.dtype, *([""] * (place - 2)), why
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,23 +55,32 @@ class AgreementReport:
 
 def agreement_table(report: AgreementReport) -> str:
     """One row a target, failed ones last; deviations are relative to the largest of each signal."""
-    rows = [
-        (
-            row.target,
-            row.dtype,
-            str(row.steps),
-            "" if row.one_step is None else f"{row.one_step:.1e}",
-            f"{row.free_run:.1e}",
-            "" if row.jacobian is None else f"{row.jacobian:.1e}",
-            "" if row.bits is None else str(row.bits),
-            "agrees" if row.agrees else "DIFFERS",
-        )
-        for row in report.rows
-    ]
-    rows += [failure.row for failure in report.failures]
-    header = ("target", "type", "steps", "one step", "free run", "Jacobian", "differing bits", "")
-    table = table_text(header, rows, numbers=[2, 3, 4, 5, 6])
+    some = any(row.undecided for row in report.rows)
+    rows = [_cells(row, with_undecided=some) for row in report.rows]
+    rows += [failure.cells(8 if some else 7) for failure in report.failures]
+    undecided = ("undecided",) if some else ()
+    counted = ("steps", *undecided, "one step", "free run", "Jacobian", "differing bits")
+    header = ("target", "type", *counted, "")
+    table = table_text(header, rows, numbers=[2 + k for k in range(len(counted))])
     return f"Worst deviation from the interpreter in float64, along {report.origin}:\n{table}"
+
+
+def _cells(row: Agreement, *, with_undecided: bool) -> tuple[str, ...]:
+    undecided = str(max(row.undecided.values(), default=0))
+    outcome = "agrees" if row.agrees else "DIFFERS"
+    if row.untried:
+        outcome += f", nothing compared of {', '.join(row.untried)}"
+    return (
+        row.target,
+        row.dtype,
+        str(row.steps),
+        *((undecided if row.bits is None else "",) if with_undecided else ()),
+        "" if row.one_step is None else f"{row.one_step:.1e}",
+        f"{row.free_run:.1e}",
+        "" if row.jacobian is None else f"{row.jacobian:.1e}",
+        "" if row.bits is None else str(row.bits),
+        outcome,
+    )
 
 
 def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compiler.interpreter.bounded import exact
-from compiler.interpreter.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter, physical_weights
 from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import Program
 from msnn.agreement.judgement import Arrays, Judgement, labelled, labelled_first
@@ -57,11 +58,12 @@ def within_rounding(
     record: AgreementRecord,
     wanted: Judgement,
     found: Arrays,
-) -> set[str]:
-    """The labels of values found that are no farther from the judge than float64 may round them.
+) -> dict[str, NDArray[np.bool_]]:
+    """The values found that are no farther from the judge than float64 may round them.
 
     A bound of its own for every value (decision 0180): one that is nothing but what rounding leaves
-    of a difference of equal numbers says by its magnitude nothing of how large these were.
+    of a difference of equal numbers says by its magnitude nothing of how large these were. With
+    each label go the steps at which there is no bound, so that nothing is compared.
     """
     steps = labelled(
         {output.name: output.node for output in program.outputs},
@@ -71,20 +73,23 @@ def within_rounding(
     begin, rows = np.array([record.t0]), record.t0 + np.arange(record.steps)
     states = {name: exact(values) for name, values in wanted.states.items()}
     judged = labelled(wanted.outputs, wanted.next_states) | labelled_first(wanted.states)
-    inside: set[str] = set()
+    physical = physical_weights(program, weights)
+    inside: dict[str, NDArray[np.bool_]] = {}
     for graph, nodes, t, leaves in (
         (program.start, firsts, begin, {}),
         (program.step, steps, rows, states),
     ):
         named = {name: node for name, node in nodes.items() if name in found}
-        bounds = BoundedGraph(graph, named.values(), weights, np.dtype(np.float64))
+        bounds = BoundedGraph(graph, named.values(), physical, np.dtype(np.float64))
         values = bounds.run(record.log, t, leaves)
         for name, node in named.items():
             of_judge = judged[name][: len(found[name])]
             # both are within the spread of the exact value
-            spread = 2.0 * values[node].spread(bounds.unit)
-            if np.all(np.abs(found[name] - of_judge) <= np.broadcast_to(spread, of_judge.shape)):
-                inside.add(name)
+            spread = np.broadcast_to(2.0 * values[node].spread(bounds.unit), of_judge.shape)
+            apart = np.abs(found[name] - of_judge)
+            if np.all(apart <= spread):
+                unbounded = (np.isinf(spread) & (apart > 0)).reshape(len(spread), -1)
+                inside[name] = np.any(unbounded, axis=1)
     return inside
 
 
