@@ -7,13 +7,23 @@ import pytest
 import torch
 from numpy.typing import ArrayLike
 
+from compiler.elaboration.gradient_variables import gradient_variables
 from compiler.interpreter.interpreter import Interpreter
+from spec_schema.reading.reader import read_spec
 from tests.language.compiled import Array, codes, compiled, evaluated, simulated
 
 RANDOM = np.random.default_rng(9)
 X, Z = RANDOM.uniform(0.2, 1.5, 40), RANDOM.normal(size=40)
 T = 10
 SIGNALS = "inputs: {x: {unit: 1}, z: {unit: 1}}\n"
+
+
+FUNCTIONS = """
+functions:
+  slope: {args: [y, v], expr: "grad(y, v)"}
+  twice: {args: [e], expr: "slope(v=e, y=e * (2 * x))"}
+  first: {args: [f], expr: "grad(f * f, f)"}
+equations: {e: 2 * x, f: 2 * x}"""
 
 
 def of(expression: str, more: str = "", output: str = "y") -> Array:
@@ -53,6 +63,20 @@ def test_r8_an_equation_is_a_variable_of_its_own() -> None:
     close(of("grad(e * f, e) + 10 * grad(e * f, f)", more), 22 * X[T])
     close(of("grad(g * x, g)", more), X[T])
     close(of("grad(g * x, x)", more), 2 * X[T])
+
+
+def test_r8_a_variable_may_come_through_functions() -> None:
+    """`grad(y, v)` in a formula has the variable that the outermost call gives; R8."""
+    close(of("twice(f)", FUNCTIONS), 2 * X[T])
+    close(of("twice(e) + slope(e * f, e)", FUNCTIONS), 4 * X[T])
+    close(of("first(e)", FUNCTIONS), 4 * X[T])
+
+
+def test_r8_the_text_shows_which_variables_gradients_have() -> None:
+    """An argument hides the equation of its name; what is no bare name is no variable."""
+    calls = "twice(f) + first(x) + grad(x * x, x[t-1]) + grad(x, x)"
+    text = f'msnn: 1\nname: test\n{SIGNALS}{FUNCTIONS}\noutputs: {{y: "{calls}"}}'
+    assert gradient_variables(read_spec("test.yaml", text).spec) == {"f"}
 
 
 def test_r8_windows_count_with_the_sample_at_t() -> None:
