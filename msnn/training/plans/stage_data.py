@@ -9,9 +9,8 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, Dataset
-from msnn.data.scored import scored_rows
 from msnn.data.starts import Runs, reach
-from msnn.simulation.rollout_plan import set_rollouts
+from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.training.plans.fixed_starts import fixed_starts
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Findings
@@ -29,7 +28,7 @@ class Lesson:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageData:
-    """Rollouts and, where a whole record is simulated, the rows t that count."""
+    """Rollouts and, where not all rows that they reach count, the rows t that do."""
 
     train: Runs
     train_rows: Mapping[str, BoolArray] | None
@@ -60,12 +59,11 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
         return None
     if _starts_inside(rollout.program, data, train):
         findings.report(*fixed_starts(plan))
-    whole = rollout.horizon == "record"
     return StageData(
         train=train,
-        train_rows=scored_rows(data, TRAIN, rollout.program) if whole else None,
+        train_rows=counted_rows(rollout, data, TRAIN),
         watched=watched,
-        watched_rows=scored_rows(data, watched_set, rollout.program) if whole else None,
+        watched_rows=counted_rows(rollout, data, watched_set),
         watched_set=watched_set,
         lessons=tuple(lessons),
     )

@@ -19,9 +19,8 @@ from backends.gauss_newton_products import Products
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
 from compiler.ir.program import Loss, Measure, Parameter, Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.data.scored import scored_rows
 from msnn.data.starts import Runs
-from msnn.simulation.rollout_plan import set_rollouts
+from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.squares import Squares
@@ -78,7 +77,7 @@ def standard_errors(
     runs = set_rollouts(rollout, data, TRAIN, None, "standard errors", plan.span, Findings())
     if runs is None:
         return _none("no rollout fits the data")
-    rows = scored_rows(data, TRAIN, program) if rollout.horizon == "record" else None
+    rows = counted_rows(rollout, data, TRAIN)
     squares, notes = _squares(replace(plan, rollout=rollout), data, rows, runs, weights)
     products = squares.products(runs, weights)
     return replace(_estimated(plan, parameters, weights, products), notes=notes)

@@ -123,6 +123,8 @@ class Stage(Entry):
     """Longest gradient."""
     rollout: Rollout | None = None
     """How far predictions are fed back; one step by default."""
+    skip_rows: LengthField | None = None
+    """First rows of each record that are not scored, wherever rollouts start."""
     early_stop: EarlyStop | None = None
     """When to end before all epochs."""
     seed: NonNegativeCount = 0
