@@ -114,7 +114,7 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class LayerMemory:
-    """What a layer or a call such as `integral` keeps between steps."""
+    """What a layer, a call such as `integral` or the count of a warm-up keeps between steps."""
 
     starts_fresh_each_run: bool = False
     """Whether it starts alike wherever a run begins, as that there was no step before."""

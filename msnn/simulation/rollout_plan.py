@@ -31,7 +31,12 @@ class RolloutPlan:
     horizon: Horizon
     stride: int
     skip: int
+    """Evaluations at the beginning of each run that are not scored, those of the warm-up too."""
     closed: tuple[str, ...]
+    skipped_by: str = "skip"
+    """The key that `skip` is from."""
+    warm_up: int = 0
+    """Evaluations at the beginning of each run in which closed signals are read from the log."""
     skip_rows: int = 0
     """Rows at the beginning of each record that are not scored."""
 
@@ -61,23 +66,32 @@ def plan_rollout(
     if rollout.stride is not None:
         given = samples(rollout.stride, program.sample_time, findings)
     skip = 0 if rollout.skip is None else samples(rollout.skip, program.sample_time, findings)
+    warm_up = 0
+    if rollout.warm_up is not None:
+        warm_up = samples(rollout.warm_up, program.sample_time, findings)
     closed = closed_signals(program, rollout)
     try:
-        looped = close_loop(program, closed)
+        looped = close_loop(program, closed, warm_up or 0)
     except LoopError as error:
         findings.report(errors.cannot_close(error.signal, str(error), rollout.place.value))
         return None
-    if horizon is None or given is None or skip is None:
+    if horizon is None or given is None or skip is None or warm_up is None:
         return None
-    if isinstance(horizon, int) and skip >= horizon:
-        findings.report(errors.skips_everything(skip, horizon, rollout.place.value))
+    if warm_up and not closed:
+        findings.report(errors.warms_nothing(rollout.place.value))
+    key, unscored_steps = max(("skip", skip), ("warm_up", warm_up), key=lambda one: one[1])
+    if isinstance(horizon, int) and unscored_steps >= horizon:
+        place = rollout.place.value
+        findings.report(errors.skips_everything(key, unscored_steps, horizon, place))
         return None
     return RolloutPlan(
         program=looped,
         horizon=horizon,
         stride=max(given, 1),
-        skip=skip,
+        skip=unscored_steps,
         closed=closed,
+        skipped_by=key,
+        warm_up=warm_up,
         skip_rows=unscored,
     )
 

@@ -114,7 +114,7 @@ def validate(
             continue
         rollout = plan.rollout  # entries that differ in metric and limits only are one simulation
         way = (plan.of, plan.target, name, rollout.horizon, rollout.stride, rollout.skip)
-        key = (*way, rollout.closed, rollout.skip_rows, plan.from_files)
+        key = (*way, rollout.closed, rollout.warm_up, rollout.skip_rows, plan.from_files)
         if key not in found:
             found[key] = _measurement(plan, name, runs, measured, weights)
         rows.append(_row(plan, found[key]))

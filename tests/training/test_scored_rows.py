@@ -5,20 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from msnn.data.dataset import Dataset, FloatArray
-from msnn.simulation.rollout import LossSum
-from msnn.training.engines.open_engine import open_engine
-from msnn.training.plans.stage_data import stage_data
-from msnn.training.plans.stage_plan import plan_stages
+from msnn.data.dataset import FloatArray
 from msnn.validation.validate import validate
-from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
-from tests.training.cases import compiled, dataset, gain, gain_series
+from tests.training.cases import dataset, gain, gain_series
+from tests.training.engine_losses import ENGINES, OPTIMIZERS, losses
 
 START = {"a": np.array(0.5), "b": np.array(0.1)}
-ENGINES = ("native", "torch")
-OPTIMIZERS = ("{adam: {lr: 0.01}}", "{levenberg_marquardt: {}}", "{lbfgs: {}}")
-
 MODEL = """
 msnn: 1
 name: gain
@@ -28,20 +22,6 @@ parameters: {a: 0.5, b: 0.1}
 outputs:
   x_next: {expr: "a*x + b*u", predicts: "x[t+1]", unit: m}
 """
-
-
-def losses(stage: str, data: Dataset, model: str = MODEL) -> tuple[dict[str, LossSum], ...]:
-    """Of the train rows at the start, trained on and watched."""
-    program, spec = compiled(f"{model}train:\n  - {{{stage}}}\n")
-    findings = Findings()
-    (plan,) = plan_stages(program, spec.train, findings)
-    found = stage_data(plan, data, findings)
-    findings.raise_errors()
-    assert found is not None
-    engine = open_engine(plan, data.series, START, found).engine
-    watched = engine.evaluate(found.watched)
-    engine.begin_epoch(0, 1.0)
-    return engine.train_batches(found.train, len(found.train)), watched
 
 
 def free_run_errors(x: FloatArray, u: FloatArray, t0: int, steps: int) -> FloatArray:
@@ -63,7 +43,7 @@ def test_first_rows_of_each_record_are_not_scored(
     series = gain_series(50, seed=3)
     data = dataset(series, train=[30, 20])
     stage = f"rollout: {horizon}, skip_rows: 11, dtype: float64, optimizer: {optimizer}"
-    trained, watched = losses(f"{stage}, engine: {engine}", data)
+    trained, watched, _ = losses(MODEL, f"{stage}, engine: {engine}", data, START)
     for found, stride in ((trained, 1), (watched, 4)):
         total, count = 0.0, 0
         for begin, rows in ((0, 30), (30, 20)):
@@ -97,4 +77,4 @@ def test_metrics_leave_the_first_rows_of_each_record_out() -> None:
 def test_records_that_are_skipped_whole_are_an_error() -> None:
     data = dataset(gain_series(40), train=[25, 15])
     with pytest.raises(SpecError, match="skips the first 30 rows of each record, the longest"):
-        losses("skip_rows: 30", data)
+        losses(MODEL, "skip_rows: 30", data, START)

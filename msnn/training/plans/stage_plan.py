@@ -93,6 +93,7 @@ class StagePlan:
                 "horizon": self.rollout.horizon,
                 "stride": self.rollout.stride,
                 "skip": self.rollout.skip,
+                "warm_up": self.rollout.warm_up,
                 "close": list(self.rollout.closed),
                 "curriculum": {str(phase.until): phase.horizon for phase in self.phases},
             },

@@ -67,6 +67,8 @@ class Rollout(Entry):
     """Distance of the starts."""
     skip: LengthField | None = None
     """First part that is not scored."""
+    warm_up: LengthField | None = None
+    """First part in which closed signals are read from the log; it is not scored."""
     close: References | None = None
     """Inputs that are fed back; all that can be by default."""
     curriculum: CurriculumField | None = None
