@@ -15,6 +15,7 @@ from msnn.data.scored import rows_that_count
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum, entry_value, loss_sums, moments
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.simulation.row_factors import check_row_factors
 from msnn.validation.measurement import Measurement, error_curve, error_trace, scores_of
 from msnn.validation.plan import CheckPlan, default_set, plan_checks
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
@@ -103,6 +104,9 @@ def validate(
         runs = set_rollouts(
             plan.rollout, measured, name, stride, wanted_by, plan.span, findings, also
         )
+        if runs is not None and plan.metric is None:
+            counted = counted_rows(plan.rollout, measured, name)
+            check_row_factors(plan.rollout.program, measured, runs, counted, findings)
         if runs is not None:
             ready.append((plan, name, runs, measured))
     findings.raise_errors()
@@ -135,8 +139,8 @@ def _loss_row(
         horizon=str(plan.rollout.horizon),
         closed=plan.rollout.closed,
         data=name,
-        rows=f"{count} values",
-        scored=count,
+        rows=f"{count:.6g} values",
+        scored=round(count),
         minimum=plan.minimum,
         maximum=plan.maximum,
         span=plan.span,
@@ -185,7 +189,7 @@ def _measurement(
 
 def _loss(
     plan: CheckPlan, judge: Interpreter, name: str, runs: Runs, data: Dataset
-) -> tuple[float, int]:
+) -> tuple[float, float]:
     program = plan.rollout.program
     rows = counted_rows(plan.rollout, data, name)
     terms = [loss for loss in program.losses if plan.of in (loss.name, loss.entry)]

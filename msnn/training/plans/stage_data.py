@@ -11,6 +11,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, Dataset
 from msnn.data.starts import Runs, reach
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.simulation.row_factors import check_row_factors
 from msnn.training.plans.fixed_starts import fixed_starts
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Findings
@@ -57,13 +58,20 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
             lessons.append(Lesson(phase.until, runs))
     if train is None or watched is None:
         return None
+    train_rows = counted_rows(rollout, data, TRAIN)
+    watched_rows = counted_rows(rollout, data, watched_set)
+    check_row_factors(rollout.program, data, train, train_rows, findings)
+    if watched_set != TRAIN:
+        check_row_factors(rollout.program, data, watched, watched_rows, findings)
+    if findings.failed:
+        return None
     if _starts_inside(rollout.program, data, train):
         findings.report(*fixed_starts(plan))
     return StageData(
         train=train,
-        train_rows=counted_rows(rollout, data, TRAIN),
+        train_rows=train_rows,
         watched=watched,
-        watched_rows=counted_rows(rollout, data, watched_set),
+        watched_rows=watched_rows,
         watched_set=watched_set,
         lessons=tuple(lessons),
     )
