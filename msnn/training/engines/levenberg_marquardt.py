@@ -30,6 +30,9 @@ NAME = "levenberg_marquardt"
 _MOST_DAMPING = 1e16
 """Times the curvature: a step that is so much shorter is lost in the rounding of the variables."""
 
+_ROUNDED = 1e-9
+"""Part by which two sums of the factors of the same rows may differ."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Model:
@@ -271,7 +274,7 @@ class LevenbergMarquardtEngine:
 
 def _nothing_left(products: Sequence[Products]) -> bool:
     """Whether the slopes of everything that is scored are infinite."""
-    return all(one.left_out == one.count for one in products)
+    return all(one.left_out >= (1.0 - _ROUNDED) * one.count for one in products)
 
 
 def _same(one: Runs, other: Runs) -> bool:
