@@ -20,6 +20,7 @@ from compiler.ir.program import Parameter
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.engines.quadratic_terms import quadratic_terms
 from msnn.training.engines.squares import Squares, loss_sums_of
 from msnn.training.plans.epoch_order import shuffled
 from msnn.training.plans.stage_plan import StagePlan
@@ -203,6 +204,10 @@ class LevenbergMarquardtEngine:
                 total += share * found.cost
                 slope += share * found.slope * physical_by_raw
                 curvature += share * found.curvature * np.outer(physical_by_raw, physical_by_raw)
+        known = quadratic_terms(self._raw, self._plan.weight_decay)
+        total += known.value
+        slope += known.slope
+        curvature += np.diag(known.curvature)
         self._largest = np.maximum(self._largest, np.diagonal(curvature))
         scale = self._scale()
         values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
@@ -242,11 +247,12 @@ class LevenbergMarquardtEngine:
         with np.errstate(over="ignore"):
             weights = self._weights_at(raw)
         sums = self._squares.train_costs(runs, weights)
-        return sum(
+        losses = sum(
             weight * sums[name].total / sums[name].count
             for name, weight in self._plan.loss_weights.items()
             if weight and sums[name].count
         )
+        return losses + quadratic_terms(raw, self._plan.weight_decay).value
 
     def _scale(self) -> FloatArray:
         """1/√D; 1 in a variable that no residual depends on."""
