@@ -9,7 +9,7 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data_check.found import CheckedChannel, CheckedSystem, DataCheck, DatasetCheck
-from msnn.reports.plotting import new_figure, quantity, saved
+from msnn.reports.plotting import new_figure, quantity, saved_figure
 
 _MOST_POINTS = 4000
 _LINES = 1024
@@ -32,7 +32,7 @@ def plot_data_check(path: Path, check: DataCheck) -> Path:
     for row, (target, number) in zip(axes[len(dataset.channels) :], pairs, strict=True):
         assert system is not None
         _response(row, system, target, number)
-    return saved(figure, path)
+    return saved_figure(figure, path)
 
 
 def _pairs(system: CheckedSystem | None) -> list[tuple[int, int]]:

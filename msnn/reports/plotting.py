@@ -49,7 +49,7 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
         axis.grid(alpha=0.3)
     axes[-1].set_xlabel("time / s" if timed else "row of the file")
     axes[0].legend(fontsize="small", title="line: simulated, dots: measured")
-    return saved(figure, path)
+    return saved_figure(figure, path)
 
 
 def _sets(run: Simulation) -> str:
@@ -81,7 +81,7 @@ def plot_validation(path: Path, measurements: Sequence[Measurement]) -> Path:
             row[1].grid(alpha=0.3)
         elif columns == 2:
             row[1].set_axis_off()
-    return saved(figure, path)
+    return saved_figure(figure, path)
 
 
 def plot_losses(path: Path, stages: Sequence[Sequence[EpochEnd]]) -> Path:
@@ -99,11 +99,11 @@ def plot_losses(path: Path, stages: Sequence[Sequence[EpochEnd]]) -> Path:
         axis.set_xlabel("epoch")
         axis.grid(alpha=0.3)
         axis.legend(fontsize="small")
-    return saved(figure, path)
+    return saved_figure(figure, path)
 
 
 def new_figure(rows: int) -> Any:
-    """An empty figure for so many rows of axes; MissingExtraError without matplotlib."""
+    """A figure that no window shows, `rows` axes high. MissingExtraError without matplotlib."""
     require_plotting()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -113,8 +113,8 @@ def new_figure(rows: int) -> Any:
     return figure
 
 
-def saved(figure: Any, path: Path) -> Path:
-    """Writes the figure, whole or not at all, in the format of the name's ending."""
+def saved_figure(figure: Any, path: Path) -> Path:
+    """Writes it whole or not at all, in the format that the name ends with."""
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix.removeprefix("."), dpi=120)
     return path
