@@ -1,9 +1,10 @@
-"""E0226, W0745, W0747-W0748: inputs between their samples."""
+"""E0226-E0227, W0745, W0747-W0748: inputs between their samples."""
 
 from collections.abc import Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, remark, warning
 from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
 def closed_between(name: str, output: str, span: Span, prediction: Span) -> Diagnostic:
@@ -17,6 +18,13 @@ def closed_between(name: str, output: str, span: Span, prediction: Span) -> Diag
         secondary=((prediction, "fed back from here"),),
         help="write `between: hold`, or make it a state if it is one",
     )
+
+
+def needless_delay(name: str, span: Span, known: Sequence[str]) -> Diagnostic:
+    """E0227: a delay for an input that the exported step does not read ahead."""
+    message = f"`delay` names `{name}`, which the exported step does not read ahead"
+    meant = did_you_mean(nearest(name, known)) or "leave `delay` out"
+    return error("E0227", span, message, "has no sample to wait for", help=meant)
 
 
 def nothing_between(name: str, span: Span) -> Diagnostic:
