@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import msnn
 from compiler.ir.text import program_text
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
@@ -309,3 +311,49 @@ def test_the_remark_comes_where_a_parameter_is_learned_beside_a_held_open_input(
         between="", der="force - c * v", integrator="rk4", predicts="z[t]"
     )
     assert "W0748" not in warnings_of(untrained)
+
+
+def test_simulation_and_slopes_have_the_sample_at_the_end_of_the_step(tmp_path: Path) -> None:
+    text = """
+        inputs: {u: {between: linear}}
+        states: {x: {der: u - x}}
+        integrator: midpoint
+        outputs: {y: next(x)}
+        """
+    model = model_of(tmp_path, text)
+    (found,) = msnn.simulate(model, {"u": np.arange(10.0)})
+    assert len(found.outputs["y"]) == 9
+    slopes = msnn.linearize(model, {"u": [1.0, 3.0]}, {"x": 0.5}).matrices
+    # x + h (u[t]/2 + u[t+1]/2 - x - h/2 (u[t] - x)) with h = 0.1
+    np.testing.assert_allclose(slopes["A"], [[1 - 0.1 + 0.005]], rtol=1e-14)
+    np.testing.assert_allclose(slopes["B"], [[0.05 - 0.005, 0.05]], rtol=1e-14)
+
+
+def test_training_finds_the_parameters_of_a_line(tmp_path: Path) -> None:
+    """Of data that follow the exact solution on a line; of a held input there is no such k."""
+    text = """
+        inputs: {{u: {{between: {0}}}}}
+        targets: {{z: {{}}}}
+        parameters: {{k: 2}}
+        states: {{x: {{der: k * u - 1.5 * x, init: z}}}}
+        integrator: {{rk4: {{substeps: 2}}}}
+        outputs: {{y: {{expr: x, predicts: "z[t]"}}}}
+        train: [{{rollout: record, epochs: 20, optimizer: levenberg_marquardt}}]
+        data: {{source: {{train: a.csv}}}}
+        """
+    u = np.sin(np.arange(60.0))
+    z = [0.0]
+    decay = np.exp(-0.15)
+    for a, b in pairwise(u):
+        slope = (b - a) / 0.1
+        # the solution of x' = 3 (a + slope t) - 1.5 x after 0.1 s
+        at_rest = 3 * (a / 1.5 - slope / 1.5**2)
+        z.append(decay * (z[-1] - at_rest) + at_rest + 3 * (b - a) / 1.5)
+    learned: dict[str, float] = {}
+    for word in ("hold", "linear"):
+        model = model_of(tmp_path, text.format(word))
+        found = msnn.train(model, {"u": u, "z": np.array(z)}, runs=None)
+        learned[word] = float(found.weights["k"])
+    # rk4 with h = 0.05 s leaves (1.5 h)^5 / 120 = 2e-8 of a step
+    assert abs(learned["linear"] - 3) < 1e-6
+    assert abs(learned["hold"] - 3) > 1e-2
