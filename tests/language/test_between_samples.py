@@ -85,7 +85,7 @@ def substep(method: str, x: Array, f: Callable[[Array, float], Array], h: float)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_r6_stages_read_the_line_at_their_fraction_of_the_step(integrator: str) -> None:
+def test_stages_read_the_line_at_their_fraction_of_the_step(integrator: str) -> None:
     substeps = INTEGRATORS[integrator]
     names = ("euler", "semi_implicit", "linear_implicit", "midpoint")
     method = next((name for name in names if name in integrator), "rk4")
