@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter, StepValues
-from compiler.ir.program import Measure, Program
+from compiler.ir.program import Loss, Measure, Program
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 
@@ -83,14 +83,25 @@ def loss_sums(
 
     `scored` limits a loss to some rows t; elements without a target are not scored.
     """
-    measures = {loss.name: loss.measure for loss in interpreter.program.losses}
+    rows = moments(interpreter, series, runs, losses=True)
+    return summed(interpreter.program.losses, rows, skip, scored)
+
+
+def summed(
+    losses: Iterable[Loss],
+    rows: Iterable[RolloutRow],
+    skip: int,
+    scored: Mapping[str, BoolArray] | None,
+) -> dict[str, LossSum]:
+    """Every loss over steps of rollouts, as `loss_sums`."""
+    measures = {loss.name: loss.measure for loss in losses}
     sums = dict.fromkeys(measures, LossSum(0.0, 0))
-    for moment in moments(interpreter, series, runs, losses=True):
+    for moment in rows:
         if moment.number < skip:
             continue
         for name, (prediction, target) in moment.values.losses.items():
-            rows = None if scored is None else scored[name][moment.t]
-            sums[name] += _sum(measures[name], prediction, target, rows)
+            there = None if scored is None else scored[name][moment.t]
+            sums[name] += _sum(measures[name], prediction, target, there)
     return sums
 
 
