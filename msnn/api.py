@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from msnn.simulation.linearize import Linearization
     from msnn.simulation.simulate import Simulations
     from msnn.simulation.simulation_data import GivenData
+    from msnn.stepping.stepper import Stepper
     from msnn.training.folds import FoldsResult
     from msnn.training.records.progress import Progress
     from msnn.training.records.training_options import TrainingOptions
@@ -276,6 +277,26 @@ def linearize(
     from msnn.simulation.linearize import linearize as run
 
     return run(model.program, inputs, states, known_in(model, weights))
+
+
+def stepper(model: Model, weights: Weights | None = None) -> Stepper:
+    """The model with a memory of its own, stepped from Python a sample at a time.
+
+        s = msnn.stepper(model, result.weights)
+        s.reset(x=0.1)
+        for force in forces:
+            print(s.step(F=force)["x_next"], s.state["v"])
+
+    It is what `msnn.export(model, "c", …)` would write, compiled for this machine: the same
+    numbers, some microseconds a step. Any number of them are independent. Without a C compiler
+    the interpreter steps, and a RuntimeWarning says so. Weights None: the initial values. Raises
+    SpecError; ValueError where an input is missing, unknown or of another shape.
+    """
+    from msnn.stepping.open_stepper import open_stepper
+
+    known = known_in(model, weights)
+    with sources_of(model):
+        return open_stepper(model, known)
 
 
 def export(

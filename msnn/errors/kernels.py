@@ -1,4 +1,4 @@
-"""E1042-E1043, E1053, W0950-W0954, W1001-W1003: kernels, and where they are kept."""
+"""E1042-E1044, E1053, W0950-W0954, W1001-W1003: kernels, and where they are kept."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -53,6 +53,13 @@ def unknown_engine(name: str, known: Sequence[str]) -> Diagnostic:
     message = f"there is no engine `{name}`"
     notes = (f"engines: {', '.join(known)}",)
     return error("E1043", None, message, notes=notes, help=did_you_mean(nearest(name, known)))
+
+
+def stepper_of_words(dtype: str) -> Diagnostic:
+    """E1044: a stepper of a model whose C computes in fixed point."""
+    message = f"`export: c` says `dtype: {dtype}`, and a stepper takes and gives numbers with units"
+    repair = 'load the model with floats: `msnn.load(path, ["export.c.dtype=float32"])`'
+    return error("E1044", None, message, help=repair)
 
 
 def interpreted_instead(reason: str) -> Diagnostic:
