@@ -18,6 +18,7 @@ check_package_names()
 
 if TYPE_CHECKING:
     from msnn.api import (
+        compare,
         compile,
         export,
         initial_weights,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Model",
     "SpecError",
+    "compare",
     "compile",
     "export",
     "initial_weights",

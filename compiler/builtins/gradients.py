@@ -88,8 +88,6 @@ def _reads(
             return _of_signal(context, expression, environment)
         case State() | Equation() | Output() if named is operand:
             assert isinstance(operand, Name)
-            if not isinstance(entry, State):
-                context.gradients.variables.add(operand.name)
             return _of_value(context, operand.name, expression, environment)
         case Parameter():
             repair = "training differentiates the losses with respect to parameters by itself"

@@ -111,10 +111,17 @@ class _Steps:
                 assert_never(method)
 
     def name(self, values: Values, suffix: str) -> None:
-        """Names values inside the step, as generated code shall call them: `x_1`, `x_for_k2`."""
+        """Names values inside the step, as generated code shall call them: `x_1`, `x_for_k2`.
+
+        A name that the spec has, or that is one of the spec's as an identifier, gives way.
+        """
         builder = self.context.builder(_STEP)
+        of_spec = {name.replace(".", "_") for name in self.context.scope}
         for name, node in values.items():
-            builder.name(node, f"{name}_{suffix}")
+            label = f"{name}_{suffix}"
+            while label.replace(".", "_") in of_spec:
+                label += "_inside"
+            builder.name(node, label)
 
     def _semi_implicit(self, values: Values) -> Values:
         """xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ … xₙ), in the order of `states:`; order 1.

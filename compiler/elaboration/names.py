@@ -8,7 +8,7 @@ from compiler.builtins.table import lower_builtin
 from compiler.elaboration.constants import Constants
 from compiler.elaboration.entries import Entries
 from compiler.elaboration.functions import argument_value, inlined
-from compiler.elaboration.histories import Histories, Known
+from compiler.elaboration.histories import Buffers, Histories
 from compiler.elaboration.layer_calls import lower_layer
 from compiler.elaboration.states import States
 from compiler.ir.program import NodeId
@@ -43,8 +43,12 @@ _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 class Elaboration:
     """The meaning of every name of one spec (`Names`), and all that lowering it leaves."""
 
-    def __init__(self, linked: Linked, findings: Findings, known: Known, draw: int = 0) -> None:
-        self._linked, self._draw = linked, draw
+    def __init__(
+        self, linked: Linked, variables: frozenset[str], known: Buffers, draw: int = 0
+    ) -> None:
+        """`variables` are those of gradients; `known` was found by the lowering before this one."""
+        self._linked, self._variables, self._draw = linked, variables, draw
+        findings = Findings()
         spec = linked.spec
         seconds = spec.sample_time.value if spec.sample_time else None
         self.context = Context(
@@ -61,11 +65,11 @@ class Elaboration:
         self.layers = LayerStores(self.arrays)
         self.histories = Histories(self.context, known)
         self.states = States(self.context, self.histories, linked.integrators)
-        self.entries = Entries(self.context, self.histories, known.variables)
+        self.entries = Entries(self.context, self.histories, variables)
 
-    def afresh(self, known: Known) -> Elaboration:
+    def afresh(self, known: Buffers) -> Elaboration:
         """Another one of the same spec, with graphs of its own: for what may fail half-way."""
-        return Elaboration(self._linked, Findings(), known, self._draw)
+        return Elaboration(self._linked, self._variables, known, self._draw)
 
     # ---- names
 

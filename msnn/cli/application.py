@@ -13,6 +13,7 @@ from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
 from msnn.cli.verbs import (
     check,
+    compare,
     compile,
     diff,
     doctor,
@@ -47,6 +48,7 @@ for _verb in (
     compile.compile_,
     train.train,
     validate.validate,
+    compare.compare,
     simulate.simulate,
     export.export,
     verify.verify,

@@ -207,6 +207,24 @@ def episodes_too_short(
     return error("E0821", span, message, "every episode is too short", help=repair)
 
 
+def rows_all_skipped(skipped: int, longest: int, wanted_by: str, span: Span | None) -> Diagnostic:
+    """E0848: `skip_rows` of a stage or metric that leaves no row of any record."""
+    message = (
+        f"{wanted_by} skips the first {skipped} rows of each record, the longest has {longest}"
+    )
+    repair = "make `skip_rows:` shorter than the records"
+    return error("E0848", span, message, "nothing is scored", help=repair)
+
+
+def unfit_factor(loss: str, value: float, place: str, count: int, span: Span | None) -> Diagnostic:
+    """E0850: the factor of a row of a loss that is negative, infinite or missing."""
+    found = "missing" if value != value else f"{value:g}"
+    more = f" and in {count - 1} rows after it" if count > 1 else ""
+    message = f"`rows` of the loss `{loss}` is {found} in {place}{more}"
+    repair = "a factor is a number ≥ 0; `rows: where(s > 0, s, 0)` leaves out what is not"
+    return error("E0850", span, message, "how much does such a row count?", help=repair)
+
+
 def no_time_column(what: str, span: Span | None) -> Diagnostic:
     """E0823: a duration where no time column gives rows a time."""
     message = f"{what} is a time, but the data has no time column"

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from compiler.ir.program import Loss, Output, Program, learned_numbers
 from compiler.passes.drop_unused import drop_unused
 from msnn.data.dataset import FloatArray
-from msnn.data.scored import scored_rows
 from msnn.simulation.engines.engine import Advance, OpenedRollouts, RolloutEngine
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.stepwise import interpreted_rollouts
 from msnn.simulation.rollout import LossSum, entry_value
+from msnn.simulation.rollout_plan import counted_rows
 from msnn.validation.doubt import loss_in_doubt, metric_in_doubt
 from msnn.validation.measurement import Measurement, error_curve, error_trace, scores_of
 from msnn.validation.predictions import predictions
@@ -23,10 +23,10 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 
 @dataclass(frozen=True, slots=True)
 class LossValue:
-    """The value of a loss and how many elements it scored."""
+    """The value of a loss and how much it scored: elements, each by the factor of its row."""
 
     value: float
-    scored: int
+    scored: float
 
 
 Outcome = Measurement | LossValue
@@ -76,8 +76,7 @@ class Simulator:
             lambda _: False,
             lambda loss: bool(names & {loss.name, loss.entry}),
         )
-        whole = first.plan.rollout.horizon == "record"
-        rows = scored_rows(first.data, first.name, program) if whole else None
+        rows = counted_rows(first.plan.rollout, first.data, first.name)
 
         def found(engine: RolloutEngine) -> Found:
             sums = engine.losses(first.runs, first.plan.rollout.skip, rows, self._advance)

@@ -8,7 +8,7 @@ import numpy as np
 
 from compiler.ir.liveness import Extent
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.data.scored import rows_in_set
+from msnn.data.scored import rows_that_count
 from msnn.simulation.engines.engine import first_places
 from msnn.validation.ready_check import ReadyCheck
 
@@ -34,9 +34,10 @@ def predictions(check: ReadyCheck, output: FloatArray) -> Predictions:
     first = first_places(runs)
     number = np.arange(len(output)) - np.repeat(first, runs.steps)
     t = np.repeat(runs.t0, runs.steps) + number
-    counts = number >= plan.rollout.skip
-    if plan.rollout.horizon == "record":
-        counts &= rows_in_set(check.data, check.name, Extent(ahead, ahead))[t]
+    whole = plan.rollout.horizon == "record"
+    name = check.name if whole else None
+    counting = rows_that_count(check.data, name, Extent(ahead, ahead), plan.rollout.skip_rows)
+    counts = (number >= plan.rollout.skip) & counting[t]
     if not counts.all():
         output, t, number = output[counts], t[counts], number[counts]
     if np.any(t[1:] < t[:-1]):  # rollouts that overlap

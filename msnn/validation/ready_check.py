@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from compiler.ir.liveness import Extent
 from msnn.data.dataset import Dataset
 from msnn.data.starts import Runs
-from msnn.simulation.rollout_plan import set_rollouts
+from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.simulation.row_factors import check_row_factors
 from msnn.validation.plan import CheckPlan, default_set
 from spec_schema.diagnostics.diagnostic import Findings
 
@@ -50,4 +51,9 @@ def ready_check(
     ahead = plan.target.ahead if plan.target is not None else 0
     also = Extent(min(ahead, 0), max(ahead, 0))
     runs = set_rollouts(plan.rollout, measured, name, stride, wanted_by, plan.span, findings, also)
-    return None if runs is None else ReadyCheck(plan, name, runs, measured)
+    if runs is None:
+        return None
+    if plan.metric is None:
+        counted = counted_rows(plan.rollout, measured, name)
+        check_row_factors(plan.rollout.program, measured, runs, counted, findings)
+    return ReadyCheck(plan, name, runs, measured)

@@ -108,7 +108,7 @@ def _row(check: ReadyCheck, found: Outcome) -> MetricRow:
     plan = check.plan
     if isinstance(found, LossValue):
         metric, value, elements = "loss", found.value, np.array(found.value)
-        rows, scored = f"{found.scored} values", found.scored
+        rows, scored = f"{found.scored:.6g} values", round(found.scored)
     else:
         assert plan.metric is not None
         metric, scores, rows = plan.metric, found.metrics[plan.metric], found.rows

@@ -119,3 +119,5 @@ class Loss(Entry):
     """A loss such as `mse(a, b)`."""
     weight: NonNegativeNumber = 1.0
     """Its weight in the total."""
+    rows: ExpressionField | None = None
+    """Factor of each row, of logged signals: 2 counts twice, 0 is not scored."""

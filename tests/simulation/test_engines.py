@@ -65,6 +65,8 @@ CHECKS = """
   - {of: x_next, rollout: episode, metric: max_abs}
   - {of: fit, rollout: record, data: val}
   - {of: fit, rollout: 5}
+  - {of: heavy, rollout: {horizon: 8, warm_up: 3}}
+  - {of: x_next, rollout: {horizon: record, warm_up: 5}, skip_rows: 30}
 """
 
 
@@ -96,8 +98,15 @@ def gapped() -> dict[str, FloatArray]:
     return series
 
 
+LOSSES = """
+losses:
+  fit: mse(x_next, x[t+1])
+  heavy: {expr: "mae(x_next, x[t+1])", rows: abs(u)}
+"""
+
+
 def validated(checks: str, **how: object) -> ValidationReport:
-    program, spec = gain(more=f"losses:\n  fit: mse(x_next, x[t+1])\nvalidate:{checks}")
+    program, spec = gain(more=f"{LOSSES}validate:{checks}")
     data = dataset(gapped(), test=[200, 150], val=[50])
     return validate(program, data, spec.checks, HALF, **how)  # pyright: ignore[reportArgumentType]
 

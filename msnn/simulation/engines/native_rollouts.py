@@ -10,7 +10,7 @@ import numpy as np
 from backends.native.rollout_kernel import RolloutKernel
 from backends.native.variables import flat
 from compiler.differentiation.training_step import loss_terms
-from compiler.interpreter.bounded import unit_roundoff
+from compiler.interpreter.bounded import exact, unit_roundoff
 from compiler.interpreter.bounded_rollouts import Forward
 from compiler.interpreter.bounded_sums import Total
 from compiler.interpreter.interpreter import physical_weights
@@ -69,7 +69,7 @@ class NativeRollouts:
         found = zip(
             self._kernel.source.losses, rolled.sums.tolist(), rolled.counts.tolist(), strict=True
         )
-        return {name: LossSum(total, int(count)) for name, total, count in found}
+        return {name: LossSum(total, count) for name, total, count in found}
 
 
 def check_rollouts(kernel: RolloutKernel, series: Weights, runs: Runs, weights: Weights) -> None:
@@ -97,17 +97,15 @@ def check_rollouts(kernel: RolloutKernel, series: Weights, runs: Runs, weights: 
                 off = one.spread(unit_roundoff(kernel.dtype))
                 compare(kernel.built, f"the output `{name}`", each[:, number], one.value, off)
         for term, total, count in zip(terms, found.sums, found.counts, strict=True):
-            loss, expected, scored = f"the loss `{term.loss.name}`", Total(kernel.dtype), 0.0
+            expected, scored = Total(kernel.dtype), Total(kernel.dtype)
             for moment in right[tried.skip :]:
                 expected.add(moment.values[term.total].repeated(members))
-                elements = None if term.count is None else moment.values[term.count]
-                scored += (
-                    term.elements * members
-                    if elements is None
-                    else float(elements.repeated(members).value.sum())
-                )
-            compare(kernel.built, loss, total, expected.value, expected.off())
-            compare(kernel.built, f"the number of values of {loss}", count, scored, 0.0)
+                each = exact(np.full(members, float(term.elements)))
+                count_of = None if term.count is None else moment.values[term.count]
+                scored.add(each if count_of is None else count_of.repeated(members))
+            name = term.loss.name
+            compare(kernel.built, f"the loss `{name}`", total, expected.value, expected.off())
+            compare(kernel.built, f"the elements of `{name}`", count, scored.value, scored.off())
 
 
 def _beginning(program: Program, series: Weights, runs: Runs) -> tuple[Weights, Runs]:

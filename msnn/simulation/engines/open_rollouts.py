@@ -82,7 +82,7 @@ def interpreter_seconds(program: Program, runs: Runs) -> float:
     """About how long the interpreter takes on a machine of today."""
     wanted = [output.node for output in program.outputs]
     wanted += [state.next for state in program.states]
-    wanted += [loss.prediction for loss in program.losses]
+    wanted += [node for loss in program.losses for node in loss.nodes]
     live = needed(program.step, wanted)
     sizes = [node.type.size for index, node in program.step if live[index]]
     longest = np.sort(runs.steps)[::-1][::SIDE_BY_SIDE]

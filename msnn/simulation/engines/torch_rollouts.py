@@ -42,7 +42,11 @@ def torch_rollouts(
                 name: (prediction.numpy(), None if target is None else target.numpy())
                 for name, (prediction, target) in (values.losses if losses else {}).items()
             }
-            found = StepValues(outputs, {}, scored, ())
+            nodes: list[FloatArray | None] = [None] * len(program.step)
+            for loss in program.losses if losses else ():
+                if loss.rows is not None:
+                    nodes[loss.rows] = values.rows[loss.name].numpy()
+            found = StepValues(outputs, {}, scored, nodes)
             yield RolloutRow(number, order[:running], t.numpy(), found)
 
     return StepwiseRollouts(program, steps)
