@@ -22,8 +22,6 @@ from spec_schema.editors.format_spec import format_spec
 from tests.cli.command_line import CommandLine
 from tests.data_check.systems import clock, first_order, held, noisy
 
-pytest_plugins = ["tests.cli.conftest"]
-
 ROWS = 600
 STEP = 0.1
 
