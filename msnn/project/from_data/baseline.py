@@ -24,7 +24,7 @@ _LONGEST_ROLLOUT = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Baseline:
-    """y[t+1] = Σ aᵢ y[t+1−i] + Σⱼ Σᵢ bⱼᵢ uⱼ[t+1−dⱼ−i] + c."""
+    """y[t+1] = Σ aᵢ y[t−i] + Σⱼ Σᵢ bⱼᵢ uⱼ[t+1−dⱼ−i] + c, i from 0 to order − 1."""
 
     order: int
     delays: tuple[int, ...]
