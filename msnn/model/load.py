@@ -93,14 +93,15 @@ def _compiled(
     except SpecError as error:
         findings.report(*error.diagnostics)
         raise SpecError(findings.in_order, sources) from None
-    warnings = (*findings.in_order, *compiled.warnings)
+    said = (*findings.in_order, *compiled.warnings)
     return Model(
         program=compiled.program,
         spec=compiled.spec,
         path=path,
         text=text,
         sources=sources,
-        warnings=warnings,
+        warnings=tuple(found for found in said if found.severity == "warning"),
+        remarks=tuple(found for found in said if found.severity == "note"),
         read=read,
         parts=parts,
         part_weights=weights.arrays,
