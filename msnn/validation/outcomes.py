@@ -95,12 +95,11 @@ class Simulator:
         opened = self._opened(program, check)
         answer = found(opened.engine)
         if answer.is_doubtful and opened.name != "interpreter":
-            answer = found(interpreted_rollouts(program, self._weights, check.data.series))
+            answer = found(interpreted_rollouts(program, self._weights, check.series))
         return answer.outcomes
 
     def _opened(self, program: Program, check: ReadyCheck) -> OpenedRollouts:
-        series = check.data.series
-        opened = open_rollouts(self._engine, program, self._weights, series, check.runs)
+        opened = open_rollouts(self._engine, program, self._weights, check.series, check.runs)
         self.notes |= dict.fromkeys(opened.notes)
         return opened
 
