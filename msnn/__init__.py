@@ -18,6 +18,7 @@ check_package_names()
 
 if TYPE_CHECKING:
     from msnn.api import (
+        compare,
         compile,
         export,
         initial_weights,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Model",
     "SpecError",
+    "compare",
     "compile",
     "export",
     "initial_weights",

@@ -21,6 +21,7 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.spec import Spec
 
 if TYPE_CHECKING:
+    from msnn.comparison.compare import Comparison, Listener
     from msnn.data.reading.frames import Frames
     from msnn.simulation.linearize import Linearization
     from msnn.simulation.simulate import Simulations
@@ -80,12 +81,20 @@ def train(
     TrainingInterruptedError and MissingExtraError.
     """
     from msnn.training import train as engine
+    from msnn.training.run_line import begun, diverged, ended, log
 
     options = replace(_options(model, runs, tensorboard, device), resume=resume)
     first = given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
+    line = begun(model, dataset)
     with sources_of(model):
-        return engine.train(model.program, dataset, model.spec.train, options, progress, first)
+        try:
+            found = engine.train(model.program, dataset, model.spec.train, options, progress, first)
+        except engine.TrainingDivergedError as error:
+            log(options.runs, diverged(line, error))
+            raise
+    log(options.runs, ended(line, found, options.runs))
+    return found
 
 
 def train_folds(
@@ -185,6 +194,56 @@ def validate(
         return replace(report, warnings=(*warnings, *report.warnings))
 
 
+def compare(
+    specs: str | Path | Sequence[str | Path],
+    *,
+    grid: Sequence[str] = (),
+    settings: Sequence[str] = (),
+    data: Frames | None = None,
+    data_root: str | Path | None = None,
+    on: str = "val",
+    seeds: int = 1,
+    folds: bool = False,
+    runs: str | Path | None = "runs",
+    jobs: int = 1,
+    by: str | None = None,
+    cost: bool = True,
+    listener: Listener | None = None,
+) -> Comparison:
+    """Trains specs, or one with every choice of a grid, and ranks them on rows held out.
+
+        found = msnn.compare("plant.msnn.yaml", grid=["layers.h.fir.window=5,10,20"], seeds=3)
+        print(found.best.variant.settings, found.best.score)
+
+    `on` is the set that they are compared on; with `folds` each fold of `split: {by: kfold, k}` is
+    held out in turn. `by` ranks them: `fit`, `x_next.fit` or `x_next.rmse:record`; None takes what
+    the first entry of `validate` asks for. `jobs` trainings run at once, each in a process: a
+    script then needs `if __name__ == "__main__"`. `cost` counts instructions and bytes of the C on
+    a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
+    there is not repeated. Raises SpecError and TrainingInterruptedError.
+    """
+    from msnn.comparison.compare import ComparisonOptions
+    from msnn.comparison.compare import compare as run
+    from msnn.comparison.variants import grid_axis
+
+    named = [specs] if isinstance(specs, str | Path) else specs
+    options = ComparisonOptions(
+        settings=settings,
+        data=data,
+        data_root=None if data_root is None else Path(data_root),
+        held_out=on,
+        seeds=seeds,
+        folds=folds,
+        runs=None if runs is None else Path(runs),
+        jobs=jobs,
+        criterion=by,
+        counts_cost=cost,
+    )
+    return run(
+        [Path(spec) for spec in named], [grid_axis(each) for each in grid], options, listener
+    )
+
+
 def initial_weights(model: Model) -> dict[str, FloatArray]:
     """The initial value of every parameter by name, in the units of the spec.
 
@@ -278,19 +337,8 @@ def export(
 def _options(
     model: Model, runs: str | Path | None, tensorboard: bool, device: str
 ) -> TrainingOptions:
-    from msnn.model.model_weights import redrawn_weights
-    from msnn.training.black_boxes import black_boxes
     from msnn.training.engines.devices import find_device
-    from msnn.training.records.training_options import TrainingOptions
+    from msnn.training.records.training_options import options_for
 
-    return TrainingOptions(
-        runs=None if runs is None else Path(runs),
-        tensorboard=tensorboard,
-        device=find_device(device),
-        spec_text=model.text,
-        spec_file=str(model.path),
-        settings=model.settings,
-        parts=model.parts,
-        black_boxes=black_boxes(model.spec),
-        redrawn=lambda draw: redrawn_weights(model, draw),
-    )
+    kept = None if runs is None else Path(runs)
+    return options_for(model, runs=kept, tensorboard=tensorboard, device=find_device(device))

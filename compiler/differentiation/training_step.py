@@ -26,7 +26,7 @@ class LossTerm:
     loss: Loss
     total: NodeId
     count: NodeId | None
-    """How many elements are scored; None where all are, whatever the data."""
+    """How many elements are scored, by the factors of their rows; None where all are by 1."""
     elements: int
 
     @property
@@ -101,18 +101,57 @@ def _newest(program: Program, state: State) -> NodeId:
 
 def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
     """The sum of a loss's cost over the elements whose target is a number."""
+    error = scored_error(builder, loss)
+    cost, elements = _cost(builder, loss.measure, error), builder.type(error).size
+    counts = None
+    if loss.rows is not None:
+        counts = element_factors(builder, loss, loss.rows)
+        cost = builder.multiply(counts, cost)
+    elif (present := _present(builder, loss)) is not None:
+        axes = builder.type(error).axes
+        one, zero = (builder.broadcast(builder.constant(value), axes) for value in (1.0, 0.0))
+        counts = builder.select(present, one, zero)
+    count = None if counts is None else _sum_of_all(builder, counts)
+    return LossTerm(loss, _sum_of_all(builder, cost), count, elements)
+
+
+def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
+    """Prediction − target, or the prediction alone; 0 where it is not scored."""
+    error = loss.prediction
+    if loss.target is not None:
+        error = builder.subtract(loss.prediction, loss.target)
+    present = _present(builder, loss)
+    if present is None:
+        return error
+    zero = builder.broadcast(builder.constant(0.0), builder.type(error).axes)
+    return builder.select(present, error, zero)
+
+
+def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
+    """How much each element counts: the factor of its row, 0 where its target is missing.
+
+    A factor below 0 counts as 0; of the data of a training or a metric none is (E0850).
+    """
+    axes = builder.type(loss.prediction).axes
+    each = builder.broadcast(builder.maximum(rows, builder.constant(0.0)), axes)
     if loss.target is None:
-        elements = builder.type(loss.prediction).size
-        return LossTerm(loss, _sum_of_all(builder, loss.prediction), None, elements)
-    error = builder.subtract(loss.prediction, loss.target)
-    axes = builder.type(error).axes
+        return each
     zero = builder.broadcast(builder.constant(0.0), axes)
-    one = builder.broadcast(builder.constant(1.0), axes)
+    return builder.select(_there(builder, loss.target), each, zero)
+
+
+def _present(builder: GraphBuilder, loss: Loss) -> NodeId | None:
+    """Which elements are scored; None where all are, whatever the data."""
+    if loss.rows is None:
+        return None if loss.target is None else _there(builder, loss.target)
+    factors = element_factors(builder, loss, loss.rows)
+    zero = builder.broadcast(builder.constant(0.0), builder.type(factors).axes)
+    return builder.compare(Relation.LESS, zero, factors)
+
+
+def _there(builder: GraphBuilder, target: NodeId) -> NodeId:
     # No relation holds for NaN, so that this one tells numbers from missing targets.
-    present = builder.compare(Relation.LESS_EQUAL, loss.target, loss.target)
-    cost = _cost(builder, loss.measure, builder.select(present, error, zero))
-    count = _sum_of_all(builder, builder.select(present, one, zero))
-    return LossTerm(loss, _sum_of_all(builder, cost), count, builder.type(cost).size)
+    return builder.compare(Relation.LESS_EQUAL, target, target)
 
 
 def _cost(builder: GraphBuilder, measure: Measure, error: NodeId) -> NodeId:

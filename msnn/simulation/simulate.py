@@ -85,7 +85,9 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
         predicted = (out.predicts.signal for out in program.outputs if out.predicts is not None)
         close = dict.fromkeys(name for name in predicted if name in inputs)
     closed = close_loop(program, tuple(close))
-    beside = states_beside_the_log(closed.step, {s.name: s.next for s in closed.states})
+    following = {state.name: state.next for state in closed.states}
+    outputs = [output.node for output in closed.outputs]
+    beside = states_beside_the_log(closed.step, following, outputs)
     kept = tuple(state for state in closed.states if state.name not in beside)
     closed = replace(closed, losses=(), fits=(), states=kept)
     wanted = [output.node for output in closed.outputs] + [state.next for state in closed.states]

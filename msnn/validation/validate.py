@@ -11,10 +11,11 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.liveness import Extent
 from compiler.ir.program import Program, learned_numbers
 from msnn.data.dataset import Dataset, FloatArray, IntArray
-from msnn.data.scored import rows_in_set, scored_rows
+from msnn.data.scored import rows_that_count
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum, entry_value, loss_sums, moments
-from msnn.simulation.rollout_plan import set_rollouts
+from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.simulation.row_factors import check_row_factors
 from msnn.validation.measurement import Measurement, error_curve, error_trace, scores_of
 from msnn.validation.plan import CheckPlan, default_set, plan_checks
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
@@ -103,6 +104,9 @@ def validate(
         runs = set_rollouts(
             plan.rollout, measured, name, stride, wanted_by, plan.span, findings, also
         )
+        if runs is not None and plan.metric is None:
+            counted = counted_rows(plan.rollout, measured, name)
+            check_row_factors(plan.rollout.program, measured, runs, counted, findings)
         if runs is not None:
             ready.append((plan, name, runs, measured))
     findings.raise_errors()
@@ -114,7 +118,7 @@ def validate(
             continue
         rollout = plan.rollout  # entries that differ in metric and limits only are one simulation
         way = (plan.of, plan.target, name, rollout.horizon, rollout.stride, rollout.skip)
-        key = (*way, rollout.closed, plan.from_files)
+        key = (*way, rollout.closed, rollout.warm_up, rollout.skip_rows, plan.from_files)
         if key not in found:
             found[key] = _measurement(plan, name, runs, measured, weights)
         rows.append(_row(plan, found[key]))
@@ -135,8 +139,8 @@ def _loss_row(
         horizon=str(plan.rollout.horizon),
         closed=plan.rollout.closed,
         data=name,
-        rows=f"{count} values",
-        scored=count,
+        rows=f"{count:.6g} values",
+        scored=round(count),
         minimum=plan.minimum,
         maximum=plan.maximum,
         span=plan.span,
@@ -185,10 +189,9 @@ def _measurement(
 
 def _loss(
     plan: CheckPlan, judge: Interpreter, name: str, runs: Runs, data: Dataset
-) -> tuple[float, int]:
+) -> tuple[float, float]:
     program = plan.rollout.program
-    whole = plan.rollout.horizon == "record"
-    rows = scored_rows(data, name, program) if whole else None
+    rows = counted_rows(plan.rollout, data, name)
     terms = [loss for loss in program.losses if plan.of in (loss.name, loss.entry)]
     totals = {term.name: LossSum(0.0, 0) for term in terms}
     for part in _parts(runs):
@@ -205,8 +208,10 @@ def _predictions(
     each one's number within its rollout."""
     assert plan.target is not None
     ahead = plan.target.ahead
-    member = rows_in_set(data, name, Extent(ahead, ahead))
     whole = plan.rollout.horizon == "record"
+    counting = rows_that_count(
+        data, name if whole else None, Extent(ahead, ahead), plan.rollout.skip_rows
+    )
     found: list[FloatArray] = []
     times: list[IntArray] = []
     numbers: list[IntArray] = []
@@ -214,7 +219,7 @@ def _predictions(
         for moment in moments(judge, data.series, part, losses=False):
             if moment.number < plan.rollout.skip:
                 continue
-            counts = member[moment.t] if whole else np.ones(len(moment.t), dtype=np.bool_)
+            counts = counting[moment.t]
             found.append(moment.values.outputs[plan.of][counts])
             times.append(moment.t[counts])
             numbers.append(np.full(len(times[-1]), moment.number))

@@ -91,6 +91,12 @@ static void add_rows(const double *rows, size_t count, double *sums)
     }
 }
 
+/* 0 where nothing is scored; rows with factors can count less than 1 in all. */
+static double mean_of(double sum, double count)
+{
+    return count > 0 ? sum / count : 0.0;
+}
+
 /* How many elements each loss counts where no target is missing and every row is scored. */
 static void count_all(const struct batch *b, double *counts)
 {
@@ -131,7 +137,7 @@ static void batch_losses(struct team *team, struct batch *b, const real *physica
         count_all(b, counts);
     }
     for (int l = 0; l < LOSSES; l++) {
-        const double root = IS_ROOT[l] ? sqrt(sums[l] / fmax(counts[l], 1.0)) : 0.5;
+        const double root = IS_ROOT[l] ? sqrt(mean_of(sums[l], counts[l])) : 0.5;
         const double slope = counts[l] > 0 && root > 0 ? weights[l] / (2.0 * root * counts[l]) : 0.0;
         scale[l] = splat((real)slope);
     }
@@ -172,7 +178,7 @@ static int train_batch(struct team *team, struct batch *b, struct variables *v, 
     batch_losses(team, b, v->physical, weights, o->missing, gradient, batch_sums, batch_counts);
     double total = 0;
     for (int l = 0; l < LOSSES; l++) {
-        const double mean = batch_sums[l] / fmax(batch_counts[l], 1.0);
+        const double mean = mean_of(batch_sums[l], batch_counts[l]);
         total += weights[l] * (IS_ROOT[l] ? sqrt(mean) : mean);
     }
     double squares = 0;

@@ -230,6 +230,8 @@ class IntegerProgram:
     doc: str = ""
     spec_hash: str = ""
     sample_time: float | None = None
+    late: int = 0
+    """Samples by which outputs are older than the inputs of their step."""
 
     @property
     def first_samples(self) -> dict[str, int]:

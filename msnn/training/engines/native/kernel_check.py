@@ -77,9 +77,7 @@ def check_kernel(kernel: Kernel, series: Weights, runs: Runs, weights: Weights) 
         right = InterpretedTraining(step, case.weights, kernel.dtype).losses(few, shares)
         for name, total, count in zip(shares, found.sums, found.counts, strict=True):
             _compare(kernel.built, f"the loss `{name}`", total, right.sums[name])
-            if count != right.counts[name]:
-                elements = f"{count:.0f} elements of `{name}` instead of {right.counts[name]}"
-                raise WrongKernelError(_said(kernel.built, elements))
+            _compare(kernel.built, f"the elements of `{name}`", count, right.counts[name])
         for name, slope in by_parameter(kernel.program, found.gradient).items():
             _compare(kernel.built, f"the slope in `{name}`", slope, right.gradient[name])
 

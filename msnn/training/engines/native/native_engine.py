@@ -150,7 +150,7 @@ class NativeEngine:
 
     def _named(self, sums: FloatArray, counts: FloatArray) -> LossSums:
         return {
-            name: LossSum(float(total), int(count))
+            name: LossSum(float(total), float(count))
             for name, total, count in zip(self._kernel.source.losses, sums, counts, strict=True)
         }
 

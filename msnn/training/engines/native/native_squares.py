@@ -74,4 +74,4 @@ class NativeSquares:
         every = [1.0] * len(kernel.source.losses)
         found = kernel.losses(data, groups, physical, every, gradient=False)
         named = zip(kernel.source.losses, found.sums.tolist(), found.counts.tolist(), strict=True)
-        return {name: LossSum(total, int(count)) for name, total, count in named}
+        return {name: LossSum(total, count) for name, total, count in named}

@@ -160,7 +160,7 @@ class KernelObjective:
         for name, total, count in zip(
             kernel.source.losses, found.sums.tolist(), found.counts.tolist(), strict=True
         ):
-            losses[name] = LossSum(total, int(count))
+            losses[name] = LossSum(total, count)
         value = sum(
             weight * losses[name].value(measures[name])
             for name, weight in self._plan.loss_weights.items()
