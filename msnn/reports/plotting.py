@@ -45,7 +45,7 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
             if output.name in run.logged:
                 logged = run.logged[output.name].reshape(len(values), -1)[:, 0]
                 axis.plot(along, logged, ".", markersize=2, color=line.get_color(), alpha=0.6)
-        axis.set_ylabel(_quantity(output.name, program.step[output.node].type.unit))
+        axis.set_ylabel(quantity(output.name, program.step[output.node].type.unit))
         axis.grid(alpha=0.3)
     axes[-1].set_xlabel("time / s" if timed else "row of the file")
     axes[0].legend(fontsize="small", title="line: simulated, dots: measured")
@@ -71,13 +71,13 @@ def plot_validation(path: Path, measurements: Sequence[Measurement]) -> Path:
         row[0].axhline(0.0, color="black", linewidth=0.8)
         row[0].set_title(f"{rollout_text(found)}, {found.data}", fontsize="medium", loc="left")
         row[0].set_xlabel("scored sample")
-        row[0].set_ylabel(_quantity(f"error of {found.of}", found.unit))
+        row[0].set_ylabel(quantity(f"error of {found.of}", found.unit))
         row[0].grid(alpha=0.3)
         if curve is not None:
             row[1].plot((curve.first + curve.last) / 2, curve.rmse, ".-", markersize=3)
             row[1].set_ylim(bottom=0.0)
             row[1].set_xlabel("step of the rollout")
-            row[1].set_ylabel(_quantity("rmse", found.unit))
+            row[1].set_ylabel(quantity("rmse", found.unit))
             row[1].grid(alpha=0.3)
         elif columns == 2:
             row[1].set_axis_off()
@@ -120,5 +120,6 @@ def saved_figure(figure: Any, path: Path) -> Path:
     return path
 
 
-def _quantity(name: str, unit: Unit | None) -> str:
+def quantity(name: str, unit: Unit | None) -> str:
+    """A name with its unit, as axes have them."""
     return name if unit is None else f"{name} / {unit.text}"
