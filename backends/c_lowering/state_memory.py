@@ -1,4 +1,4 @@
-"""How the state struct keeps each state: a plain value, a delay line, a shifted buffer, a ring."""
+"""Keeps each state in the struct: as a plain value, a delay line, a shifted buffer, a ring."""
 
 from __future__ import annotations
 

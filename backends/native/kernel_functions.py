@@ -1,4 +1,4 @@
-"""The functions of one program's kernel, and what the loops over time pass to them."""
+"""Writes the functions of one program's kernel, and what loops over time pass to them."""
 
 from __future__ import annotations
 

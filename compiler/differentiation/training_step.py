@@ -1,4 +1,4 @@
-"""The graphs of gradient-based training: losses of one step, and its reverse.
+"""Makes the graphs of gradient-based training: the losses of one step, and its reverse.
 
 A rollout runs the step forward over the horizon and keeps the states; then it runs the reverse step
 from the last sample to the first. The reverse step reads what the forward one stored, the adjoints

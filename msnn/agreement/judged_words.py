@@ -1,4 +1,4 @@
-"""What the integer interpreter, the judge of C in fixed point, does along a judge's free run."""
+"""Runs the integer interpreter, the judge of C in fixed point, along a judge's free run."""
 
 from __future__ import annotations
 

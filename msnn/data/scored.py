@@ -1,4 +1,4 @@
-"""Which evaluations of a whole record count: those whose targets are rows of the set."""
+"""Finds which evaluations of a whole record count: those whose targets are rows of the set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the values of a rollout stand: signals and buffers as arrays over time, never rings."""
+"""Places the values of a rollout: signals and buffers as arrays over time, never rings."""
 
 from __future__ import annotations
 

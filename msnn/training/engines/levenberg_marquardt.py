@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: damped Gauss-Newton steps on all rollouts of a stage at once.
+"""Steps by Levenberg-Marquardt: damped Gauss-Newton on all rollouts of a stage at once.
 
 A step δ of the raw variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F
 and 2A its curvature without second derivatives of residuals. D is the largest diagonal of A so far
