@@ -78,8 +78,8 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
     begun = frozenset(
         name for name, node in starts.items() if start.infinite_values.can_be_infinite(node)
     )
-    # A slope of a state that can be infinite makes slopes of the states that read it so: the
-    # step is written again with all of them named, until no new one is reached.
+    # A slope of a state that can be infinite makes slopes of the states that read it so: the step
+    # is written again with all of them named, until no new one is reached.
     infinite: frozenset[str] = frozenset()
 
     @cache
