@@ -1,4 +1,4 @@
-"""What is found of an output that was simulated one way: every metric, and where it errs."""
+"""Measures an output that was simulated one way: every metric, and where it errs."""
 
 from __future__ import annotations
 

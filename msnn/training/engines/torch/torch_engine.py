@@ -1,4 +1,4 @@
-"""The torch engine: a torch optimiser moves raw variables along the slopes of an objective."""
+"""Trains in torch: an optimiser moves raw variables along the slopes of an objective."""
 
 from __future__ import annotations
 
