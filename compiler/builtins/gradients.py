@@ -1,4 +1,4 @@
-"""`grad(y, x)`: the gradient of a value within one sample, as operations of the graph (R8)."""
+"""Expands `grad(y, x)`, the gradient of a value within one sample, into operations (R8)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Integrators: the continuous states of a model one sample later, all of them together (R6)."""
+"""Integrates the continuous states of a model over one sample, all of them together (R6)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an expression stands: the part of the program, the time, the call around it."""
+"""Says where an expression stands: the part of the program, the time, the call around it."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from compiler.ir.liveness import Extent
-from msnn.data.dataset import Dataset
+from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.simulation.row_factors import check_row_factors
@@ -23,6 +23,8 @@ class ReadyCheck:
     """The set."""
     runs: Runs
     data: Dataset
+    series: Mapping[str, FloatArray]
+    """What the rollouts read: the data."""
 
     def is_simulated_as(self, other: ReadyCheck) -> bool:
         """Whether the same rollouts answer both."""
@@ -56,4 +58,4 @@ def ready_check(
     if plan.metric is None:
         counted = counted_rows(plan.rollout, measured, name)
         check_row_factors(plan.rollout.program, measured, runs, counted, findings)
-    return ReadyCheck(plan, name, runs, measured)
+    return ReadyCheck(plan, name, runs, measured, measured.series)
