@@ -22,9 +22,9 @@ class Products:
     """rᵀr; the cost itself but for huber."""
     cost: float
     """Σ of the loss over its elements."""
-    count: int
-    """Elements that are scored."""
-    left_out: int = 0
+    count: float
+    """Elements that are scored, each as often as the factor of its row says."""
+    left_out: float = 0.0
     """Of these the ones without a share in the products, as their slopes are infinite."""
 
     def __add__(self, other: Products) -> Products:

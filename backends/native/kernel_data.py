@@ -29,7 +29,8 @@ class KernelData:
         self._names = source.signals
         self._series = [np.ascontiguousarray(series[name], dtype) for name in self._names]
         self._scored: list[NDArray[np.uint8]] = []
-        self.missing = scored is not None or any(bool(np.isnan(s).any()) for s in self._series)
+        gaps = any(bool(np.isnan(s).any()) for s in self._series)
+        self.missing = scored is not None or source.has_factors or gaps
         table = None
         if scored is not None:
             self._scored = [np.ascontiguousarray(scored[name], np.uint8) for name in source.losses]

@@ -37,6 +37,8 @@ class KernelSource:
     losses: tuple[str, ...]
     has_infinite_slopes: bool = False
     """Whether a gradient can be infinite where the losses are finite."""
+    has_factors: bool = False
+    """Whether rows have factors, so that only the data tells how much is scored."""
 
 
 class LaneFunctions(FunctionTable):
@@ -113,6 +115,7 @@ def whole_source(
         tuple(memory.parameters),
         tuple(term.loss.name for term in losses),
         memory.step.has_infinite_slopes,
+        any(term.loss.rows is not None for term in losses),
     )
 
 

@@ -66,7 +66,7 @@ class SensitivityKernel:
             pointer(counts),
             pointer(found),
         )
-        # a mark is 0 or 1, so that the sum of its squares counts
+        # a mark is 0 or √ of the factor of its row, so that the sum of its squares counts
         marks = found[:, numbers + 1, numbers + 1] if self._marked else np.zeros(losses)
         lower = np.tril(found[:, : numbers + 1, : numbers + 1])
         whole = lower + np.tril(lower, -1).transpose(0, 2, 1)
@@ -76,8 +76,8 @@ class SensitivityKernel:
                 whole[i, numbers, :numbers],
                 float(whole[i, numbers, numbers]),
                 float(sums[i]),
-                int(counts[i]),
-                int(marks[i]),
+                float(counts[i]),
+                float(marks[i]),
             )
             for i, name in enumerate(self.source.losses)
         }

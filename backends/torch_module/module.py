@@ -38,6 +38,8 @@ class TorchStep:
     next_states: dict[str, Tensor]
     losses: dict[str, tuple[Tensor, Tensor | None]]
     """Prediction and target of every loss term."""
+    rows: dict[str, Tensor]
+    """The factors of rows of the losses that have some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +155,8 @@ class TorchModel(nn.Module):
             loss.name: (next(values), None if loss.target is None else next(values))
             for loss in self.program.losses
         }
-        return TorchStep(outputs, next_states, losses)
+        rows = {loss.name: next(values) for loss in self.program.losses if loss.rows is not None}
+        return TorchStep(outputs, next_states, losses, rows)
 
 
 def gathered(log: Mapping[str, Tensor], t: Tensor) -> Windows:
@@ -173,6 +176,7 @@ def _step_roots(program: Program) -> list[NodeId]:
         roots.append(loss.prediction)
         if loss.target is not None:
             roots.append(loss.target)
+    roots += [loss.rows for loss in program.losses if loss.rows is not None]
     return roots
 
 

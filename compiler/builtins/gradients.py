@@ -106,7 +106,9 @@ def _of_signal(
     node = lower(context, expression, environment)
     builder = context.builder(environment)
     op = builder.node(node).op
-    assert isinstance(op, ReadSamples)
+    if not isinstance(op, ReadSamples):  # between two samples, at a stage of the integrator
+        whole = _Read(node, 0, 0)
+        return whole, [whole]
     whole = _Read(node, op.first, op.last)
     reads: list[_Read] = []
     for index, other in builder.graph():

@@ -24,10 +24,10 @@ from compiler.ir.training_values import LossScale, NewestSample, StateAdjoint, T
 
 @dataclass(frozen=True, slots=True)
 class InterpretedLosses:
-    """Σ of every loss, how many elements it scored, and the gradient of the weighted total."""
+    """Σ of every loss, how much it scored, and the gradient of the weighted total."""
 
     sums: dict[str, Total]
-    counts: dict[str, int]
+    counts: dict[str, Total]
     gradient: dict[str, Total]
     """By parameter, in physical values."""
 
@@ -55,7 +55,7 @@ class InterpretedTraining:
         """What these rollouts add to every loss, and the gradient of Σ weight · loss."""
         moments = list(self._forward.moments(runs))
         sums = {term.loss.name: Total(self._dtype) for term in self._step.losses}
-        counts = dict.fromkeys(sums, 0)
+        counts = {name: Total(self._dtype) for name in sums}
         members = len(runs.t0)
         for number, moment in enumerate(moments):
             if number < runs.skip:
@@ -63,9 +63,11 @@ class InterpretedTraining:
             for term in self._step.losses:
                 name = term.loss.name
                 sums[name].add(moment.values[term.total].repeated(members))
-                scored = None if term.count is None else moment.values[term.count]
-                each = term.elements * members if scored is None else _whole(scored, members)
-                counts[name] += each
+                if term.count is None:
+                    scored = _number(float(term.elements), 0.0, members, self._dtype)
+                else:
+                    scored = moment.values[term.count].repeated(members)
+                counts[name].add(scored)
         scales = {
             term.loss.name: _scale(term, sums[term.loss.name], counts, loss_weights)
             for term in self._step.losses
@@ -119,19 +121,18 @@ def _results(term: LossTerm) -> list[NodeId]:
     return [term.total] if term.count is None else [term.total, term.count]
 
 
-def _whole(scored: Bounded, members: int) -> int:
-    return int(scored.repeated(members).value.sum())
-
-
 def _scale(
-    term: LossTerm, total: Total, counts: Mapping[str, int], weights: Mapping[str, float]
+    term: LossTerm, total: Total, counts: Mapping[str, Total], weights: Mapping[str, float]
 ) -> tuple[float, float]:
-    """∂(weighted total)/∂(sum of this loss), in float64, and what rounding of the sum changes."""
-    count, weight = counts[term.loss.name], weights[term.loss.name]
+    """∂(weighted total)/∂(sum of this loss), in float64, and what rounding of the sums changes."""
+    count, weight = float(counts[term.loss.name].value), weights[term.loss.name]
     if count == 0:
         return 0.0, 0.0
+    # how much one row counts is data: a number of elements is exact
+    part = float(counts[term.loss.name].off()) / count if term.loss.rows is not None else 0.0
     if not term.is_root:
-        return weight / (2.0 * 0.5 * count), 0.0
+        found = weight / (2.0 * 0.5 * count)
+        return found, abs(found) * part
 
     def slope(mean: float) -> float:
         return weight / (2.0 * float(np.sqrt(mean)) * count) if mean > 0 else np.inf
@@ -139,8 +140,8 @@ def _scale(
     value, off = float(total.value), float(total.off())
     if value == 0 and off == 0:
         return 0.0, 0.0
-    most = slope((value - off) / count)
-    return slope(value / count), abs(most - slope(value / count))
+    most, found = slope((value - off) / count), slope(value / count)
+    return found, abs(most - found) + abs(most) * part
 
 
 def _number(value: float, error: float, members: int, dtype: np.dtype[Any]) -> Bounded:

@@ -15,7 +15,13 @@ import numpy as np
 
 from compiler.differentiation.forward_mode import tangents, zero_tangent
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
-from compiler.differentiation.training_step import LossTerm, loss_terms, training_step
+from compiler.differentiation.training_step import (
+    LossTerm,
+    element_factors,
+    loss_terms,
+    scored_error,
+    training_step,
+)
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadParameter, ReadState, Relation, Window
 from compiler.ir.program import Declared, Graph, Loss, Measure, NodeId, Program, State
@@ -34,7 +40,8 @@ class Residuals:
     """A loss as Σ r² over its elements: r with its slopes ∂r/∂θ, both 0 where nothing is scored.
 
     Both are 0, too, where a slope is infinite: no step can be made of it (decision 0184).
-    The slopes of the sum are exact, 2 Σ r ∂r/∂θ; for huber r has the weight of its element.
+    The slopes of the sum are exact, 2 Σ r ∂r/∂θ; for huber r has the weight of its element, and
+    where rows have factors w it is √w times the residual.
     """
 
     loss: Loss
@@ -43,7 +50,7 @@ class Residuals:
     slopes: NodeId
     """Axes (LEARNED, …)."""
     left_out: NodeId | None
-    """1 where a slope is infinite, axes (…); None where none can be."""
+    """√w where a slope is infinite, else 0, axes (…); None where none can be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,25 +240,27 @@ class _Unsquared:
 
     error: NodeId
     factor: NodeId | None
+    root: NodeId | None
+    """√ of the factors of rows, a part of the factor; None for 1."""
 
 
 def _residual(builder: GraphBuilder, loss: Loss) -> _Unsquared:
     assert loss.target is not None, "a loss without a target compares nothing"
-    error = builder.subtract(loss.prediction, loss.target)
+    error = scored_error(builder, loss)
     axes = builder.type(error).axes
-    zero = builder.broadcast(builder.constant(0.0), axes)
-    # No relation holds for NaN, so that this one tells numbers from missing targets.
-    present = builder.compare(Relation.LESS_EQUAL, loss.target, loss.target)
-    error = builder.select(present, error, zero)
+    root = None
+    if loss.rows is not None:
+        root = builder.apply("sqrt", element_factors(builder, loss, loss.rows))
     if loss.measure is not Measure.HUBER:
         assert loss.measure is Measure.MSE, "other losses are no sums of squares"
-        return _Unsquared(error, None)
+        return _Unsquared(error, root, root)
     # |e| ≤ 1: (e/√2)²; beyond, the weight 1/|e| gives the square the slope of the straight line
     # (iteratively reweighted least squares; Holland, Welsch 1977).
     one = builder.broadcast(builder.constant(1.0), axes)
     size = builder.maximum(builder.apply("abs", error), one)
     half = builder.broadcast(builder.constant(0.5), axes)
-    return _Unsquared(error, builder.apply("sqrt", builder.divide(half, size)))
+    factor = builder.apply("sqrt", builder.divide(half, size))
+    return _Unsquared(error, factor if root is None else builder.multiply(root, factor), root)
 
 
 def _row(
@@ -280,7 +289,7 @@ def _row(
         loss,
         builder.select(finite, values, zero),
         builder.select(builder.broadcast(finite, everywhere), slopes, nothing),
-        builder.select(finite, zero, one),
+        builder.select(finite, zero, one if residual.root is None else residual.root),
     )
 
 

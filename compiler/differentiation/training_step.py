@@ -26,7 +26,7 @@ class LossTerm:
     loss: Loss
     total: NodeId
     count: NodeId | None
-    """How many elements are scored; None where all are, whatever the data."""
+    """How many elements are scored, by the factors of their rows; None where all are by 1."""
     elements: int
 
     @property
@@ -79,6 +79,19 @@ def training_step(program: Program) -> TrainingStep:
     )
 
 
+def forward_only(program: Program, losses: tuple[LossTerm, ...]) -> TrainingStep:
+    """The step of a program, which has the nodes of the loss terms, and nothing backwards."""
+    nothing = StepGradients({}, {}, {})
+    return TrainingStep(
+        program=program,
+        losses=losses,
+        newest=newest_samples(program),
+        reverse_step=Reverse(program.step, nothing),
+        reverse_start=Reverse(program.start, nothing),
+        has_infinite_slopes=False,
+    )
+
+
 def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
     """What one step adds to every loss; `builder` has the nodes of the program's step."""
     return tuple(loss_term(builder, loss) for loss in program.losses)
@@ -104,19 +117,58 @@ def _newest(program: Program, state: State) -> NodeId:
 
 def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
     """The sum of a loss's cost over the elements whose target is a number."""
-    if loss.target is None:
-        elements = builder.type(loss.prediction).size
-        return LossTerm(loss, _sum_of_all(builder, loss.prediction), None, elements)
-    error = builder.subtract(loss.prediction, loss.target)
-    axes = builder.type(error).axes
-    zero = builder.broadcast(builder.constant(0.0), axes)
-    one = builder.broadcast(builder.constant(1.0), axes)
-    # No relation holds for NaN, so that this one tells numbers from missing targets.
-    present = builder.compare(Relation.LESS_EQUAL, loss.target, loss.target)
-    cost = _cost(builder, loss.measure, builder.select(present, error, zero))
+    error = scored_error(builder, loss)
+    cost, elements = _cost(builder, loss.measure, error), builder.type(error).size
+    counts = None
+    if loss.rows is not None:
+        counts = element_factors(builder, loss, loss.rows)
+        cost = builder.multiply(counts, cost)
+    elif (present := _present(builder, loss)) is not None:
+        axes = builder.type(error).axes
+        one, zero = (builder.broadcast(builder.constant(value), axes) for value in (1.0, 0.0))
+        counts = builder.select(present, one, zero)
     # counted in the step itself: which targets are missing is known when the data is
-    count = _sum_of_all(builder, builder.select(present, one, zero))
-    return LossTerm(loss, _sum_of_all(builder, cost), count, builder.type(cost).size)
+    count = None if counts is None else _sum_of_all(builder, counts)
+    return LossTerm(loss, _sum_of_all(builder, cost), count, elements)
+
+
+def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
+    """Prediction − target, or the prediction alone; 0 where it is not scored."""
+    error = loss.prediction
+    if loss.target is not None:
+        error = builder.subtract(loss.prediction, loss.target)
+    present = _present(builder, loss)
+    if present is None:
+        return error
+    zero = builder.broadcast(builder.constant(0.0), builder.type(error).axes)
+    return builder.select(present, error, zero)
+
+
+def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
+    """How much each element counts: the factor of its row, 0 where its target is missing.
+
+    A factor below 0 counts as 0; of the data of a training or a metric none is (E0850).
+    """
+    axes = builder.type(loss.prediction).axes
+    each = builder.broadcast(builder.maximum(rows, builder.constant(0.0)), axes)
+    if loss.target is None:
+        return each
+    zero = builder.broadcast(builder.constant(0.0), axes)
+    return builder.select(_there(builder, loss.target), each, zero)
+
+
+def _present(builder: GraphBuilder, loss: Loss) -> NodeId | None:
+    """Which elements are scored; None where all are, whatever the data."""
+    if loss.rows is None:
+        return None if loss.target is None else _there(builder, loss.target)
+    factors = element_factors(builder, loss, loss.rows)
+    zero = builder.broadcast(builder.constant(0.0), builder.type(factors).axes)
+    return builder.compare(Relation.LESS, zero, factors)
+
+
+def _there(builder: GraphBuilder, target: NodeId) -> NodeId:
+    # No relation holds for NaN, so that this one tells numbers from missing targets.
+    return builder.compare(Relation.LESS_EQUAL, target, target)
 
 
 def _cost(builder: GraphBuilder, measure: Measure, error: NodeId) -> NodeId:

@@ -17,6 +17,9 @@ _ROOM = 0.9
 _ROUNDING = 2.0**-45
 """What float64 itself may lose of a term in a sum of hundreds: the reference is rounded too."""
 
+_FINEST = 2**10
+"""Beyond the scales of all numbers."""
+
 _WORTH_A_SHIFT = 3
 """Bits that the coefficients of a part of a sum gain by a rounding of its own."""
 
@@ -137,7 +140,8 @@ class Settler:
         fraction = self._largest_fraction(constant, terms)
         exact = [self._exact_fraction(node, c) for node, c in terms]
         if all(bits is not None for bits in exact):
-            fraction = min(fraction, max(bits for bits in exact if bits is not None))
+            needed = max(bits for bits in exact if bits is not None)
+            fraction = min(fraction, max(needed, self._fraction_of(constant, terms)))
         while True:
             scaled = [self._scaled(node, c, fraction) for node, c in terms]
             # a coefficient must be a word itself: where one is not, the whole sum gets a coarser
@@ -208,6 +212,17 @@ class Settler:
         if reach == 0.0:
             return 0
         return math.floor(math.log2(_ROOM * self.builder.width.largest_sum / reach))
+
+    def _fraction_of(self, constant: float, terms: list[tuple[int, float]]) -> int:
+        """The scale at which a constant is whole, or loses no more than a word of the sum does."""
+        whole, parts = constant.as_integer_ratio()
+        if not whole:
+            return -_FINEST
+        twos = (whole & -whole).bit_length() - 1
+        reach = max(map(abs, self._bounds(terms, integer=False))) + abs(constant)
+        return min(
+            parts.bit_length() - 1 - twos, self.builder.width.word - 1 - math.frexp(reach)[1]
+        )
 
     def _bounds(self, terms: list[tuple[int, float]], *, integer: bool) -> tuple[float, float]:
         """What partial sums of the terms stay within, 0 included."""

@@ -67,12 +67,11 @@ class Interpreter:
         self.weights = physical_weights(program, weights or {})
         states = program.states
         following = {state.name: state.next for state in states}
-        beside = states_beside_the_log(program.step, following)
-        self._simulated = {n: node for n, node in following.items() if n not in beside}
         outputs = [output.node for output in program.outputs]
+        beside = states_beside_the_log(program.step, following, outputs)
+        self._simulated = {n: node for n, node in following.items() if n not in beside}
         scored = [state.next for state in states]
-        scored += [loss.prediction for loss in program.losses]
-        scored += [loss.target for loss in program.losses if loss.target is not None]
+        scored += [node for loss in program.losses for node in loss.nodes]
         with np.errstate(all="ignore"):
             self._start = self._prepared(program.start, [state.start for state in states])
             simulated = [*outputs, *self._simulated.values()]

@@ -25,14 +25,7 @@ def with_step(program: Program, step: Graph, copies: Mapping[NodeId, NodeId]) ->
         step=step,
         states=tuple(replace(state, next=copies[state.next]) for state in program.states),
         outputs=tuple(replace(output, node=copies[output.node]) for output in program.outputs),
-        losses=tuple(
-            replace(
-                loss,
-                prediction=copies[loss.prediction],
-                target=None if loss.target is None else copies[loss.target],
-            )
-            for loss in program.losses
-        ),
+        losses=tuple(loss.moved(copies) for loss in program.losses),
         expected=tuple(replace(entry, node=copies[entry.node]) for entry in program.expected),
     )
 

@@ -61,8 +61,10 @@ def needed_over_time(
     return marked, names
 
 
-def states_beside_the_log(step: Graph, following: Mapping[str, NodeId]) -> set[str]:
-    """The states whose next values the log is needed for; `following` has their nodes."""
+def states_beside_the_log(
+    step: Graph, following: Mapping[str, NodeId], outputs: Iterable[NodeId]
+) -> set[str]:
+    """The states that read the log and that no output needs; `following` has their next values."""
     found: set[str] = set()
     while True:
         reading = [False] * len(step)
@@ -76,7 +78,7 @@ def states_beside_the_log(step: Graph, following: Mapping[str, NodeId]) -> set[s
                     reading[index] = any(reading[arg] for arg in node.args)
         more = {name for name, node in following.items() if reading[node]} - found
         if not more:
-            return found
+            return found - needed_over_time(step, following, outputs)[1] if found else found
         found |= more
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Literal
 
@@ -114,7 +114,7 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class LayerMemory:
-    """What a layer or a call such as `integral` keeps between steps."""
+    """What a layer, a call such as `integral` or the count of a warm-up keeps between steps."""
 
     starts_fresh_each_run: bool = False
     """Whether it starts alike wherever a run begins, as that there was no step before."""
@@ -216,8 +216,8 @@ class Measure(Enum):
 class Loss:
     """One term of the training objective, weight · share · measure.
 
-    Elements whose target is NaN are not scored. The terms of an entry that is a sum of measures
-    are named `entry.mse` and so on.
+    Elements whose target is NaN are not scored, nor rows whose factor is 0. The terms of an entry
+    that is a sum of measures are named `entry.mse` and so on.
     """
 
     name: str
@@ -229,6 +229,23 @@ class Loss:
     share: float = 1.0
     """The factor of this term in the entry's sum."""
     span: Span | None = field(default=None, compare=False)
+    rows: NodeId | None = None
+    """How much each row counts in the mean, a number ≥ 0 of the log alone; None for 1."""
+
+    @property
+    def nodes(self) -> tuple[NodeId, ...]:
+        """All values of the step that it needs."""
+        others = (node for node in (self.target, self.rows) if node is not None)
+        return (self.prediction, *others)
+
+    def moved(self, copies: Mapping[NodeId, NodeId]) -> Loss:
+        """The loss in a graph in which `copies` tells where its nodes are."""
+        return replace(
+            self,
+            prediction=copies[self.prediction],
+            target=None if self.target is None else copies[self.target],
+            rows=None if self.rows is None else copies[self.rows],
+        )
 
     @property
     def entry(self) -> str:
@@ -273,6 +290,8 @@ class Program:
     doc: str = ""
     spec_hash: str = ""
     """sha256 of the spec's text, so that weights and generated files can name their source."""
+    late: int = 0
+    """Samples by which a step form lags: its step at t is that of the model at t-late."""
 
     def signal(self, name: str) -> Signal:
         return next(signal for signal in self.signals if signal.name == name)

@@ -113,9 +113,12 @@ def _output(output: Output) -> str:
 
 def _loss(loss: Loss) -> str:
     target = "" if loss.target is None else f", %{loss.target}"
+    rows = "" if loss.rows is None else f", rows %{loss.rows}"
     weight = "" if loss.weight == 1.0 else f", weight {loss.weight!r}"
     share = "" if loss.share == 1.0 else f", share {loss.share!r}"
-    return f"loss {loss.name} = {loss.measure.value}(%{loss.prediction}{target}){weight}{share}"
+    return (
+        f"loss {loss.name} = {loss.measure.value}(%{loss.prediction}{target}){rows}{weight}{share}"
+    )
 
 
 def _operation(node: Node) -> str:

@@ -10,8 +10,18 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.evaluation_order import CycleError, evaluation_order
 from compiler.ir.graph_copy import copy_node, samples, with_step
 from compiler.ir.liveness import extents as extents_of
-from compiler.ir.ops import ReadSignal, Window
-from compiler.ir.program import Node, NodeId, Output, Program, Role, Signal, State, Tape
+from compiler.ir.ops import ReadSignal, Relation, Window
+from compiler.ir.program import (
+    LayerMemory,
+    Node,
+    NodeId,
+    Output,
+    Program,
+    Role,
+    Signal,
+    State,
+    Tape,
+)
 from compiler.ir.types import WINDOW, Axis, Type
 from spec_schema.diagnostics.source import Span
 
@@ -45,12 +55,17 @@ class LoopError(Exception):
         self.span = span
 
 
-def close_loop(program: Program, signals: Iterable[str]) -> Program:
+WARM_UP = "warm-up"
+"""The state that counts down the evaluations in which closed signals are still read."""
+
+
+def close_loop(program: Program, signals: Iterable[str], warm_up: int = 0) -> Program:
     """The program in window form with the named inputs fed from their predictions.
 
     An input s that an output o predicts k samples ahead is no longer read from the log by the
     step. Its samples up to t+k−1 come from the state `<s>.tape`, which starts from the log and to
-    which every step adds o; for k = 0 the sample t is o's value in the same step.
+    which every step adds o; for k = 0 the sample t is o's value in the same step. In the first
+    `warm_up` steps of a run the sample of the log takes the place of o, by a state that counts.
 
     Before: window form. After: window form; no `ReadSignal` of the closed inputs, which are now
     targets. Losses and `ReadLog` are as they were. Raises LoopError.
@@ -59,7 +74,7 @@ def close_loop(program: Program, signals: Iterable[str]) -> Program:
 
         %0: [t=3] = state(x.tape)                 # next: window(x.tape, y)[t, 1:4]
     """
-    loops = _loops(program, signals)
+    loops = _loops(program, signals, warm=warm_up > 0)
     feeds: dict[NodeId, NodeId] = {}
     for index, node in program.step:
         if isinstance(node.op, ReadSignal) and node.op.signal in loops:
@@ -89,8 +104,9 @@ def close_loop(program: Program, signals: Iterable[str]) -> Program:
     # feed-through alone reads no past: no tape
     tapes = [loop.state(builder, starts, copies) for loop in loops.values() if loop.length]
     listed = tuple(replace(s, role=Role.TARGET) if s.name in loops else s for s in program.signals)
+    counts = [_countdown(builder, starts, warm_up)] if loops and warm_up else []
     program = with_step(program, builder.graph(), copies)
-    states = (*program.states, *tapes)
+    states = (*program.states, *tapes, *counts)
     return replace(program, signals=listed, states=states, start=starts.graph())
 
 
@@ -101,6 +117,8 @@ class _Loop:
     ahead: int
     first: int
     """The oldest sample that the step reads, relative to t."""
+    warm: bool
+    """Whether the log takes the place of the output while the warm-up lasts."""
 
     @property
     def length(self) -> int:
@@ -126,7 +144,15 @@ class _Loop:
         return samples(builder, value, self.first, (op.first, op.last), node)
 
     def _predicted(self, builder: GraphBuilder, copies: dict[NodeId, NodeId]) -> NodeId:
-        return builder.broadcast(copies[self.output.node], self.signal.axes)
+        axes = self.signal.axes
+        predicted = builder.broadcast(copies[self.output.node], axes)
+        if not self.warm:
+            return predicted
+        lasts = builder.compare(
+            Relation.LESS, builder.constant(0.0), builder.state(WARM_UP, Type())
+        )
+        logged = builder.log(self.signal.name, self.ahead, self.ahead, builder.type(predicted))
+        return builder.select(builder.broadcast(lasts, axes), logged, predicted)
 
     def _with_prediction(self, builder: GraphBuilder, copies: dict[NodeId, NodeId]) -> NodeId:
         """The tape followed by the output's value of this step."""
@@ -151,7 +177,20 @@ class _Loop:
         )
 
 
-def _loops(program: Program, names: Iterable[str]) -> dict[str, _Loop]:
+def _countdown(builder: GraphBuilder, starts: GraphBuilder, warm_up: int) -> State:
+    """The evaluations that are left of a warm-up: max(n − 1, 0) after each."""
+    left = builder.subtract(builder.state(WARM_UP, Type()), builder.constant(1.0))
+    return State(
+        WARM_UP,
+        (),
+        None,
+        LayerMemory(starts_fresh_each_run=True),
+        next=builder.maximum(left, builder.constant(0.0)),
+        start=starts.constant(float(warm_up)),
+    )
+
+
+def _loops(program: Program, names: Iterable[str], *, warm: bool) -> dict[str, _Loop]:
     """What closes each of the inputs; one that the step does not read needs nothing."""
     known = {signal.name: signal for signal in program.signals}
     extents = extents_of(program.step, log=False)
@@ -169,7 +208,7 @@ def _loops(program: Program, names: Iterable[str]) -> dict[str, _Loop]:
             raise LoopError(LoopFault.AXES, name, span=found[0].span)
         predicts = found[0].predicts
         if predicts is not None and name in extents:
-            loops[name] = _Loop(signal, found[0], predicts.ahead, extents[name].first)
+            loops[name] = _Loop(signal, found[0], predicts.ahead, extents[name].first, warm)
     return loops
 
 

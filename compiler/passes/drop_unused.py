@@ -48,14 +48,7 @@ def drop_unused(program: Program) -> Program:
         step=step,
         start=start,
         outputs=tuple(_output(output, now, read) for output in program.outputs),
-        losses=tuple(
-            replace(
-                loss,
-                prediction=now[loss.prediction],
-                target=None if loss.target is None else now[loss.target],
-            )
-            for loss in program.losses
-        ),
+        losses=tuple(loss.moved(now) for loss in program.losses),
         expected=tuple(
             replace(entry, node=now[entry.node]) for entry in program.expected if entry.node in now
         ),
@@ -72,7 +65,7 @@ def _live(program: Program) -> tuple[list[bool], set[str]]:
     """The needed nodes of the step, and the names of the needed states."""
     wanted = [output.node for output in program.outputs]
     for loss in program.losses:
-        wanted += [loss.prediction] if loss.target is None else [loss.prediction, loss.target]
+        wanted += loss.nodes
     return needed_over_time(program.step, {s.name: s.next for s in program.states}, wanted)
 
 

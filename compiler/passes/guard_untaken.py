@@ -44,8 +44,7 @@ def guard_untaken(program: Program) -> Program:
     """
     roots = [output.node for output in program.outputs]
     roots += [state.next for state in program.states]
-    roots += [loss.prediction for loss in program.losses]
-    roots += [loss.target for loss in program.losses if loss.target is not None]
+    roots += [node for loss in program.losses for node in loss.nodes]
     step, copies = guarded(program.step, roots)
     program = with_step(program, step.graph(), copies)
     start, copies = guarded(program.start, [state.start for state in program.states])

@@ -1,4 +1,4 @@
-"""Finds which evaluations of a whole record count: those whose targets are rows of the set."""
+"""Finds the evaluations that count by their rows: those whose targets are rows that do."""
 
 from __future__ import annotations
 
@@ -12,9 +12,16 @@ from msnn.data.dataset import BoolArray, Dataset
 from msnn.data.reads import reads, span
 
 
-def rows_in_set(dataset: Dataset, name: str, extent: Extent) -> BoolArray:
-    """For every row t whether all of t+first … t+last belong to the set."""
-    member = dataset.in_set(name)
+def rows_that_count(
+    dataset: Dataset, name: str | None, extent: Extent, skip_rows: int = 0
+) -> BoolArray:
+    """For every row t whether all of t+first … t+last belong to the set, any for None.
+
+    The first `skip_rows` rows of each record do not count.
+    """
+    member = np.ones(dataset.rows, dtype=np.bool_) if name is None else dataset.in_set(name)
+    for record in dataset.records if skip_rows else ():
+        member[record.start : min(record.start + skip_rows, record.stop)] = False
     found = np.ones(len(member), dtype=np.bool_)
     for offset in range(extent.first, extent.last + 1):
         shifted = np.zeros(len(member), dtype=np.bool_)
@@ -24,10 +31,12 @@ def rows_in_set(dataset: Dataset, name: str, extent: Extent) -> BoolArray:
     return found
 
 
-def scored_rows(dataset: Dataset, name: str, program: Program) -> Mapping[str, BoolArray]:
-    """For every loss of the program the rows t at which its target is of the set."""
+def scored_rows(
+    dataset: Dataset, name: str | None, program: Program, skip_rows: int = 0
+) -> Mapping[str, BoolArray]:
+    """For every loss of the program the rows t at which its target counts."""
     return {
-        loss.name: rows_in_set(dataset, name, target_extent(program.step, loss))
+        loss.name: rows_that_count(dataset, name, target_extent(program.step, loss), skip_rows)
         for loss in program.losses
     }
 

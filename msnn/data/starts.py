@@ -59,8 +59,7 @@ def reach(program: Program, also: Extent | None = None) -> Reach:
     """
     wanted = [output.node for output in program.outputs]
     wanted += [state.next for state in program.states]
-    wanted += [loss.prediction for loss in program.losses]
-    wanted += [loss.target for loss in program.losses if loss.target is not None]
+    wanted += [node for loss in program.losses for node in loss.nodes]
     around = span(reads(program.step, wanted).values()) or Extent(0, 0)
     for output in program.outputs:
         if output.predicts is not None:

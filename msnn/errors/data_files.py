@@ -115,16 +115,19 @@ def time_gap(
 
 def wrong_sample_time(file: str, found: float, expected: float, place: Span | None) -> Diagnostic:
     """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
+    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
+    return error("E0812", place, message, "the second row", help=repair_of_step(found, expected))
+
+
+def repair_of_step(found: float, expected: float) -> str:
+    """What to write where rows are `found` seconds apart and `sample_time` says otherwise."""
     ratio = expected / found if found > 0 else 0.0
     every = round(ratio)
     if every > 1 and abs(ratio - every) < 0.01 * every:
-        repair = f"`every: {every}` takes one row in {every}"
-    elif unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
-        repair = f"if the time is in {unit}, write `time: {{column: …, unit: {unit}}}`"
-    else:
-        repair = f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
-    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    return error("E0812", place, message, "the second row", help=repair)
+        return f"`every: {every}` takes one row in {every}"
+    if unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
+        return f"if the time is in {unit}, write `time: {{column: …, unit: {unit}}}`"
+    return f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
 
 
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
@@ -205,6 +208,24 @@ def episodes_too_short(
     message = f"{wanted_by} needs {needed} rows, the longest episode of `{name}` has {longest}"
     repair = "shorten the horizon, or look for gaps in the data"
     return error("E0821", span, message, "every episode is too short", help=repair)
+
+
+def rows_all_skipped(skipped: int, longest: int, wanted_by: str, span: Span | None) -> Diagnostic:
+    """E0848: `skip_rows` of a stage or metric that leaves no row of any record."""
+    message = (
+        f"{wanted_by} skips the first {skipped} rows of each record, the longest has {longest}"
+    )
+    repair = "make `skip_rows:` shorter than the records"
+    return error("E0848", span, message, "nothing is scored", help=repair)
+
+
+def unfit_factor(loss: str, value: float, place: str, count: int, span: Span | None) -> Diagnostic:
+    """E0850: the factor of a row of a loss that is negative, infinite or missing."""
+    found = "missing" if value != value else f"{value:g}"
+    more = f" and in {count - 1} rows after it" if count > 1 else ""
+    message = f"`rows` of the loss `{loss}` is {found} in {place}{more}"
+    repair = "a factor is a number ≥ 0; `rows: where(s > 0, s, 0)` leaves out what is not"
+    return error("E0850", span, message, "how much does such a row count?", help=repair)
 
 
 def no_time_column(what: str, span: Span | None) -> Diagnostic:

@@ -18,10 +18,17 @@ def cannot_close(signal: str, reason: str, span: Span) -> Diagnostic:
     return error("E0902", span, f"cannot close {reason}", f"this rollout closes `{signal}`")
 
 
-def skips_everything(skip: int, horizon: int, span: Span) -> Diagnostic:
+def skips_everything(key: str, skip: int, horizon: int, span: Span) -> Diagnostic:
     """E0903: a rollout that scores nothing."""
-    message = f"skip {skip} leaves nothing of a horizon of {horizon} evaluations"
+    message = f"{key} {skip} leaves nothing of a horizon of {horizon} evaluations"
     return error("E0903", span, message, "nothing is scored")
+
+
+def warms_nothing(span: Span) -> Diagnostic:
+    """W0806: a warm-up of a rollout that closes no signal."""
+    message = "this rollout closes no signal that `warm_up` could read from the log"
+    repair = "to score later evaluations only, write `skip:`"
+    return warning("W0806", span, message, "nothing to warm up", help=repair)
 
 
 def nothing_to_train(stage: str, span: Span) -> Diagnostic:

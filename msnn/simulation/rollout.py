@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compiler.interpreter.interpreter import Interpreter, StepValues
-from compiler.ir.program import Measure, Program
+from compiler.interpreter.operations import repeated_batch
+from compiler.ir.program import Loss, Measure, Program
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 
@@ -27,10 +30,10 @@ class RolloutRow:
 
 @dataclass(frozen=True, slots=True)
 class LossSum:
-    """Σ of a loss over all scored elements and their number."""
+    """Σ of a loss over all scored elements and their number, each times the factor of its row."""
 
     total: float
-    count: int
+    count: float
 
     def value(self, measure: Measure) -> float:
         """The loss: 0 where nothing was scored (rule R9)."""
@@ -83,28 +86,64 @@ def loss_sums(
 
     `scored` limits a loss to some rows t; elements without a target are not scored.
     """
-    measures = {loss.name: loss.measure for loss in interpreter.program.losses}
-    sums = dict.fromkeys(measures, LossSum(0.0, 0))
-    for moment in moments(interpreter, series, runs, losses=True):
+    rows = moments(interpreter, series, runs, losses=True)
+    return summed(interpreter.program.losses, rows, skip, scored)
+
+
+def summed(
+    losses: Iterable[Loss],
+    moments: Iterable[RolloutRow],
+    skip: int,
+    scored: Mapping[str, BoolArray] | None,
+) -> dict[str, LossSum]:
+    """Every loss over steps of rollouts, as `loss_sums`."""
+    named = {loss.name: loss for loss in losses}
+    sums = dict.fromkeys(named, LossSum(0.0, 0))
+    for moment in moments:
         if moment.number < skip:
             continue
         for name, (prediction, target) in moment.values.losses.items():
-            rows = None if scored is None else scored[name][moment.t]
-            sums[name] += _sum(measures[name], prediction, target, rows)
+            rows = np.ones(len(moment.t), dtype=np.bool_)
+            if scored is not None:
+                rows = scored[name][moment.t]
+            there = (
+                np.ones(prediction.shape, dtype=np.bool_) if target is None else ~np.isnan(target)
+            )
+            there &= _along(rows, prediction)
+            each = _factors(named[name], moment.values, prediction)
+            sums[name] += _sum(named[name].measure, prediction, target, there, each)
     return sums
 
 
+def _along(rows: NDArray[Any], like: FloatArray) -> NDArray[Any]:
+    """One value a member for all of its elements."""
+    return np.broadcast_to(rows.reshape(-1, *[1] * (like.ndim - 1)), like.shape)
+
+
+def _factors(loss: Loss, values: StepValues, like: FloatArray) -> FloatArray | None:
+    """How much each element counts; None for 1."""
+    if loss.rows is None:
+        return None
+    factors = values.nodes[loss.rows]
+    assert factors is not None, "a loss is computed with the factors of its rows"
+    return _along(repeated_batch(factors, len(like)), like)
+
+
 def _sum(
-    measure: Measure, prediction: FloatArray, target: FloatArray | None, rows: BoolArray | None
+    measure: Measure,
+    prediction: FloatArray,
+    target: FloatArray | None,
+    scored: BoolArray,
+    factors: FloatArray | None,
 ) -> LossSum:
-    if rows is not None:
-        prediction = prediction[rows]
-        target = None if target is None else target[rows]
-    if target is not None:
-        there = ~np.isnan(target)
-        prediction, target = prediction[there], target[there]
+    if factors is not None:
+        scored = scored & (factors > 0)
     with np.errstate(over="ignore"):  # a sum that overflows is infinite, and said to diverge
-        return LossSum(float(np.sum(cost(measure, prediction, target))), prediction.size)
+        costs = cost(measure, prediction[scored], None if target is None else target[scored])
+        if factors is None:
+            return LossSum(float(np.sum(costs)), costs.size)
+        each = factors[scored]
+        return LossSum(float(np.sum(each * costs)), float(np.sum(each)))
 
 
 def cost(measure: Measure, prediction: FloatArray, target: FloatArray | None) -> FloatArray:

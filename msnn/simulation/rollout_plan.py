@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,14 +10,16 @@ import numpy as np
 from compiler.ir.liveness import Extent
 from compiler.ir.program import Program, Role
 from compiler.passes.close_loop import LoopError, close_loop
-from msnn.data.dataset import Dataset, IntArray
+from msnn.data.dataset import BoolArray, Dataset, IntArray
 from msnn.data.reads import reads
+from msnn.data.scored import scored_rows
 from msnn.data.starts import Horizon, Runs, reach, rollouts
 from msnn.errors import data_files
 from msnn.errors import training as errors
 from msnn.simulation.durations import samples
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.tree import Length
 from spec_schema.sections.training.training import Rollout
 
 
@@ -28,15 +31,31 @@ class RolloutPlan:
     horizon: Horizon
     stride: int
     skip: int
+    """Evaluations at the beginning of each run that are not scored, those of the warm-up too."""
     closed: tuple[str, ...]
+    skipped_by: str = "skip"
+    """The key that `skip` is from."""
+    warm_up: int = 0
+    """Evaluations at the beginning of each run in which closed signals are read from the log."""
+    skip_rows: int = 0
+    """Rows at the beginning of each record that are not scored."""
 
 
 def plan_rollout(
-    program: Program, rollout: Rollout | None, stride: int | None, findings: Findings
+    program: Program,
+    rollout: Rollout | None,
+    stride: int | None,
+    findings: Findings,
+    skip_rows: Length | None = None,
 ) -> RolloutPlan | None:
     """The rollout of a stage or metric; `stride` None makes it equal to the horizon."""
+    unscored = 0 if skip_rows is None else samples(skip_rows, program.sample_time, findings)
+    if unscored is None:
+        return None
     if rollout is None:
-        return RolloutPlan(program=program, horizon=1, stride=1, skip=0, closed=())
+        return RolloutPlan(
+            program=program, horizon=1, stride=1, skip=0, closed=(), skip_rows=unscored
+        )
     horizon: Horizon | None
     if isinstance(rollout.horizon, str):
         horizon = rollout.horizon
@@ -47,19 +66,33 @@ def plan_rollout(
     if rollout.stride is not None:
         given = samples(rollout.stride, program.sample_time, findings)
     skip = 0 if rollout.skip is None else samples(rollout.skip, program.sample_time, findings)
+    warm_up = 0
+    if rollout.warm_up is not None:
+        warm_up = samples(rollout.warm_up, program.sample_time, findings)
     closed = closed_signals(program, rollout)
     try:
-        looped = close_loop(program, closed)
+        looped = close_loop(program, closed, warm_up or 0)
     except LoopError as error:
         findings.report(errors.cannot_close(error.signal, str(error), rollout.place.value))
         return None
-    if horizon is None or given is None or skip is None:
+    if horizon is None or given is None or skip is None or warm_up is None:
         return None
-    if isinstance(horizon, int) and skip >= horizon:
-        findings.report(errors.skips_everything(skip, horizon, rollout.place.value))
+    if warm_up and not closed:
+        findings.report(errors.warms_nothing(rollout.place.value))
+    key, unscored_steps = max(("skip", skip), ("warm_up", warm_up), key=lambda one: one[1])
+    if isinstance(horizon, int) and unscored_steps >= horizon:
+        place = rollout.place.value
+        findings.report(errors.skips_everything(key, unscored_steps, horizon, place))
         return None
     return RolloutPlan(
-        program=looped, horizon=horizon, stride=max(given, 1), skip=skip, closed=closed
+        program=looped,
+        horizon=horizon,
+        stride=max(given, 1),
+        skip=unscored_steps,
+        closed=closed,
+        skipped_by=key,
+        warm_up=warm_up,
+        skip_rows=unscored,
     )
 
 
@@ -103,7 +136,30 @@ def set_rollouts(
     if not len(runs):
         findings.report(data_files.episodes_too_short(name, runs.longest, needed, wanted_by, span))
         return None
-    return runs
+    scored = _with_scored_rows(plan, data, runs, far.ahead)
+    if not len(scored):
+        longest = max(record.stop - record.start for record in data.records)
+        findings.report(data_files.rows_all_skipped(plan.skip_rows, longest, wanted_by, span))
+        return None
+    return scored
+
+
+def counted_rows(plan: RolloutPlan, data: Dataset, name: str) -> Mapping[str, BoolArray] | None:
+    """For every loss the rows t that count in a set, as the plan says; None where all do."""
+    whole = plan.horizon == "record"
+    if not whole and not plan.skip_rows:
+        return None
+    return scored_rows(data, name if whole else None, plan.program, plan.skip_rows)
+
+
+def _with_scored_rows(plan: RolloutPlan, data: Dataset, runs: Runs, ahead: int) -> Runs:
+    """Without the rollouts that end before the first row that counts in their record."""
+    if not plan.skip_rows:
+        return runs
+    begins = np.array([record.start for record in data.records])
+    begin = begins[np.searchsorted(begins, runs.t0, side="right") - 1]
+    reached = runs.t0 + runs.steps + ahead > begin + plan.skip_rows
+    return runs if reached.all() else runs.take(np.flatnonzero(reached))
 
 
 def files_skipped(data: Dataset, episodes: IntArray, runs: Runs) -> list[str]:

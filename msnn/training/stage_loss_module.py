@@ -117,7 +117,7 @@ class StageLoss(nn.Module):
 
     def monitor(self) -> float:
         """What decides which weights of the stage are best, at the present ones."""
-        return monitor(self.plan, self._objective.evaluate, self._runs.watched)
+        return monitor(self.plan, self._objective.evaluate, self._runs, self.weights)
 
     def weights(self) -> dict[str, FloatArray]:
         """Physical values of all parameters, as `validate`, `export` and weight files take them."""

@@ -133,7 +133,7 @@ class StageRun:
 
     def _monitor(self) -> float:
         began = time.monotonic()
-        value = monitor(self.plan, self.engine.evaluate, self.data.watched)
+        value = monitor(self.plan, self.engine.evaluate, self.data, self.engine.weights)
         self._watching = time.monotonic() - began
         return value
 

@@ -89,7 +89,7 @@ def _planned(
     losses = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
     if check.rollout is not None and check.rollout.curriculum is not None:
         findings.report(stage_errors.curriculum_outside_training(check.rollout.curriculum.span))
-    rollout = plan_rollout(program, check.rollout, None, findings)
+    rollout = plan_rollout(program, check.rollout, None, findings, check.skip_rows)
     name = check.of.value
     metric: Metric | None
     target: Prediction | None = None

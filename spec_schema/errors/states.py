@@ -11,6 +11,13 @@ def state_without_law(span: Span) -> Diagnostic:
     return error("E0701", span, message, "nothing says how it moves", help=repair)
 
 
+def rows_of_no_log(loss: str, read: str, span: Span) -> Diagnostic:
+    """E0849: the factor of rows of a loss that is not known from the log alone."""
+    message = f"`rows` of `{loss}` reads {read}: it says of logged rows how much they count"
+    repair = "write it of logged signals: `s`, or `s.meas` for the log of a state"
+    return error("E0849", span, message, "not of the log alone", help=repair)
+
+
 def algebraic_loop(names: tuple[str, ...], span: Span) -> Diagnostic:
     """E0702: values that need each other in the same step."""
     message = f"algebraic loop: {' → '.join(names)}"

@@ -8,7 +8,7 @@ from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import Entry, findings_of
 from spec_schema.fields.formulas import ExpressionField
 from spec_schema.fields.plain import Reference, choice
-from spec_schema.fields.quantities import QuantityField
+from spec_schema.fields.quantities import LengthField, QuantityField
 from spec_schema.sections.data.data import Source
 from spec_schema.sections.training.training import Rollout
 
@@ -32,6 +32,8 @@ class Validation(Entry):
     """Logged sample it is compared with; by default that of `predicts`."""
     rollout: Rollout | None = None
     """How far predictions are fed back; one step by default."""
+    skip_rows: LengthField | None = None
+    """First rows of each record that are not scored, wherever rollouts start."""
     data: Reference | None = None
     """Set of the data; `test` by default."""
     files: Source | None = None

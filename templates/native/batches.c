@@ -91,6 +91,12 @@ static void add_rows(const double *rows, size_t count, double *sums)
     }
 }
 
+/* 0 where nothing is scored; rows with factors can count less than 1 in all. */
+static double mean_of(double sum, double count)
+{
+    return count > 0 ? sum / count : 0.0;
+}
+
 /* How many elements each loss counts where no target is missing and every row is scored. */
 static void count_all(const struct batch *b, double *counts)
 {
@@ -131,7 +137,7 @@ static void batch_losses(struct team *team, struct batch *b, const real *physica
         count_all(b, counts);
     }
     for (int l = 0; l < LOSSES; l++) {
-        const double root = IS_ROOT[l] ? sqrt(sums[l] / fmax(counts[l], 1.0)) : 0.5;
+        const double root = IS_ROOT[l] ? sqrt(mean_of(sums[l], counts[l])) : 0.5;
         const double slope = counts[l] > 0 && root > 0 ? weights[l] / (2.0 * root * counts[l]) : 0.0;
         scale[l] = splat((real)slope);
     }
@@ -161,7 +167,8 @@ void msnn_losses(const struct problem *p, const struct group *groups, int64_t n,
 }
 
 /* A step along the gradient of one batch; 0 if its losses or slopes are not finite. Where slopes of
-   the model can be infinite, the batches in which they are take no step. */
+   the model can be infinite, the batches in which they are take no step. Numbers of rate 0 have no
+   slope, and where all rates are 0 there is no step. */
 static int train_batch(struct team *team, struct batch *b, struct variables *v, struct optimizer *o,
                        const double *weights, double *sums, double *counts)
 {
@@ -171,13 +178,16 @@ static int train_batch(struct team *team, struct batch *b, struct variables *v, 
     batch_losses(team, b, v->physical, weights, o->missing, gradient, batch_sums, batch_counts);
     double total = 0;
     for (int l = 0; l < LOSSES; l++) {
-        const double mean = batch_sums[l] / fmax(batch_counts[l], 1.0);
+        const double mean = mean_of(batch_sums[l], batch_counts[l]);
         total += weights[l] * (IS_ROOT[l] ? sqrt(mean) : mean);
     }
     double squares = 0;
+    int moves = 0;
     for (int i = 0; i < PARAMETERS; i++) {
-        gradient[i] *= v->rate[i] == 0 ? 0 : (real)slope(v, i);
-        squares += v->rate[i] == 0 ? 0.0 : (double)gradient[i] * (double)gradient[i];
+        /* no product: 0 times an infinite slope is NaN */
+        gradient[i] = v->rate[i] == 0 ? 0 : gradient[i] * (real)slope(v, i);
+        squares += (double)gradient[i] * (double)gradient[i];
+        moves |= v->rate[i] != 0;
     }
     const int left_out = INFINITE_SLOPES && !(squares <= LARGEST_SLOPE * LARGEST_SLOPE);
     if (!isfinite(total) || !(left_out || isfinite(squares))) {
@@ -189,6 +199,9 @@ static int train_batch(struct team *team, struct batch *b, struct variables *v, 
     }
     if (left_out) {
         o->left_out += 1;
+        return 1;
+    }
+    if (!moves) {
         return 1;
     }
     if (o->clip > 0 && sqrt(squares) > o->clip) {

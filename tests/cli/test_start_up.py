@@ -90,7 +90,7 @@ _NOT_WHOLE = {
     "compiler.interpreter": {"constant_value", "never_finite", "operations"},
     "compiler.jacobian": {"matrices", "sparsity_pattern"},
     "msnn.agreement": {"judgement", "loaded", "record"},
-    "msnn.data": {"dataset", "reads", "starts"},
+    "msnn.data": {"dataset", "reads", "scored", "starts"},
     "msnn.data.formats": {"table_of_formats"},
     "msnn.data.reading": {"file_sets"},
     "msnn.exports": {"export", "prepare", "table", "target"},

@@ -165,6 +165,7 @@ BROKEN: dict[str, Program] = {
     "loss `fit` has no number to score": _loss(prediction=3),
     "loss `fit` compares values of different axes": _loss(target=5),
     "loss `fit` has no finite weight": _loss(weight=INFINITY),
+    "loss `fit` has no number for each row": _loss(rows=4),
     # what may read what
     "the start reads the simulation": replace(
         BASE, start=Graph((*BASE.start.nodes, Node(ops.ReadState("x"), (), Type((K,)))))

@@ -161,7 +161,7 @@ def _assert_like_forward(
     products = interpreted_products(made, p.weights, p.runs)
     forward, off = np.zeros(made.numbers), np.zeros(made.numbers)
     for name, one in products.items():
-        factor = 2.0 * p.shares[name] / max(found.counts[name], 1)
+        factor = 2.0 * p.shares[name] / max(float(found.counts[name].value), 1.0)
         forward += factor * one.products.value[:-1, -1]
         off += factor * one.products.off()[:-1, -1]
     reverse = np.concatenate([slopes[name].ravel() for name in learned])

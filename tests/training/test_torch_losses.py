@@ -32,12 +32,12 @@ def both(
     runs: Runs,
     skip: int = 0,
     scored: dict[str, BoolArray] | None = None,
-) -> dict[str, tuple[float, int]]:
+) -> dict[str, tuple[float, float]]:
     """Losses and counts of the torch engine, after comparing them with the interpreter's."""
     expected = loss_sums(Interpreter(program), log, runs, skip, scored)
     model = build_module(program)
     found = batch_losses(model, scoring(model, log, skip, scored), runs)
-    result: dict[str, tuple[float, int]] = {}
+    result: dict[str, tuple[float, float]] = {}
     for loss in program.losses:
         value = found[loss.name].value(loss.measure).item()
         assert found[loss.name].count == expected[loss.name].count

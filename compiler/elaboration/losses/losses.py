@@ -7,15 +7,16 @@ from collections import Counter
 from compiler.elaboration.losses.cross_entropy import lower_cross_entropy
 from compiler.elaboration.losses.loss_terms import terms_of
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import reads_simulation
+from compiler.ir.liveness import needed, reads_simulation
+from compiler.ir.ops import ReadParameter
 from compiler.ir.program import Loss, Measure, NodeId, Output
-from compiler.ir.types import Type
+from compiler.ir.types import Type, describe_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.twin_axes import warn_of_twin_axes
-from spec_schema.errors import names
+from spec_schema.errors import names, shapes, states
 from spec_schema.expressions.language import LOSS_FUNCTIONS
 from spec_schema.expressions.tree import Call, Expression
 from spec_schema.sections.signals import Loss as LossEntry
@@ -36,6 +37,7 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
     Each term has the entry's weight, which a stage can replace, and its own share of the entry.
     """
     terms = terms_of(context, entry.expr)
+    rows = None if entry.rows is None else _factor_of_rows(context, name, entry.rows)
     losses: list[Loss] = []
     taken = Counter[str]()
     for term in terms:
@@ -50,7 +52,7 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
         again = str(taken[label]) if taken[label] > 1 else ""
         own = name if len(terms) == 1 else f"{name}.{label}{again}"
         span = entry.place.key if len(terms) == 1 else term.expression.span
-        losses.append(Loss(own, measure, prediction, target, entry.weight, term.share, span))
+        losses.append(Loss(own, measure, prediction, target, entry.weight, term.share, span, rows))
     return losses
 
 
@@ -91,6 +93,27 @@ def _measured(context: Context, function: str, call: Call) -> tuple[Measure, Nod
         builder.subtract(prediction, target)  # compares the units of the two
         prediction, target, _ = builder.aligned(prediction, target)
     return _COMPARING[function], *_scored(builder, prediction, target)
+
+
+def _factor_of_rows(context: Context, name: str, expression: Expression) -> NodeId:
+    """How much each row counts: one number a row, known before anything is simulated or learned."""
+    builder = context.builder(_LOSS)
+    node = lower(context, expression, _LOSS)
+    axes = builder.type(node).axes
+    if axes:
+        what, found = f"`rows` of `{name}`", describe_axes(axes)
+        context.findings.report(shapes.wrong_axes(what, "a scalar", found, expression.span))
+        raise LoweringFailed
+    graph = builder.graph()
+    learned = any(
+        live and isinstance(each.op, ReadParameter)
+        for live, each in zip(needed(graph, [node]), graph.nodes, strict=True)
+    )
+    if learned or reads_simulation(graph, node):
+        read = "a parameter" if learned else "a value of the simulation"
+        context.findings.report(states.rows_of_no_log(name, read, expression.span))
+        raise LoweringFailed
+    return node
 
 
 def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[NodeId, NodeId]:

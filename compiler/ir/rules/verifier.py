@@ -194,6 +194,9 @@ def _check_loss(step: Graph, loss: Loss) -> None:
         same = _real(step, loss.target)
         same = same and step[loss.target].type.axes == step[loss.prediction].type.axes
         _require(same, f"{what} compares values of different axes")
+    if loss.rows is not None:
+        number = _real(step, loss.rows) and not step[loss.rows].type.axes
+        _require(number, f"{what} has no number for each row")
 
 
 def _check_expected(step: Graph, entry: Expected) -> None:
@@ -223,12 +226,14 @@ def _check_log_reads(program: Program) -> None:
     # a state that only losses need runs beside the log
     deployed, _ = needed_over_time(step, {s.name: s.next for s in program.states}, outputs)
     targets = [loss.target for loss in program.losses if loss.target is not None]
+    factors = [loss.rows for loss in program.losses if loss.rows is not None]
     for index, node in step:
         if deployed[index] and isinstance(node.op, ReadLog):
             raise InvalidProgram(f"node {index}: an output or its state reads the log", node)
-    for index, node in _reached(step, targets):
-        if isinstance(node.op, ReadSignal | ReadState | Window):
-            raise InvalidProgram(f"node {index}: a target reads the simulation", node)
+    for what, nodes in (("a target", targets), ("the factor of rows", factors)):
+        for index, node in _reached(step, nodes):
+            if isinstance(node.op, ReadSignal | ReadState | Window):
+                raise InvalidProgram(f"node {index}: {what} reads the simulation", node)
 
 
 def _reached(graph: Graph, wanted: Sequence[NodeId]) -> Iterable[tuple[NodeId, Node]]:

@@ -132,7 +132,7 @@ def _guards(program: Program) -> dict[NodeId, frozenset[_Guard]]:
     graph = program.step
     results = [one.node for one in program.outputs] + [one.next for one in program.states]
     for loss in program.losses:
-        results += [loss.prediction] if loss.target is None else [loss.prediction, loss.target]
+        results += loss.nodes
     found = dict.fromkeys(results, frozenset[_Guard]())
     for node in reversed(range(len(graph))):
         made, own = graph[node], found.setdefault(node, frozenset())

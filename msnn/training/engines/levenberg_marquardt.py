@@ -20,6 +20,7 @@ from compiler.ir.program import Parameter
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.engines.quadratic_terms import quadratic_terms
 from msnn.training.engines.squares import Squares, loss_sums_of
 from msnn.training.plans.epoch_order import shuffled
 from msnn.training.plans.stage_plan import StagePlan
@@ -29,6 +30,9 @@ NAME = "levenberg_marquardt"
 
 _MOST_DAMPING = 1e16
 """Times the curvature: a step that is so much shorter is lost in the rounding of the variables."""
+
+_ROUNDED = 1e-9
+"""Part by which two sums of the factors of the same rows may differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +205,10 @@ class LevenbergMarquardtEngine:
                 total += share * found.cost
                 slope += share * found.slope * physical_by_raw
                 curvature += share * found.curvature * np.outer(physical_by_raw, physical_by_raw)
+        known = quadratic_terms(self._raw, self._plan.weight_decay)
+        total += known.value
+        slope += known.slope
+        curvature += np.diag(known.curvature)
         # D never shrinks, so that a variable which loses its influence does not run away (Moré
         # 1978)
         self._largest = np.maximum(self._largest, np.diagonal(curvature))
@@ -248,11 +256,12 @@ class LevenbergMarquardtEngine:
         with np.errstate(over="ignore"):
             weights = self._weights_at(raw)
         sums = self._squares.train_costs(runs, weights)
-        return sum(
+        losses = sum(
             weight * sums[name].total / sums[name].count
             for name, weight in self._plan.loss_weights.items()
             if weight and sums[name].count
         )
+        return losses + quadratic_terms(raw, self._plan.weight_decay).value
 
     def _scale(self) -> FloatArray:
         """1/√D; 1 in a variable that no residual depends on."""
@@ -280,7 +289,7 @@ class LevenbergMarquardtEngine:
 
 def _nothing_left(products: Sequence[Products]) -> bool:
     """Whether the slopes of everything that is scored are infinite."""
-    return all(one.left_out == one.count for one in products)
+    return all(one.left_out >= (1.0 - _ROUNDED) * one.count for one in products)
 
 
 def _same(one: Runs, other: Runs) -> bool:

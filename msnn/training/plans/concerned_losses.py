@@ -12,7 +12,7 @@ from compiler.ir.program import Graph, Program
 def concerns(program: Program, weights: Mapping[str, float], trained: Sequence[str]) -> bool:
     """Whether a loss that counts, at any step of a rollout, depends on something that moves."""
     counted = [loss for loss in program.losses if weights[loss.name]]
-    wanted = [n for loss in counted for n in (loss.prediction, loss.target) if n is not None]
+    wanted = [n for loss in counted for n in loss.nodes]
     following = {state.name: state.next for state in program.states}
     live, states = needed_over_time(program.step, following, wanted)
     first = needed(program.start, [s.start for s in program.states if s.name in states])

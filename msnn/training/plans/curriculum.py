@@ -52,5 +52,5 @@ def _problem(phase: Phase, before: list[Phase], plan: RolloutPlan, epochs: int) 
     if isinstance(plan.horizon, int) and phase.horizon >= plan.horizon:
         return f"{phase.horizon} evaluations are not fewer than the horizon, {plan.horizon}"
     if phase.horizon <= plan.skip:
-        return f"skip {plan.skip} leaves nothing of {phase.horizon} evaluations"
+        return f"{plan.skipped_by} {plan.skip} leaves nothing of {phase.horizon} evaluations"
     return None

@@ -9,9 +9,9 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, Dataset
-from msnn.data.scored import scored_rows
 from msnn.data.starts import Runs, reach
-from msnn.simulation.rollout_plan import set_rollouts
+from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.simulation.row_factors import check_row_factors
 from msnn.training.plans.fixed_starts import fixed_starts
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Findings
@@ -29,7 +29,7 @@ class Lesson:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageData:
-    """Rollouts and, where a whole record is simulated, the rows t that count."""
+    """Rollouts and, where not all rows that they reach count, the rows t that do."""
 
     train: Runs
     train_rows: Mapping[str, BoolArray] | None
@@ -58,14 +58,20 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
             lessons.append(Lesson(phase.until, runs))
     if train is None or watched is None:
         return None
+    train_rows = counted_rows(rollout, data, TRAIN)
+    watched_rows = counted_rows(rollout, data, watched_set)
+    check_row_factors(rollout.program, data, train, train_rows, findings)
+    if watched_set != TRAIN:
+        check_row_factors(rollout.program, data, watched, watched_rows, findings)
+    if findings.failed:
+        return None
     if _starts_inside(rollout.program, data, train):
         findings.report(*fixed_starts(plan))
-    whole = rollout.horizon == "record"
     return StageData(
         train=train,
-        train_rows=scored_rows(data, TRAIN, rollout.program) if whole else None,
+        train_rows=train_rows,
         watched=watched,
-        watched_rows=scored_rows(data, watched_set, rollout.program) if whole else None,
+        watched_rows=watched_rows,
         watched_set=watched_set,
         lessons=tuple(lessons),
     )

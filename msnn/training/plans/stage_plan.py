@@ -93,9 +93,11 @@ class StagePlan:
                 "horizon": self.rollout.horizon,
                 "stride": self.rollout.stride,
                 "skip": self.rollout.skip,
+                "warm_up": self.rollout.warm_up,
                 "close": list(self.rollout.closed),
                 "curriculum": {str(phase.until): phase.horizon for phase in self.phases},
             },
+            "skip_rows": self.rollout.skip_rows,
             "losses": dict(self.loss_weights),
             "trained": list(self.trained),
             "lr": dict(self.lr_factors),
@@ -129,7 +131,7 @@ def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -
 def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> StagePlan | None:
     name = stage.name.value if stage.name is not None else f"stage_{index + 1}"
     span = stage.place.key
-    rollout = plan_rollout(program, stage.rollout, 1, findings)
+    rollout = plan_rollout(program, stage.rollout, 1, findings, stage.skip_rows)
     learned = [parameter.name for parameter in program.parameters if parameter.learn]
     frozen = {
         parameter
@@ -246,7 +248,6 @@ _NOT_OF_SECOND_ORDER: Mapping[str, str] = {
     "lr": "each step has its own length",
     "schedule": "each step has its own length",
     "clip": "the damping limits each step",
-    "weight_decay": "a loss `l2(…)` does the same",
 }
 
 

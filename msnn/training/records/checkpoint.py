@@ -127,7 +127,7 @@ def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Train
     return TrainingPosition(
         epoch=int(record["epoch"]),
         batch=int(record["batch"]),
-        sums={name: LossSum(float(t), int(n)) for name, (t, n) in record["sums"].items()},
+        sums={name: LossSum(float(t), float(n)) for name, (t, n) in record["sums"].items()},
         left_out=int(record["left_out"]),
         best_value=float(record["best_value"]),
         best_epoch=int(record["best_epoch"]),

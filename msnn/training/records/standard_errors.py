@@ -5,6 +5,8 @@ cov θ = H⁻¹ (Σ cₗ² σₗ² JₗᵀJₗ) H⁻¹ with H = Σ cₗ JₗᵀJ
 pₗ = tr(H⁻¹ cₗ JₗᵀJₗ) are the parameters that loss l determines. With one loss this is
 σ²(JᵀJ)⁻¹, σ² = rᵀr / (n − p) (Ljung, System Identification, 1999, ch. 9). The residuals are taken
 as white: rows that are correlated say less than they seem to, and the errors come out too small.
+Where a row has a factor w, r and J are √w times what they are, as if its noise were σ/√w; n counts
+every row with w > 0 once.
 """
 
 from __future__ import annotations
@@ -17,11 +19,13 @@ import numpy as np
 from backends.files.c_compiler import CompilerMissingError
 from backends.gauss_newton_products import Products
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
+from compiler.differentiation.training_step import element_factors
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
 from compiler.ir.program import Loss, Measure, Parameter, Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.data.scored import scored_rows
 from msnn.data.starts import Runs
-from msnn.simulation.rollout_plan import set_rollouts
+from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.squares import Squares
@@ -37,6 +41,9 @@ AT_BOUND = 1e-3
 
 _NOTHING = 1e-10
 """Curvature, relative to that of single parameters, below which a direction changes nothing."""
+
+_NUMBER_OF = "number of "
+"""Before the name of a loss: one that counts its residuals."""
 
 _SHARE = 1e-3
 """Part of a direction that changes nothing from which on a number is named as a part of it."""
@@ -78,7 +85,7 @@ def standard_errors(
     runs = set_rollouts(rollout, data, TRAIN, None, "standard errors", plan.span, Findings())
     if runs is None:
         return _none("no rollout fits the data")
-    rows = scored_rows(data, TRAIN, program) if rollout.horizon == "record" else None
+    rows = counted_rows(rollout, data, TRAIN)
     squares, notes = _squares(replace(plan, rollout=rollout), data, rows, runs, weights)
     products = squares.products(runs, weights)
     return replace(_estimated(plan, parameters, weights, products), notes=notes)
@@ -109,7 +116,27 @@ def _squared(program: Program, plan: StagePlan) -> Program:
             measure = Measure.MSE if compared else loss.measure
             if plan.loss_weights[loss.name]:
                 losses.append(replace(loss, measure=measure))
-    return replace(program, losses=tuple(losses))
+    builder = GraphBuilder(program.step)
+    counted = [_counted(builder, one) for one in losses if one.rows is not None]
+    return replace(program, losses=(*losses, *counted), step=builder.graph())
+
+
+def _counted(builder: GraphBuilder, loss: Loss) -> Loss:
+    """Counts the residuals of a loss whose rows have factors: none below 0, whatever they are."""
+    assert loss.rows is not None
+    factors = element_factors(builder, loss, loss.rows)
+    axes = builder.type(factors).axes
+    one, zero = (builder.broadcast(builder.constant(value), axes) for value in (1.0, 0.0))
+    number = builder.select(builder.compare(Relation.LESS, zero, factors), one, zero)
+    return Loss(f"{_NUMBER_OF}{loss.name}", Measure.MEAN, number, None, weight=0.0)
+
+
+def _numbers(products: Mapping[str, Products], name: str) -> float:
+    """Residuals of a loss that have a share in its products."""
+    one = products[name]
+    counted = products.get(f"{_NUMBER_OF}{name}")
+    number = one.count if counted is None else counted.cost
+    return number * (1.0 - one.left_out / one.count)
 
 
 def _squares(
@@ -151,7 +178,11 @@ def _estimated(
     held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
     free = np.flatnonzero(~held)
     names = [n for p in parameters for n in _number_names(p.name, weights[p.name].shape)]
-    shares = {name: _share(plan, name, one) for name, one in products.items() if one.count}
+    shares = {
+        name: _share(plan, name, products[name])
+        for name in plan.loss_weights
+        if name in products and products[name].count
+    }
     curvatures = {
         name: share * products[name].curvature[np.ix_(free, free)] for name, share in shares.items()
     }
@@ -163,7 +194,7 @@ def _estimated(
     spread = np.zeros_like(total)
     for name in measured & curvatures.keys():
         one, curvature = products[name], curvatures[name]
-        freedom = one.count - one.left_out - float(np.sum(inverse * curvature))
+        freedom = _numbers(products, name) - float(np.sum(inverse * curvature))
         variance = one.squares / freedom if freedom > 0 else np.nan
         noise[name] = float(np.sqrt(variance))
         spread += shares[name] * variance * curvature
@@ -180,7 +211,7 @@ def _estimated(
         },
         unidentified=_combinations(total, nothing, [names[i] for i in free]),
         noise=noise,
-        residuals=sum(products[name].count - products[name].left_out for name in noise),
+        residuals=round(sum(_numbers(products, name) for name in noise)),
     )
 
 

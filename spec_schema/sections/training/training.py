@@ -67,6 +67,8 @@ class Rollout(Entry):
     """Distance of the starts."""
     skip: LengthField | None = None
     """First part that is not scored."""
+    warm_up: LengthField | None = None
+    """First part in which closed signals are read from the log; it is not scored."""
     close: References | None = None
     """Inputs that are fed back; all that can be by default."""
     curriculum: CurriculumField | None = None
@@ -123,6 +125,8 @@ class Stage(Entry):
     """Longest gradient."""
     rollout: Rollout | None = None
     """How far predictions are fed back; one step by default."""
+    skip_rows: LengthField | None = None
+    """First rows of each record that are not scored, wherever rollouts start."""
     early_stop: EarlyStop | None = None
     """When to end before all epochs."""
     seed: NonNegativeCount = 0

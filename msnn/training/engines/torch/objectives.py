@@ -16,10 +16,11 @@ from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Measure
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.dropout_masks import with_all_kept
 from msnn.training.engines.engine import LossSums
-from msnn.training.engines.native.kernel_check import check_if_fresh, check_kernel
+from msnn.training.engines.native.kernel_check import check_kernel
 from msnn.training.engines.torch.torch_losses import batch_losses, evaluated, scoring
 from msnn.training.plans.stage_plan import StagePlan
 
@@ -160,7 +161,7 @@ class KernelObjective:
         for name, total, count in zip(
             kernel.source.losses, found.sums.tolist(), found.counts.tolist(), strict=True
         ):
-            losses[name] = LossSum(total, int(count))
+            losses[name] = LossSum(total, count)
         value = sum(
             weight * losses[name].value(measures[name])
             for name, weight in self._plan.loss_weights.items()

@@ -23,14 +23,14 @@ EVALUATION_BATCH = 4096
 
 @dataclass(frozen=True, slots=True)
 class TorchLossSum:
-    """Σ of a loss over all scored elements, differentiable, and their number."""
+    """Σ of a loss over all scored elements, differentiable, and their number by LossSum."""
 
     total: Tensor
-    count: int
+    count: float
 
     def value(self, measure: Measure) -> Tensor:
         """The loss: 0 where nothing was scored (rule R9)."""
-        mean = self.total / max(self.count, 1)
+        mean = self.total / (self.count or 1.0)
         if measure is Measure.RMSE and mean.item() > 0:  # the root has no slope at 0
             return mean.sqrt()
         return mean
@@ -100,6 +100,8 @@ class ScoredValues:
 
     prediction: Tensor
     target: Tensor | None
+    factors: Tensor | None
+    """How much each counts; None for 1."""
 
 
 def scored_values(
@@ -122,7 +124,7 @@ def scored_values(
         if number >= data.skip:
             for name, (prediction, target) in values.losses.items():
                 rows = None if data.scored is None else data.scored[name][t0[:running] + number]
-                parts[name].append(_Part(prediction, target, rows))
+                parts[name].append(_Part(prediction, target, rows, values.rows.get(name)))
     return {loss.name: _scored(parts[loss.name], data.missing) for loss in program.losses}
 
 
@@ -165,30 +167,43 @@ class _Part:
     prediction: Tensor
     target: Tensor | None
     rows: Tensor | None
+    """Which rows count."""
+    factors: Tensor | None
+
+    def along(self, value: Tensor) -> Tensor:
+        """The value of the rows that count."""
+        return value if self.rows is None else value[self.rows]
 
 
 def _scored(parts: list[_Part], missing: bool) -> ScoredValues | None:
-    predictions = [p.prediction if p.rows is None else p.prediction[p.rows] for p in parts]
-    targets = [
-        p.target if p.rows is None else p.target[p.rows] for p in parts if p.target is not None
-    ]
-    if not predictions:
+    if not parts:
         return None
-    prediction = predictions[0] if len(predictions) == 1 else torch.cat(predictions)
-    if not targets:
-        return ScoredValues(prediction, None)
-    target = targets[0] if len(targets) == 1 else torch.cat(targets)
-    if missing:
+    prediction = _joined([part.along(part.prediction) for part in parts])
+    targets = [part.along(part.target) for part in parts if part.target is not None]
+    target = _joined(targets) if targets else None
+    factors = [part.along(part.factors) for part in parts if part.factors is not None]
+    if not factors:
+        if target is None or not missing:
+            return ScoredValues(prediction, target, None)
         there = ~torch.isnan(target)
-        prediction, target = prediction[there], target[there]
-    return ScoredValues(prediction, target)
+        return ScoredValues(prediction[there], target[there], None)
+    joined = _joined(factors)
+    each = joined.reshape(-1, *[1] * (prediction.dim() - 1)).expand(prediction.shape)
+    there = each > 0 if target is None else (each > 0) & ~torch.isnan(target)
+    return ScoredValues(prediction[there], None if target is None else target[there], each[there])
+
+
+def _joined(parts: list[Tensor]) -> Tensor:
+    return parts[0] if len(parts) == 1 else torch.cat(parts)
 
 
 def _summed(measure: Measure, scored: ScoredValues | None, model: TorchModel) -> TorchLossSum:
     if scored is None:
         return TorchLossSum(torch.zeros((), dtype=model.dtype, device=model.device), 0)
-    prediction = scored.prediction
-    return TorchLossSum(cost(measure, prediction, scored.target).sum(), prediction.numel())
+    costs = cost(measure, scored.prediction, scored.target)
+    if scored.factors is None:
+        return TorchLossSum(costs.sum(), scored.prediction.numel())
+    return TorchLossSum((scored.factors * costs).sum(), scored.factors.sum().item())
 
 
 def cost(measure: Measure, prediction: Tensor, target: Tensor | None) -> Tensor:

@@ -73,11 +73,14 @@ class TorchSquares:
     def _batch_products(
         self, runs: Runs, values: Mapping[str, Tensor], learned: Tensor
     ) -> dict[str, Products]:
+        factors: dict[str, Tensor | None] = {}
+
         def errors(numbers: Tensor) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
             frame = self._model.frame_of({**values, **self._parts(values, numbers)})
             scored = scored_values(self._model, frame, self._train, runs)
             found: dict[str, Tensor] = {}
             for name, one in scored.items():
+                factors[name] = None if one is None else one.factors
                 if one is None:
                     found[name] = numbers.new_zeros(0)
                 else:
@@ -91,7 +94,13 @@ class TorchSquares:
             warnings.simplefilter("ignore", FutureWarning)
             slopes, residuals = forward(learned)
         return {
-            name: _products(loss, residuals[name], slopes[name], steep=self._steep.get(name, False))
+            name: _products(
+                loss,
+                residuals[name],
+                slopes[name],
+                factors[name],
+                steep=self._steep.get(name, False),
+            )
             for name, loss in self._losses.items()
         }
 
@@ -117,25 +126,30 @@ class TorchSquares:
         return evaluated(self._model, data, runs, self._model.frame_of(values))
 
 
-def _products(loss: Loss, error: Tensor, slopes: Tensor, *, steep: bool) -> Products:
+def _products(
+    loss: Loss, error: Tensor, slopes: Tensor, factors: Tensor | None, *, steep: bool
+) -> Products:
     """Products of one batch, without slopes that are infinite where one can be so.
 
-    Huber by the weight that gives the square its slope.
+    Huber by the weight that gives the square its slope; factors of rows are weights too.
     """
-    total = cost(loss.measure, error, None).sum().item()
+    each = torch.ones_like(error) if factors is None else factors.reshape(-1)
+    total = (each * cost(loss.measure, error, None)).sum().item()
     if loss.measure is Measure.HUBER:
         factor = torch.sqrt(0.5 / error.abs().clamp(min=1.0))
         error, slopes = factor * error, factor[:, None] * slopes
-    left_out = 0
+    if factors is not None:
+        error, slopes = each.sqrt() * error, each.sqrt()[:, None] * slopes
+    left_out = 0.0
     if steep:
         finite = slopes.abs().sum(1) <= LARGEST_SLOPE  # false for NaN
-        left_out = int((~finite).sum())
+        left_out = each[~finite].sum().item()
         error, slopes = torch.where(finite, error, 0.0), torch.where(finite[:, None], slopes, 0.0)
     return Products(
         (slopes.T @ slopes).cpu().numpy(),
         (slopes.T @ error).cpu().numpy(),
         float(error @ error),
         total,
-        len(error),
+        each.sum().item(),
         left_out,
     )
