@@ -16,6 +16,7 @@ from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum, entry_value, loss_sums, moments
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.simulation.row_factors import check_row_factors
+from msnn.simulation.start_fit import with_starts
 from msnn.validation.measurement import Measurement, error_curve, error_trace, scores_of
 from msnn.validation.plan import CheckPlan, default_set, plan_checks
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
@@ -107,7 +108,8 @@ def validate(
         if runs is not None and plan.metric is None:
             counted = counted_rows(plan.rollout, measured, name)
             check_row_factors(plan.rollout.program, measured, runs, counted, findings)
-        if runs is not None:
+        if runs is not None and not findings.failed:
+            measured = with_starts(plan.rollout, measured, runs, weights, wanted_by, findings)
             ready.append((plan, name, runs, measured))
     findings.raise_errors()
     rows: list[MetricRow] = []
