@@ -18,6 +18,7 @@ check_package_names()
 
 if TYPE_CHECKING:
     from msnn.api import (
+        compare,
         compile,
         export,
         initial_weights,
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
         load,
         simulate,
         stage_loss,
+        stepper,
         train,
         train_folds,
         validate,
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Model",
     "SpecError",
+    "compare",
     "compile",
     "export",
     "initial_weights",
@@ -42,6 +45,7 @@ __all__ = [
     "load",
     "simulate",
     "stage_loss",
+    "stepper",
     "train",
     "train_folds",
     "validate",

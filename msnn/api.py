@@ -21,10 +21,13 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.spec import Spec
 
 if TYPE_CHECKING:
+    from msnn.comparison.compare import Comparison, Listener
     from msnn.data.reading.frames import Frames
+    from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.linearize import Linearization
     from msnn.simulation.simulate import Simulations
     from msnn.simulation.simulation_data import GivenData
+    from msnn.stepping.stepper import Stepper
     from msnn.training.folds import FoldsResult
     from msnn.training.records.progress import Progress
     from msnn.training.records.training_options import TrainingOptions
@@ -80,12 +83,20 @@ def train(
     TrainingInterruptedError and MissingExtraError.
     """
     from msnn.training import train as engine
+    from msnn.training.run_line import begun, diverged, ended, log
 
     options = replace(_options(model, runs, tensorboard, device), resume=resume)
     first = given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
+    line = begun(model, dataset)
     with sources_of(model):
-        return engine.train(model.program, dataset, model.spec.train, options, progress, first)
+        try:
+            found = engine.train(model.program, dataset, model.spec.train, options, progress, first)
+        except engine.TrainingDivergedError as error:
+            log(options.runs, diverged(line, error))
+            raise
+    log(options.runs, ended(line, found, options.runs))
+    return found
 
 
 def train_folds(
@@ -161,28 +172,92 @@ def validate(
     data: Frames | None = None,
     *,
     data_root: str | Path | None = None,
+    engine: str = "auto",
+    progress: RolloutProgress | None = None,
 ) -> ValidationReport:
-    """Measures the `validate` section of a spec with the interpreter; None: initial weights.
+    """Measures the `validate` section of a spec in float64; None: initial weights.
 
         report = msnn.validate(model, result.weights)
         assert report.passed
 
-    `data` as in `train`; entries with `files:` are measured on these all the same. Raises
-    SpecError.
+    `data` as in `train`; entries with `files:` are measured on these all the same. `engine` is what
+    simulates: `interpreter`, the judge of all others, `native` kernels, `torch`, or `auto`, kernels
+    where they save time; `progress(done, total)` is told how many steps are done. Raises SpecError.
     """
     from msnn.data.reading.file_sets import load_file_sets
+    from msnn.simulation.engines.open_rollouts import known_engine
+    from msnn.simulation.engines.progress import nobody
     from msnn.validation import validate as validation
 
+    engine = known_engine(engine)
     checks, dataset = model.spec.checks, None
     if not checks or any(check.files is None for check in checks):
         dataset = measured(model, data, data_root, "validation")
     known = known_in(model, weights)
     with sources_of(model):
         files = load_file_sets(model.program, model.spec, data_folder(model, data_root))
-        report = validation.validate(model.program, dataset, checks, known, files=files)
+        report = validation.validate(
+            model.program,
+            dataset,
+            checks,
+            known,
+            files=files,
+            engine=engine,
+            progress=progress or nobody,
+        )
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]
         return replace(report, warnings=(*warnings, *report.warnings))
+
+
+def compare(
+    specs: str | Path | Sequence[str | Path],
+    *,
+    grid: Sequence[str] = (),
+    settings: Sequence[str] = (),
+    data: Frames | None = None,
+    data_root: str | Path | None = None,
+    on: str = "val",
+    seeds: int = 1,
+    folds: bool = False,
+    runs: str | Path | None = "runs",
+    jobs: int = 1,
+    by: str | None = None,
+    cost: bool = True,
+    listener: Listener | None = None,
+) -> Comparison:
+    """Trains specs, or one with every choice of a grid, and ranks them on rows held out.
+
+        found = msnn.compare("plant.msnn.yaml", grid=["layers.h.fir.window=5,10,20"], seeds=3)
+        print(found.best.variant.settings, found.best.score)
+
+    `on` is the set that they are compared on; with `folds` each fold of `split: {by: kfold, k}` is
+    held out in turn. `by` ranks them: `fit`, `x_next.fit` or `x_next.rmse:record`; None takes what
+    the first entry of `validate` asks for. `jobs` trainings run at once, each in a process: a
+    script then needs `if __name__ == "__main__"`. `cost` counts instructions and bytes of the C on
+    a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
+    there is not repeated. Raises SpecError and TrainingInterruptedError.
+    """
+    from msnn.comparison.compare import ComparisonOptions
+    from msnn.comparison.compare import compare as run
+    from msnn.comparison.variants import grid_axis
+
+    named = [specs] if isinstance(specs, str | Path) else specs
+    options = ComparisonOptions(
+        settings=settings,
+        data=data,
+        data_root=None if data_root is None else Path(data_root),
+        held_out=on,
+        seeds=seeds,
+        folds=folds,
+        runs=None if runs is None else Path(runs),
+        jobs=jobs,
+        criterion=by,
+        counts_cost=cost,
+    )
+    return run(
+        [Path(spec) for spec in named], [grid_axis(each) for each in grid], options, listener
+    )
 
 
 def initial_weights(model: Model) -> dict[str, FloatArray]:
@@ -205,6 +280,8 @@ def simulate(
     horizon: int | None = None,
     data_root: str | Path | None = None,
     data_set: str | None = None,
+    engine: str = "auto",
+    progress: RolloutProgress | None = None,
 ) -> Simulations:
     """Runs the model freely over records; every input that an output predicts is fed back.
 
@@ -213,21 +290,32 @@ def simulate(
 
     `data` are frames as in `train`, or files with the columns that the spec names; None takes the
     data of the spec. `data_set` runs over one set only; of files it says which set of the spec has
-    their columns. `horizon` ends each run after so many steps. The answer is a sequence of runs,
-    with `warnings`. Raises SpecError.
+    their columns. `horizon` ends each run after so many steps. `engine` and `progress` as in
+    `validate`. The answer is a sequence of runs, with `warnings`. Raises SpecError.
     """
     from msnn.exports.prepare import loop_fault
+    from msnn.simulation.engines.open_rollouts import known_engine
+    from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
     from msnn.simulation.simulation_data import simulation_data
 
+    engine = known_engine(engine)
     try:
         program = simulation_program(model.program)
     except LoopError as error:
         raise SpecError([loop_fault(error, None)], model.sources) from None
     dataset = simulation_data(model, program, data, data_root, data_set)
     with sources_of(model):
-        return run(program, dataset, known_in(model, weights), horizon, data_set)
+        return run(
+            program,
+            dataset,
+            known_in(model, weights),
+            horizon,
+            data_set,
+            engine=engine,
+            progress=progress or nobody,
+        )
 
 
 def linearize(
@@ -248,6 +336,26 @@ def linearize(
     from msnn.simulation.linearize import linearize as run
 
     return run(model.program, inputs, states, known_in(model, weights))
+
+
+def stepper(model: Model, weights: Weights | None = None) -> Stepper:
+    """The model with a memory of its own, stepped from Python a sample at a time.
+
+        s = msnn.stepper(model, result.weights)
+        s.reset(x=0.1)
+        for force in forces:
+            print(s.step(F=force)["x_next"], s.state["v"])
+
+    It is what `msnn.export(model, "c", …)` would write, compiled for this machine: the same
+    numbers, some microseconds a step. Any number of them are independent. Without a C compiler
+    the interpreter steps, and a RuntimeWarning says so. Weights None: the initial values. Raises
+    SpecError; ValueError where an input is missing, unknown or of another shape.
+    """
+    from msnn.stepping.open_stepper import open_stepper
+
+    known = known_in(model, weights)
+    with sources_of(model):
+        return open_stepper(model, known)
 
 
 def export(
@@ -278,19 +386,8 @@ def export(
 def _options(
     model: Model, runs: str | Path | None, tensorboard: bool, device: str
 ) -> TrainingOptions:
-    from msnn.model.model_weights import redrawn_weights
-    from msnn.training.black_boxes import black_boxes
     from msnn.training.engines.devices import find_device
-    from msnn.training.records.training_options import TrainingOptions
+    from msnn.training.records.training_options import options_for
 
-    return TrainingOptions(
-        runs=None if runs is None else Path(runs),
-        tensorboard=tensorboard,
-        device=find_device(device),
-        spec_text=model.text,
-        spec_file=str(model.path),
-        settings=model.settings,
-        parts=model.parts,
-        black_boxes=black_boxes(model.spec),
-        redrawn=lambda draw: redrawn_weights(model, draw),
-    )
+    kept = None if runs is None else Path(runs)
+    return options_for(model, runs=kept, tensorboard=tensorboard, device=find_device(device))

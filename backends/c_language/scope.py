@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import product
+from typing import TypeAlias
 
 from backends.c_language.places import Index, variable
 from backends.c_language.tree import (
@@ -24,23 +26,44 @@ _COUNTERS = ("i", "j", "k", "m", "n", "i5", "i6", "i7")
 _ARGUMENTS = ("s", "p", "u", "y", "x0", "status")
 
 
+@dataclass(frozen=True, slots=True)
+class SpecName:
+    """A name that the spec gives a value, apart from one like it that is made up here."""
+
+    text: str
+
+
+LocalName: TypeAlias = str | SpecName
+
+
 class LocalNames:
     """Names of one function's variables: no two are equal and none hides what a header declares."""
 
-    def __init__(self, prefix: str) -> None:
+    def __init__(self, prefix: str, of_spec: Iterable[str] = ()) -> None:
+        """Names `of_spec` are kept for the values that the spec calls so; others give way."""
         self._prefix = prefix.lower()
         self._taken = {*_COUNTERS, *_ARGUMENTS}
+        self._kept = {name: self._new(name) for name in dict.fromkeys(of_spec)}
 
-    def fresh(self, name: str) -> str:
-        """A new name like the given one."""
-        if name.lower().startswith(self._prefix):
-            name = f"v_{name}"
-        return c_identifier(name, self._taken)
+    def fresh(self, name: LocalName) -> str:
+        """A new name like the given one; the spec's own at its first use."""
+        if isinstance(name, str):
+            return self._new(name)
+        return self._kept.pop(name.text, None) or self._new(name.text)
 
     def reserve(self, name: str) -> None:
         """Takes exactly this name, before any other is made."""
+        of_spec = next((own for own, kept in self._kept.items() if kept == name), None)
+        if of_spec is not None:
+            del self._kept[of_spec]
+            return
         assert name not in self._taken
         self._taken.add(name)
+
+    def _new(self, name: str) -> str:
+        if name.lower().startswith(self._prefix):
+            name = f"v_{name}"
+        return c_identifier(name, self._taken)
 
 
 class Scope:
@@ -52,7 +75,7 @@ class Scope:
         self._depth = depth
         self._note = note
 
-    def fresh(self, name: str) -> str:
+    def fresh(self, name: LocalName) -> str:
         """A name that nothing in the function has yet."""
         return self._names.fresh(name)
 
@@ -72,19 +95,19 @@ class Scope:
         self.add(Comment(text))
         return True
 
-    def constant(self, name: str, value: Expression, type: CType = CType.REAL) -> Name:
+    def constant(self, name: LocalName, value: Expression, type: CType = CType.REAL) -> Name:
         """A new constant with that value."""
         local = self._names.fresh(name)
         self.add(Declare(type, local, value, constant=True))
         return Name(local)
 
-    def variable(self, name: str, value: Expression) -> Name:
+    def variable(self, name: LocalName, value: Expression) -> Name:
         """A new real variable that begins with that value."""
         local = self._names.fresh(name)
         self.add(Declare(CType.REAL, local, value))
         return Name(local)
 
-    def array(self, name: str, size: int, type: CType = CType.REAL) -> Name:
+    def array(self, name: LocalName, size: int, type: CType = CType.REAL) -> Name:
         """A new array, not yet filled."""
         local = self._names.fresh(name)
         self.add(Declare(type, local, size=size))

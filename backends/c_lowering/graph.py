@@ -14,7 +14,7 @@ from typing import Protocol, assert_never
 
 from backends.c_language.operations import scalar_operation
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import Scope, SpecName
 from backends.c_language.tree import Binary, Expression
 from backends.c_lowering.active_memberships import ActiveDegrees, active_degrees
 from backends.c_lowering.active_sums import ActiveSets
@@ -118,7 +118,8 @@ class GraphLowering:
         args = [self._values[arg] for arg in node.args]
         match node.op:
             case ops.Constant(values, name):
-                shown = name or node.label or "constants"
+                own = name or node.label
+                shown = SpecName(own) if own else "constants"
                 return self._locals.known(values, node.type, shown, self._scope, of_spec=bool(name))
             case ops.Read():
                 return self._surroundings.read(node.op, node.type)
@@ -182,7 +183,7 @@ class GraphLowering:
             if self._values[arg] == memory.window
         )
         locals.notes.write(node, self._scope)
-        name = node.label or locals.notes.part_name(node, "sum")
+        name = locals.name(node, "sum")
         sample = element_of(newest, (), self._scope)
         total = write_moving_sum(memory, sample, name, term, locals.block, self._scope)
         return ArrayView.single(total).reshaped_single(node.type.shape)

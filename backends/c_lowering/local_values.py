@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from backends.c_language.functions import FunctionTable
 from backends.c_language.operations import expression_size
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import LocalName, Scope, SpecName
 from backends.c_language.tree import (
     Comment,
     ConstantTable,
@@ -56,8 +56,9 @@ class LocalValues:
         self._units: dict[str, str] = {}
         """Of constants of the spec."""
 
-    def name(self, node: Node) -> str:
-        return node.label or self.notes.part_name(node, "part")
+    def name(self, node: Node, kind: str = "part") -> LocalName:
+        """The spec's for what it names; for others one of the equation and their kind."""
+        return SpecName(node.label) if node.label else self.notes.part_name(node, kind)
 
     def finished(self, node: Node, value: Expression, scope: Scope) -> Expression:
         """The expression, or a constant for it where the spec names it or it grows long."""
@@ -68,8 +69,10 @@ class LocalValues:
         self.notes.write(node, scope)
         return scope.constant(self.name(node), value, _c_type(node))
 
-    def kept(self, node: Node, value: Value, name: str, scope: Scope) -> ArrayView:
+    def kept(self, node: Node, value: Value, name: LocalName, scope: Scope) -> ArrayView:
         """The value in a local of its own."""
+        if node.label is not None and name == node.label:
+            name = SpecName(node.label)
         boolean = node.type.kind == "bool"
         if node.type.size > 1:
             self.notes.write(node, scope)
@@ -83,7 +86,7 @@ class LocalValues:
             made = scope.constant(name, made, _c_type(node))
         return ArrayView.single(made, boolean).reshaped_single(node.type.shape)
 
-    def array(self, node: Node, name: str, scope: Scope) -> ArrayView:
+    def array(self, node: Node, name: LocalName, scope: Scope) -> ArrayView:
         """A new local array for the value, not yet filled."""
         return ArrayView.array(scope.array(name, node.type.size, _c_type(node)), node.type.shape)
 
@@ -99,7 +102,7 @@ class LocalValues:
         self,
         values: tuple[float, ...],
         type: Type,
-        name: str,
+        name: LocalName,
         scope: Scope,
         *,
         of_spec: bool = False,

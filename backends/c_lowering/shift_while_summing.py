@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from backends.c_language.places import Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import LocalName, Scope
 from backends.c_language.tree import Binary, Expression, Real
 from backends.c_lowering.state_memory import ShiftBuffer, StateMemory
 from backends.c_lowering.sums import in_blocks
@@ -65,7 +65,7 @@ def _sums_window(node: Node) -> bool:
 def write_moving_sum(
     memory: ShiftBuffer,
     newest: Expression,
-    total: str,
+    total: LocalName,
     term: Term,
     block: int,
     scope: Scope,
@@ -73,7 +73,7 @@ def write_moving_sum(
     """Writes the loop; `term` makes what a sample at a place of the window adds to the sum."""
     samples, kept = memory.samples, memory.shape[-1]
     sum = scope.variable(total, Real(-0.0))
-    sample = scope.variable(f"{total}_sample", samples.element((Index(),)))
+    sample = scope.variable(f"{sum.text}_sample", samples.element((Index(),)))
 
     def move(along: Index, following: Expression, inner: Scope) -> None:
         inner.assign(sum, Binary("+", sum, term(along, sample, inner)))

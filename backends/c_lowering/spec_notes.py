@@ -22,14 +22,16 @@ class SpecNotes:
     """Comments and names for the statements of one graph.
 
     A node inside a formula has no name of its own: it goes by that of the formula, or where the
-    program keeps no formulas by that of the first named value on its line.
+    program keeps no formulas by that of the named value whose place in the spec holds its own, or
+    which alone is on its line.
     """
 
     def __init__(self, graph: Graph, formulas: Sequence[Formula] = ()) -> None:
-        self._names: dict[tuple[str, int], str] = {}
+        self._named: dict[tuple[str, int], dict[Span, str]] = {}
         for node in graph.nodes:
             if node.span is not None and node.label is not None:
-                self._names.setdefault((node.span.file, node.span.line), node.label)
+                line = self._named.setdefault((node.span.file, node.span.line), {})
+                line.setdefault(node.span, node.label)
         self._formulas: dict[tuple[str, int], list[Formula]] = {}
         for formula in formulas:
             span = formula.span
@@ -73,12 +75,8 @@ class SpecNotes:
 
     def _formula(self, span: Span) -> Formula | None:
         """The formula that the place is in."""
-        place = (span.line, span.column)
-        for formula in self._formulas.get((span.file, span.line), ()):
-            whole = formula.span
-            if (whole.line, whole.column) <= place < (whole.end_line, whole.end_column):
-                return formula
-        return None
+        formulas = self._formulas.get((span.file, span.line), ())
+        return next((formula for formula in formulas if _holds(formula.span, span)), None)
 
     def _equation(self, node: Node) -> str | None:
         if node.label is not None or node.span is None:
@@ -86,7 +84,17 @@ class SpecNotes:
         formula = self._formula(node.span)
         if formula is not None:
             return formula.left
-        return self._names.get((node.span.file, node.span.line))
+        named = self._named.get((node.span.file, node.span.line), {})
+        around = [span for span in named if _holds(span, node.span)]
+        if around:
+            return named[min(around, key=lambda span: (span.end_line, span.end_column))]
+        return next(iter(named.values())) if len(set(named.values())) == 1 else None
+
+
+def _holds(whole: Span, part: Span) -> bool:
+    """Whether the part begins in the whole, both in one file."""
+    begins = (part.line, part.column)
+    return (whole.line, whole.column) <= begins < (whole.end_line, whole.end_column)
 
 
 def span_text(span: Span) -> str:

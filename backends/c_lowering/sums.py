@@ -90,7 +90,7 @@ def sum_along(
 
     def _variable(begin: Expression, scope: Scope) -> Name:
         locals.notes.write(node, scope)
-        return scope.variable(node.label or locals.notes.part_name(node, "sum"), begin)
+        return scope.variable(locals.name(node, "sum"), begin)
 
     def finish(value: Expression, scope: Scope) -> Expression:
         return locals.finished(node, value, scope)

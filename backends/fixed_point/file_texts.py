@@ -86,6 +86,7 @@ def step_texts(
             prototypes={name: printer.prototype(made) for name, made in functions.items()},
             selftest_steps=SELFTEST_STEPS,
             selftest_checks="",
+            late=program.late,
         ),
         f"include/{prefix}_real.h": _filled(
             "real.h", names, "Physical numbers", ports=ports, **real_type(program)
@@ -129,6 +130,7 @@ def _readme(
         ],
         outputs=[_shown(names, port) for port, _ in program.outputs],
         dtype=program.width.name,
+        late=program.late,
         ports=port_facts(program, names),
         errors=[_error_row(error) for error in errors],
         error_steps=errors[0].steps if errors else 0,
@@ -239,6 +241,7 @@ def _metadata(
         "doc": program.doc,
         "spec_sha256": program.spec_hash,
         "sample_time": program.sample_time,
+        **({"late": program.late} if program.late else {}),
         "c": {
             "prefix": names.prefix,
             "dtype": program.width.name,

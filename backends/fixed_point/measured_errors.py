@@ -21,7 +21,8 @@ from backends.files.atomic_write import write_text
 from backends.files.c_compiler import CompilerMissingError
 from backends.fixed_point.file_texts import step_texts
 from compiler.fixed_point.constants import finite
-from compiler.fixed_point.deviation import HELD, OutputError, Spread, output_errors, reference
+from compiler.fixed_point.deviation import HELD, OutputError, Spread, output_errors
+from compiler.fixed_point.exact_steps import reference
 from compiler.fixed_point.golden import drawn
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 from compiler.ir.program import Program
@@ -58,7 +59,7 @@ def _built(texts: Mapping[str, str], folder: Path) -> CStep:
     for name, text in texts.items():
         # the loop over steps is built with the code: a call from Python takes longer than a step
         write_text(folder / (f"src/{name}" if name.endswith("_ffi.c") else name), text)
-    return CStep(folder, build_library(folder, folder / "step.so"))
+    return CStep.of_folder(folder, build_library(folder, folder / "step.so"))
 
 
 @dataclass(frozen=True, slots=True)

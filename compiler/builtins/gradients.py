@@ -88,8 +88,6 @@ def _reads(
             return _of_signal(context, expression, environment)
         case State() | Equation() | Output() if named is operand:
             assert isinstance(operand, Name)
-            if not isinstance(entry, State):
-                context.gradients.variables.add(operand.name)
             return _of_value(context, operand.name, expression, environment)
         case Parameter():
             repair = "training differentiates the losses with respect to parameters by itself"
@@ -108,7 +106,9 @@ def _of_signal(
     node = lower(context, expression, environment)
     builder = context.builder(environment)
     op = builder.node(node).op
-    assert isinstance(op, ReadSamples)
+    if not isinstance(op, ReadSamples):  # between two samples, at a stage of the integrator
+        whole = _Read(node, 0, 0)
+        return whole, [whole]
     whole = _Read(node, op.first, op.last)
     reads: list[_Read] = []
     for index, other in builder.graph():

@@ -76,6 +76,19 @@ def training_step(program: Program) -> TrainingStep:
     )
 
 
+def forward_only(program: Program, losses: tuple[LossTerm, ...]) -> TrainingStep:
+    """The step of a program, which has the nodes of the loss terms, and nothing backwards."""
+    nothing = StepGradients({}, {}, {})
+    return TrainingStep(
+        program=program,
+        losses=losses,
+        newest=newest_samples(program),
+        reverse_step=Reverse(program.step, nothing),
+        reverse_start=Reverse(program.start, nothing),
+        has_infinite_slopes=False,
+    )
+
+
 def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
     """What one step adds to every loss; `builder` has the nodes of the program's step."""
     return tuple(loss_term(builder, loss) for loss in program.losses)

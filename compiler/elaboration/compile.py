@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from compiler.elaboration.between_samples import report_between
 from compiler.elaboration.deep_recursion import room_for
 from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
 from compiler.elaboration.formulas import formulas_of
-from compiler.elaboration.histories import Known
+from compiler.elaboration.gradient_variables import gradient_variables
+from compiler.elaboration.histories import Buffers
 from compiler.elaboration.losses.losses import default_loss, lower_loss
 from compiler.elaboration.names import Elaboration
 from compiler.elaboration.signals import logged_signals
@@ -163,10 +165,12 @@ def _lowered(linked: Linked, draw: int) -> _Lowered:
 
     How far back something is read, and which axes an equation that reads its own past has, is known
     only of lowered expressions: a function, a layer or a sub-model may delay its argument.
+    Nothing else iterates. What the text alone shows, as whose gradients are taken, is read from it.
     """
-    known = Known()
+    variables = gradient_variables(linked.spec)
+    known: Buffers = {}
     for _ in range(_MOST_LOWERINGS):
-        lowered = _lowered_once(linked, known, draw)
+        lowered = _lowered_once(Elaboration(linked, variables, known, draw))
         found = lowered.elaborated.histories.found()
         if found == known:
             break
@@ -179,13 +183,13 @@ def _lowered(linked: Linked, draw: int) -> _Lowered:
     context.given.report(lowered.elaborated.arrays.all_names)
     check_fitted_starts(context, lowered.states, lowered.losses)
     _report_log_reads(context, lowered.outputs, lowered.states)
+    report_between(context)
     if not context.findings.failed:  # what is left unused by a mistake is no news
         report_unused(context)
     return lowered
 
 
-def _lowered_once(linked: Linked, known: Known, draw: int) -> _Lowered:
-    elaborated = Elaboration(linked, Findings(), known, draw)
+def _lowered_once(elaborated: Elaboration) -> _Lowered:
     context = elaborated.context
     outputs = _outputs(elaborated)
     ranges = signal_ranges(context)

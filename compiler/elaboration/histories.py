@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 from compiler.ir.program import History, NodeId
@@ -33,13 +33,8 @@ class Remembered:
     axes: tuple[Axis, ...] = ()
 
 
-@dataclass(frozen=True)
-class Known:
-    """What a lowering found out that the next one begins with."""
-
-    buffers: Mapping[str, Remembered] = field(default_factory=dict[str, Remembered])
-    variables: frozenset[str] = frozenset()
-    """Equations and outputs that gradients are taken with respect to."""
+Buffers = Mapping[str, Remembered]
+"""What is remembered of states, equations and outputs, by their names."""
 
 
 class Histories:
@@ -50,9 +45,9 @@ class Histories:
     the compiler lowers again until nothing changes.
     """
 
-    def __init__(self, context: Context, known: Known) -> None:
+    def __init__(self, context: Context, known: Buffers) -> None:
         self._context = context
-        self._known = known.buffers
+        self._known = known
         self._lengths: dict[str, int] = {}
         self._places: dict[str, Span] = {}
         self._refused: set[str] = set()
@@ -106,9 +101,22 @@ class Histories:
         type = Type(wanted, entry.unit.value if entry.unit else None)
         return builder.log(name, first + environment.shift, last + environment.shift, type)
 
-    def found(self) -> Known:
-        """What this lowering found out that the next one must begin with."""
-        return Known(self._buffers(), frozenset(self._context.gradients.variables))
+    def found(self) -> Buffers:
+        """What this lowering needs: lengths, and the axes that the values turned out to have."""
+        builder = self._context.builder(_STEP)
+        found: dict[str, Remembered] = {}
+        for name, length in self._lengths.items():
+            try:
+                now = self._now(name, self._places[name])
+                axes = builder.type(now).axes
+            except LoweringFailed:
+                axes = self._known.get(name, Remembered(0)).axes
+            if any(axis.name == WINDOW for axis in axes):
+                self._context.findings.report(errors.window_of_window(self._places[name]))
+                self._refused.add(name)
+                axes = ()
+            found[name] = Remembered(length, axes)
+        return found
 
     def states(self) -> list[ProgramState]:
         """A buffer state for everything whose past is read."""
@@ -131,23 +139,6 @@ class Histories:
         return made
 
     # ---- inside
-
-    def _buffers(self) -> dict[str, Remembered]:
-        """What this lowering needs: lengths, and the axes that the values turned out to have."""
-        builder = self._context.builder(_STEP)
-        found: dict[str, Remembered] = {}
-        for name, length in self._lengths.items():
-            try:
-                now = self._now(name, self._places[name])
-                axes = builder.type(now).axes
-            except LoweringFailed:
-                axes = self._known.get(name, Remembered(0)).axes
-            if any(axis.name == WINDOW for axis in axes):
-                self._context.findings.report(errors.window_of_window(self._places[name]))
-                self._refused.add(name)
-                axes = ()
-            found[name] = Remembered(length, axes)
-        return found
 
     def _is_measured(self, name: str, entry: State) -> bool:
         """Whether the spec reads the log of a state anywhere (R6); then its data must have it."""

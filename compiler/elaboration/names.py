@@ -8,7 +8,7 @@ from compiler.builtins.table import lower_builtin
 from compiler.elaboration.constants import Constants
 from compiler.elaboration.entries import Entries
 from compiler.elaboration.functions import argument_value, inlined
-from compiler.elaboration.histories import Histories, Known
+from compiler.elaboration.histories import Buffers, Histories
 from compiler.elaboration.layer_calls import lower_layer
 from compiler.elaboration.states import States
 from compiler.ir.program import NodeId
@@ -31,7 +31,7 @@ from spec_schema.expressions.language import ELSEWHERE, LOSS_FUNCTIONS, NUMBERS,
 from spec_schema.expressions.tree import Call, LanguageName, Member, Name
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers.layer import Layer
-from spec_schema.sections.signals import Equation, Output, Signal, State
+from spec_schema.sections.signals import Equation, Input, Output, Signal, State
 from spec_schema.sections.submodels import Use
 from spec_schema.sections.values import Constant, Function, Parameter
 from spec_schema.units.parser import parse_unit
@@ -43,8 +43,12 @@ _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 class Elaboration:
     """The meaning of every name of one spec (`Names`), and all that lowering it leaves."""
 
-    def __init__(self, linked: Linked, findings: Findings, known: Known, draw: int = 0) -> None:
-        self._linked, self._draw = linked, draw
+    def __init__(
+        self, linked: Linked, variables: frozenset[str], known: Buffers, draw: int = 0
+    ) -> None:
+        """`variables` are those of gradients; `known` was found by the lowering before this one."""
+        self._linked, self._variables, self._draw = linked, variables, draw
+        findings = Findings()
         spec = linked.spec
         seconds = spec.sample_time.value if spec.sample_time else None
         self.context = Context(
@@ -61,11 +65,11 @@ class Elaboration:
         self.layers = LayerStores(self.arrays)
         self.histories = Histories(self.context, known)
         self.states = States(self.context, self.histories, linked.integrators)
-        self.entries = Entries(self.context, self.histories, known.variables)
+        self.entries = Entries(self.context, self.histories, variables)
 
-    def afresh(self, known: Known) -> Elaboration:
+    def afresh(self, known: Buffers) -> Elaboration:
         """Another one of the same spec, with graphs of its own: for what may fail half-way."""
-        return Elaboration(self._linked, Findings(), known, self._draw)
+        return Elaboration(self._linked, self._variables, known, self._draw)
 
     # ---- names
 
@@ -81,6 +85,8 @@ class Elaboration:
             return builder.constant(self.context.sampling.required("`dt`", name.span), unit=_SECOND)
         declared = self.declared(name.name, name.span)
         match declared.entry:
+            case Input() if (moving := self._between_samples(name.name, environment)) is not None:
+                return moving
             case Signal() as signal:
                 logged = (
                     declared.kind is Kind.TARGET or environment.part is not EnvironmentPart.STEP
@@ -92,6 +98,8 @@ class Elaboration:
             case Parameter() as parameter:
                 self._forbid_in_constant(name.name, name.span, environment)
                 self.arrays.parameter(name.name, parameter)
+                if environment.stage is not None:
+                    self.context.stage_reads.parameters.add((environment.stage.owner, name.name))
                 return self.arrays.read(builder, name.name)
             case State() as state:
                 return self.states.value(name.name, state, name.span, environment)
@@ -213,6 +221,15 @@ class Elaboration:
         return self.entries.tried(lower_it)
 
     # ---- inside
+
+    def _between_samples(self, name: str, environment: Environment) -> NodeId | None:
+        """An input at a stage of the integrator; None where it is its sample there."""
+        stage = environment.stage
+        if stage is None or environment.is_elsewhere:
+            return None
+        if stage.fraction:
+            self.context.stage_reads.inputs.add((stage.owner, name))
+        return stage.inputs.get(name)
 
     def _signal(
         self,

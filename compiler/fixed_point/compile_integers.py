@@ -22,7 +22,7 @@ from compiler.fixed_point.integers.program import (
 )
 from compiler.fixed_point.invariants import is_buffer, proved_bounds
 from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
-from compiler.fixed_point.step_errors import step_errors
+from compiler.fixed_point.step_errors import start_errors, step_errors
 from compiler.ir.liveness import extents, reads_log
 from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import (
@@ -108,9 +108,11 @@ class _Compilation:
             tuple(first.builder.nodes),
             tuple(self._expected(entry, step) for entry in program.expected),
             tuple(step_errors(program, step.builder, outputs, memories)),
+            tuple(start_errors(first.builder, memories)),
             program.doc,
             program.spec_hash,
             program.sample_time,
+            program.late,
         )
 
     # ---- what is read

@@ -1,4 +1,4 @@
-"""Bounds what one step in integers adds to the error of each output and state (decisions/0193)."""
+"""Bounds what a step, or a start, in integers adds to the error of each value (decisions/0193)."""
 
 from __future__ import annotations
 
@@ -32,6 +32,13 @@ def step_errors(
             ends = zip(limits, (memory.low, memory.high), strict=True)
             error = max(error, *(abs(a - math.ldexp(b, -memory.fraction)) for a, b in ends))
         yield StepError(memory.name, is_state=True, largest=error)
+
+
+def start_errors(builder: IntegerBuilder, memories: Sequence[IntegerMemory]) -> Iterator[StepError]:
+    """Of each first state, likewise; both are kept within the range of the words."""
+    for memory in memories:
+        worst = max(builder.errors[node] for node in memory.start)
+        yield StepError(memory.name, is_state=True, largest=worst)
 
 
 def _may_leave(builder: IntegerBuilder, memory: IntegerMemory, error: float) -> bool:

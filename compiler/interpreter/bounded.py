@@ -42,6 +42,20 @@ class Bounded:
         return Bounded(value, error, terms, self.count)
 
 
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """Elements of a decision that are given, (members, *shape)."""
+
+    where: Array
+    value: Array
+
+    def instead_of(self, one: Bounded) -> Bounded:
+        """The decision, with what is given without an error."""
+        value = np.where(self.where, self.value, one.value).astype(one.value.dtype)
+        error = np.where(self.where, 0.0, one.error)
+        return Bounded(value, error, np.where(self.where, abs(self.value), one.terms), one.count)
+
+
 def exact(value: Array) -> Bounded:
     """A value that every program has to the bit."""
     size = value if value.dtype == bool else np.abs(value)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from compiler.interpreter.bounded import (
     Bounded,
+    Taken,
     chosen,
     exact,
     moved,
@@ -78,14 +79,38 @@ class BoundedGraph:
         t: NDArray[np.int64],
         states: Mapping[str, Bounded],
         training: Mapping[TrainingValue, Bounded] | None = None,
+        taken: Mapping[NodeId, Taken] | None = None,
     ) -> list[Bounded]:
-        """Every wanted node, and those that it needs, at rows t; the others are missing."""
+        """Every wanted node, and those that it needs, at rows t; the others are missing.
+
+        Where `taken` says so, a decision is as it says and no matter of rounding.
+        """
         found: list[Any] = [None] * len(self._graph)
         given = _Given(LeafValues(log, t, {}), states, training or {})
         with np.errstate(all="ignore"):
             for index, node, meaning in self._steps:
                 args = [found[arg] for arg in node.args]
                 found[index] = self._bounded(node, meaning, args, given)
+                if taken and index in taken:
+                    found[index] = taken[index].instead_of(found[index])
+        return found
+
+    @property
+    def decisions(self) -> dict[NodeId, tuple[Any, ...]]:
+        """The wanted nodes that jump, in their order, and what each can be.
+
+        Comparisons, and the sign of a number; the `error` of their elements is 0 where every
+        program decides alike.
+        """
+        found: dict[NodeId, tuple[Any, ...]] = {}
+        for index, node, _ in self._steps:
+            match node.op:
+                case ops.Compare():
+                    found[index] = (False, True)
+                case ops.Apply("sign"):
+                    found[index] = (-1.0, 0.0, 1.0)
+                case _:
+                    pass
         return found
 
     def _evaluator(self, node: Node) -> Evaluator | None:

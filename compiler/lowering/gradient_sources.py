@@ -10,8 +10,6 @@ class GradientSources:
     """Which value each gradient was taken of: of 3·x it is a number, and yet x was used."""
 
     def __init__(self) -> None:
-        self.variables: set[str] = set()
-        """Equations and outputs with respect to which gradients are taken."""
         self._sources: dict[tuple[int, NodeId], list[NodeId]] = {}
 
     def remember(self, builder: GraphBuilder, result: NodeId, value: NodeId) -> None:

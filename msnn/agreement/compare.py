@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from msnn.agreement.branches import branches
 from msnn.agreement.deviation import bits_of_each, deviations, worst_deviation
-from msnn.agreement.judgement import Arrays, Beginning, Judgement
+from msnn.agreement.faults import FarStep, Fault, beyond_proof, other_bits
+from msnn.agreement.judgement import Arrays, Beginning, Judgement, labelled, labelled_first
 from msnn.agreement.loaded import Loaded
 from msnn.agreement.record import AgreementRecord
 from msnn.agreement.rounding import (
     STEP_LIMIT,
     first_states,
-    labelled,
-    labelled_first,
     single_steps,
     step_limit,
     within_rounding,
@@ -22,18 +22,6 @@ from msnn.agreement.slopes import measured_slopes
 from msnn.agreement.subject import NOTHING, Measured, Subject
 
 FREE_STEPS = 1000
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """An output or a state in which a target is not what it promises."""
-
-    of: str
-    deviation: float | None
-    """Of one step, relative to the largest magnitude; None where bits are promised."""
-    limit: float | None
-    bits: int | None
-    """Values whose bits differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +43,11 @@ class Agreement:
     """Values whose bits differ from the judge's in the same arithmetic, where bits are promised."""
     faults: tuple[Fault, ...]
     """Where the target breaks its promise: of bits where it has one, else of near numbers."""
+    undecided: dict[str, int]
+    """Steps at which rounding decides what a value is, where there are any: at these it is compared
+    with what each choice gives, and the other columns leave them out."""
+    untried: tuple[str, ...]
+    """The values of which all steps are so."""
     rounding: dict[str, float]
     """What single precision costs the interpreter itself, of outputs where that is much."""
 
@@ -68,7 +61,8 @@ def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreem
     """Runs a loaded export along the record.
 
     One that promises bits is judged by those of the judge in its arithmetic: how far these are from
-    float64 is a property of the model, which is told and not judged.
+    float64 is a property of the model, which is told and not judged. Where it is proved how far a
+    step can be, as in fixed point, the judge itself is held to it.
     """
     exact = subject.is_exact
     assert exact or loaded.step is not None, "without single steps there is nothing to be near to"
@@ -78,25 +72,31 @@ def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreem
     single = _start_and_steps(subject, loaded, same.beginning, wanted, record)
     slopes = measured_slopes(subject, loaded.slopes, same)
     if exact:
-        counts = {**single.bits, **slopes.bits}
+        counts = {**single.measured.bits, **slopes.bits}
         for name, count in labelled(bits_of_each(free, same.outputs), {}).items():
             counts[name] = counts.get(name, 0) + count
-        bits, faults = sum(counts.values()), _different(counts)
+        bits = sum(counts.values())
+        faults = (*other_bits(counts), *beyond_proof(same.proof))
     else:
-        bits, faults = None, (*_far(subject, single), *_far(subject, slopes))
+        bits = None
+        faults = (*single.faults, *_far(subject, single.measured), *_far(subject, slopes))
     beginning = {name: values[:FREE_STEPS] for name, values in free.items()}
     return Agreement(
         target=subject.target,
         dtype=subject.dtype,
         steps=same.steps,
-        one_step=None if loaded.step is None else max(single.deviations.values(), default=0.0),
+        one_step=None
+        if loaded.step is None
+        else max(single.measured.deviations.values(), default=0.0),
         free_run=worst_deviation(beginning, wanted.outputs),
         jacobian=None
         if exact or loaded.slopes is None
         else max(slopes.deviations.values(), default=0.0),
         bits=bits,
         faults=faults,
-        rounding=_costly(subject, wanted, single.rounding),
+        undecided=dict(single.undecided),
+        untried=single.untried,
+        rounding=_costly(subject, wanted, single.costs),
     )
 
 
@@ -106,33 +106,55 @@ def _free_run(loaded: Loaded, judged: Judgement, most_steps: int) -> Arrays:
     return loaded.run(judged.beginning, inputs, steps)
 
 
+@dataclass(frozen=True, slots=True)
+class _Single:
+    """What comparing the states before the first step, and single steps, gives."""
+
+    measured: Measured
+    costs: Mapping[str, float]
+    """What the interpreter in single precision is off, at all steps."""
+    undecided: Mapping[str, int]
+    untried: tuple[str, ...] = ()
+    faults: tuple[Fault, ...] = ()
+
+
 def _start_and_steps(
     subject: Subject,
     loaded: Loaded,
     beginning: Beginning,
     wanted: Judgement,
     record: AgreementRecord,
-) -> Measured:
+) -> _Single:
     """The states before the first step, and single steps from those of the judge."""
     if loaded.step is None or loaded.start is None:
-        return NOTHING
+        return _Single(NOTHING, {}, {})
     found = labelled(*loaded.step(wanted.inputs, wanted.states, wanted.steps))
     found |= labelled_first(loaded.start(beginning))
     single = single_steps(subject.program, subject.weights, record, wanted)
     rounded = labelled(single["outputs"], single["next_states"])
     rounded |= labelled_first(first_states(subject.program, subject.weights, record))
     judged = labelled(wanted.outputs, wanted.next_states) | labelled_first(wanted.states)
-    deviated, errors = deviations(found, judged), deviations(rounded, judged)
+    costs = deviations(rounded, judged)
+    if subject.is_exact:
+        measured = Measured(deviations(found, judged), costs, bits_of_each(found, rounded))
+        return _Single(measured, costs, {})
+    dtype = "float32" if subject.dtype == "float32" else "float64"
+    open_steps = branches(subject, dtype, record, wanted, found)
+    settled = open_steps.settled(found, judged)
+    deviated = deviations(settled, judged)
+    errors = deviations(open_steps.settled(rounded, judged), judged)
+    undecided, untried = open_steps.counts, list(open_steps.untried)
     far = {fault.of for fault in _far(subject, Measured(deviated, errors, {}))}
-    if far and subject.dtype == "float64":
-        doubted = {name: values for name, values in found.items() if name in far}
+    if far and dtype == "float64":
+        doubted = {name: values for name, values in settled.items() if name in far}
         inside = within_rounding(subject.program, subject.weights, record, wanted, doubted)
         deviated |= dict.fromkeys(inside, 0.0)
-    return Measured(
-        deviated,
-        errors,
-        bits_of_each(found, rounded) if subject.is_exact else {},
-    )
+        for name, unbounded in inside.items():
+            every = unbounded | open_steps.at[name]
+            undecided |= {name: int(every.sum())} if every.any() else {}
+            untried += [name] if every.all() and name not in untried else []
+    measured = Measured(deviated, errors, {})
+    return _Single(measured, costs, undecided, tuple(untried), open_steps.faults)
 
 
 def _far(subject: Subject, measured: Measured) -> tuple[Fault, ...]:
@@ -140,14 +162,10 @@ def _far(subject: Subject, measured: Measured) -> tuple[Fault, ...]:
     found = measured.deviations
     limits = {name: step_limit(subject.dtype, measured.rounding[name]) for name in found}
     return tuple(
-        Fault(name, deviation, limits[name], None)
+        FarStep(name, deviation, limits[name])
         for name, deviation in found.items()
         if not deviation <= limits[name]
     )
-
-
-def _different(counts: Mapping[str, int]) -> tuple[Fault, ...]:
-    return tuple(Fault(name, None, None, count) for name, count in counts.items() if count)
 
 
 def _costly(subject: Subject, wanted: Judgement, errors: Mapping[str, float]) -> dict[str, float]:

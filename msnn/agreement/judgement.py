@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from numpy.typing import NDArray
 
@@ -42,10 +42,24 @@ class Beginning:
 
 
 @dataclass(frozen=True, slots=True)
+class Proof:
+    """What the judge computed, what the same steps are in real numbers, and a bound of the error.
+
+    The steps in real numbers begin with the inputs and states of the judge's. All go by the names
+    that messages give them; arrays are (steps, *shape), first states (1, *shape).
+    """
+
+    values: Arrays
+    exact: Arrays
+    bounds: Mapping[str, float]
+    """inf where nothing is proved."""
+
+
+@dataclass(frozen=True, slots=True)
 class Judgement:
     """Arrays (steps, *shape) by the names of the spec; `states` are those before each step.
 
-    A judge whose states are no numbers of the model, as that of fixed point, shows none.
+    A judge whose states cannot be set in exports, as that of fixed point, shows none.
     """
 
     beginning: Beginning
@@ -53,6 +67,8 @@ class Judgement:
     states: Arrays
     outputs: Arrays
     next_states: Arrays
+    proof: Proof | None = None
+    """Where the judge is off by no more than is proved, if it is as the model means."""
 
     @property
     def steps(self) -> int:
@@ -62,3 +78,16 @@ class Judgement:
 
 Judge: TypeAlias = Callable[[NumberType], Judgement]
 """A free run along the record in an arithmetic."""
+
+V = TypeVar("V")
+
+
+def labelled(outputs: Mapping[str, V], next_states: Mapping[str, V]) -> dict[str, V]:
+    """Outputs and next states under the names that messages give them."""
+    named = {f"`{name}`": values for name, values in outputs.items()}
+    return named | {f"the state `{name}`": values for name, values in next_states.items()}
+
+
+def labelled_first(states: Mapping[str, V]) -> dict[str, V]:
+    """States before the first step, likewise."""
+    return {f"the first state `{name}`": values for name, values in states.items()}

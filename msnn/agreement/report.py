@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from msnn.agreement.compare import Agreement, Fault
+from msnn.agreement.compare import Agreement
 from msnn.errors import commands
 from msnn.errors.failures import MissingExtraError
 from msnn.tables import table_text
@@ -20,12 +20,11 @@ class Failure:
     dtype: str
     error: Exception
 
-    @property
-    def row(self) -> tuple[str, ...]:
-        """Its row of the table."""
+    def cells(self, place: int) -> tuple[str, ...]:
+        """Its row of the table, which says in a column what is the matter."""
         missing = isinstance(self.error, MissingExtraError)
         why = "not compared" if missing else f"FAILED: {type(self.error).__name__}"
-        return self.target, self.dtype, "", "", "", "", "", why
+        return self.target, self.dtype, *([""] * (place - 2)), why
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,23 +55,32 @@ class AgreementReport:
 
 def agreement_table(report: AgreementReport) -> str:
     """One row a target, failed ones last; deviations are relative to the largest of each signal."""
-    rows = [
-        (
-            row.target,
-            row.dtype,
-            str(row.steps),
-            "" if row.one_step is None else f"{row.one_step:.1e}",
-            f"{row.free_run:.1e}",
-            "" if row.jacobian is None else f"{row.jacobian:.1e}",
-            "" if row.bits is None else str(row.bits),
-            "agrees" if row.agrees else "DIFFERS",
-        )
-        for row in report.rows
-    ]
-    rows += [failure.row for failure in report.failures]
-    header = ("target", "type", "steps", "one step", "free run", "Jacobian", "differing bits", "")
-    table = table_text(header, rows, numbers=[2, 3, 4, 5, 6])
+    some = any(row.undecided for row in report.rows)
+    rows = [_cells(row, with_undecided=some) for row in report.rows]
+    rows += [failure.cells(8 if some else 7) for failure in report.failures]
+    undecided = ("undecided",) if some else ()
+    counted = ("steps", *undecided, "one step", "free run", "Jacobian", "differing bits")
+    header = ("target", "type", *counted, "")
+    table = table_text(header, rows, numbers=[2 + k for k in range(len(counted))])
     return f"Worst deviation from the interpreter in float64, along {report.origin}:\n{table}"
+
+
+def _cells(row: Agreement, *, with_undecided: bool) -> tuple[str, ...]:
+    undecided = str(max(row.undecided.values(), default=0))
+    outcome = "agrees" if row.agrees else "DIFFERS"
+    if row.untried:
+        outcome += f", nothing compared of {', '.join(row.untried)}"
+    return (
+        row.target,
+        row.dtype,
+        str(row.steps),
+        *((undecided if row.bits is None else "",) if with_undecided else ()),
+        "" if row.one_step is None else f"{row.one_step:.1e}",
+        f"{row.free_run:.1e}",
+        "" if row.jacobian is None else f"{row.jacobian:.1e}",
+        "" if row.bits is None else str(row.bits),
+        outcome,
+    )
 
 
 def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:
@@ -80,7 +88,7 @@ def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:
     found: list[Diagnostic] = []
     for row in report.rows:
         found += [
-            commands.target_differs(row.target, row.dtype, fault.of, _difference(fault))
+            commands.target_differs(row.target, row.dtype, fault.of, fault.difference)
             for fault in row.faults
         ]
         if row.agrees:
@@ -89,15 +97,6 @@ def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:
                 for of, error in row.rounding.items()
             ]
     return found
-
-
-def _difference(fault: Fault) -> str:
-    if fault.deviation is None or fault.limit is None:
-        return f"{fault.bits} values have other bits"
-    return (
-        f"a step is off by {fault.deviation:.1e} of the largest magnitude, "
-        f"where rounding explains {fault.limit:.1e}"
-    )
 
 
 def agreement_values(report: AgreementReport) -> dict[str, Any]:

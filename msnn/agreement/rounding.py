@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compiler.interpreter.bounded import exact
-from compiler.interpreter.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter, physical_weights
 from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import Program
-from msnn.agreement.judgement import Arrays, Judgement
+from msnn.agreement.judgement import Arrays, Judgement, labelled, labelled_first
 from msnn.agreement.record import AgreementRecord
 from msnn.data.dataset import FloatArray
-
-V = TypeVar("V")
 
 STEP_LIMIT = {"float64": 1e-12, "float32": 1e-5}
 """One step in the arithmetic of the target from the judge's state: what is always granted."""
@@ -54,28 +52,18 @@ def first_states(
         return Interpreter(program, weights, np.float32).start(log, record.t0)
 
 
-def labelled(outputs: Mapping[str, V], next_states: Mapping[str, V]) -> dict[str, V]:
-    """Outputs and next states under the names that messages give them."""
-    named = {f"`{name}`": values for name, values in outputs.items()}
-    return named | {f"the state `{name}`": values for name, values in next_states.items()}
-
-
-def labelled_first(states: Mapping[str, V]) -> dict[str, V]:
-    """States before the first step, likewise."""
-    return {f"the first state `{name}`": values for name, values in states.items()}
-
-
 def within_rounding(
     program: Program,
     weights: Mapping[str, FloatArray],
     record: AgreementRecord,
     wanted: Judgement,
     found: Arrays,
-) -> set[str]:
-    """The labels of values found that are no farther from the judge than float64 may round them.
+) -> dict[str, NDArray[np.bool_]]:
+    """The values found that are no farther from the judge than float64 may round them.
 
     A bound of its own for every value (decision 0180): one that is nothing but what rounding leaves
-    of a difference of equal numbers says by its magnitude nothing of how large these were.
+    of a difference of equal numbers says by its magnitude nothing of how large these were. With
+    each label go the steps at which there is no bound, so that nothing is compared.
     """
     steps = labelled(
         {output.name: output.node for output in program.outputs},
@@ -85,20 +73,23 @@ def within_rounding(
     begin, rows = np.array([record.t0]), record.t0 + np.arange(record.steps)
     states = {name: exact(values) for name, values in wanted.states.items()}
     judged = labelled(wanted.outputs, wanted.next_states) | labelled_first(wanted.states)
-    inside: set[str] = set()
+    physical = physical_weights(program, weights)
+    inside: dict[str, NDArray[np.bool_]] = {}
     for graph, nodes, t, leaves in (
         (program.start, firsts, begin, {}),
         (program.step, steps, rows, states),
     ):
         named = {name: node for name, node in nodes.items() if name in found}
-        bounds = BoundedGraph(graph, named.values(), weights, np.dtype(np.float64))
+        bounds = BoundedGraph(graph, named.values(), physical, np.dtype(np.float64))
         values = bounds.run(record.log, t, leaves)
         for name, node in named.items():
             of_judge = judged[name][: len(found[name])]
             # both are within the spread of the exact value
-            spread = 2.0 * values[node].spread(bounds.unit)
-            if np.all(np.abs(found[name] - of_judge) <= np.broadcast_to(spread, of_judge.shape)):
-                inside.add(name)
+            spread = np.broadcast_to(2.0 * values[node].spread(bounds.unit), of_judge.shape)
+            apart = np.abs(found[name] - of_judge)
+            if np.all(apart <= spread):
+                unbounded = (np.isinf(spread) & (apart > 0)).reshape(len(spread), -1)
+                inside[name] = np.any(unbounded, axis=1)
     return inside
 
 

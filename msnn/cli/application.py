@@ -13,7 +13,9 @@ from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
 from msnn.cli.verbs import (
     check,
+    compare,
     compile,
+    data,
     diff,
     doctor,
     explain,
@@ -44,9 +46,11 @@ app = typer.Typer(
 for _verb in (
     init.init,
     check.check,
+    data.data,
     compile.compile_,
     train.train,
     validate.validate,
+    compare.compare,
     simulate.simulate,
     export.export,
     verify.verify,

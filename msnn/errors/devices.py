@@ -1,4 +1,4 @@
-"""E0970-E0979: where torch computes."""
+"""E0970-E0972: where torch computes."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span

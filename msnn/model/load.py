@@ -46,6 +46,18 @@ def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Mod
     return replace(model, spec=spec, settings=(*model.settings, *same))
 
 
+def with_seed(model: Model, seed: int) -> Model:
+    """The model with `seed` added to that of every stage."""
+    if not seed:
+        return model
+    stages = tuple(
+        stage.model_copy(update={"seed": stage.seed + seed}) for stage in model.spec.train
+    )
+    spec = model.spec.model_copy(update={"train": stages})
+    same = (f"train.{number}.seed={stage.seed}" for number, stage in enumerate(stages))
+    return replace(model, spec=spec, settings=(*model.settings, *same))
+
+
 def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
     """The model that a run has kept, with the settings of the run before those given here."""
     kept = kept_spec(run)
@@ -81,14 +93,15 @@ def _compiled(
     except SpecError as error:
         findings.report(*error.diagnostics)
         raise SpecError(findings.in_order, sources) from None
-    warnings = (*findings.in_order, *compiled.warnings)
+    said = (*findings.in_order, *compiled.warnings)
     return Model(
         program=compiled.program,
         spec=compiled.spec,
         path=path,
         text=text,
         sources=sources,
-        warnings=warnings,
+        warnings=tuple(found for found in said if found.severity == "warning"),
+        remarks=tuple(found for found in said if found.severity == "note"),
         read=read,
         parts=parts,
         part_weights=weights.arrays,

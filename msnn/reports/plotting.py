@@ -32,7 +32,7 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
     The first four runs are drawn. Vector outputs show their first element. The name's ending says
     the format, one of FORMATS.
     """
-    figure = _figure(len(program.outputs))
+    figure = new_figure(len(program.outputs))
     axes: Any = figure.subplots(len(program.outputs), 1, squeeze=False, sharex=True)[:, 0]
     timed = all(run.places.time is not None for run in runs)
     several = len({name for run in runs for name in run.places.sets}) > 1
@@ -45,11 +45,11 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
             if output.name in run.logged:
                 logged = run.logged[output.name].reshape(len(values), -1)[:, 0]
                 axis.plot(along, logged, ".", markersize=2, color=line.get_color(), alpha=0.6)
-        axis.set_ylabel(_quantity(output.name, program.step[output.node].type.unit))
+        axis.set_ylabel(quantity(output.name, program.step[output.node].type.unit))
         axis.grid(alpha=0.3)
     axes[-1].set_xlabel("time / s" if timed else "row of the file")
     axes[0].legend(fontsize="small", title="line: simulated, dots: measured")
-    return _saved(figure, path)
+    return saved_figure(figure, path)
 
 
 def _sets(run: Simulation) -> str:
@@ -62,7 +62,7 @@ def plot_validation(path: Path, measurements: Sequence[Measurement]) -> Path:
     A row a measurement; without rollouts of several steps there is one column. The name's ending
     says the format, one of FORMATS.
     """
-    figure = _figure(len(measurements))
+    figure = new_figure(len(measurements))
     columns = 2 if any(found.curve is not None for found in measurements) else 1
     axes: Any = figure.subplots(len(measurements), columns, squeeze=False)
     for row, found in zip(axes, measurements, strict=True):
@@ -71,22 +71,22 @@ def plot_validation(path: Path, measurements: Sequence[Measurement]) -> Path:
         row[0].axhline(0.0, color="black", linewidth=0.8)
         row[0].set_title(f"{rollout_text(found)}, {found.data}", fontsize="medium", loc="left")
         row[0].set_xlabel("scored sample")
-        row[0].set_ylabel(_quantity(f"error of {found.of}", found.unit))
+        row[0].set_ylabel(quantity(f"error of {found.of}", found.unit))
         row[0].grid(alpha=0.3)
         if curve is not None:
             row[1].plot((curve.first + curve.last) / 2, curve.rmse, ".-", markersize=3)
             row[1].set_ylim(bottom=0.0)
             row[1].set_xlabel("step of the rollout")
-            row[1].set_ylabel(_quantity("rmse", found.unit))
+            row[1].set_ylabel(quantity("rmse", found.unit))
             row[1].grid(alpha=0.3)
         elif columns == 2:
             row[1].set_axis_off()
-    return _saved(figure, path)
+    return saved_figure(figure, path)
 
 
 def plot_losses(path: Path, stages: Sequence[Sequence[EpochEnd]]) -> Path:
     """Draws the weighted total and the monitor over the epochs of every stage that has begun."""
-    figure = _figure(len(stages))
+    figure = new_figure(len(stages))
     axes: Any = figure.subplots(max(len(stages), 1), 1, squeeze=False)[:, 0]
     for axis, epochs in zip(axes, stages, strict=False):
         numbers = [event.epoch for event in epochs]
@@ -99,10 +99,11 @@ def plot_losses(path: Path, stages: Sequence[Sequence[EpochEnd]]) -> Path:
         axis.set_xlabel("epoch")
         axis.grid(alpha=0.3)
         axis.legend(fontsize="small")
-    return _saved(figure, path)
+    return saved_figure(figure, path)
 
 
-def _figure(rows: int) -> Any:
+def new_figure(rows: int) -> Any:
+    """A figure that no window shows, `rows` axes high. MissingExtraError without matplotlib."""
     require_plotting()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -112,11 +113,13 @@ def _figure(rows: int) -> Any:
     return figure
 
 
-def _saved(figure: Any, path: Path) -> Path:
+def saved_figure(figure: Any, path: Path) -> Path:
+    """Writes it whole or not at all, in the format that the name ends with."""
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix.removeprefix("."), dpi=120)
     return path
 
 
-def _quantity(name: str, unit: Unit | None) -> str:
+def quantity(name: str, unit: Unit | None) -> str:
+    """A name with its unit, as axes have them."""
     return name if unit is None else f"{name} / {unit.text}"

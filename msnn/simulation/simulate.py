@@ -9,7 +9,6 @@ from typing import overload
 import numpy as np
 
 from compiler.differentiation.estimated_starts import estimated_states, with_read_starts
-from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.liveness import states_beside_the_log
 from compiler.ir.program import NodeId, Program, Role, Signal
 from compiler.passes.close_loop import close_loop
@@ -18,7 +17,9 @@ from msnn.data.reads import reads
 from msnn.data.starts import Runs, reach, rollouts
 from msnn.errors import data_files
 from msnn.errors.workflow import records_too_short, unknown_set
-from msnn.simulation.rollout import moments
+from msnn.simulation.engines.engine import first_places
+from msnn.simulation.engines.open_rollouts import open_rollouts
+from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.simulation.rollout_plan import files_skipped
 from msnn.simulation.start_fit import StartFit, uncertain_starts
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
@@ -118,12 +119,16 @@ def simulate(
     weights: Mapping[str, FloatArray] | None = None,
     horizon: int | None = None,
     data_set: str | None = None,
+    *,
+    engine: str = "auto",
+    progress: RolloutProgress = nobody,
 ) -> Simulations:
     """Free runs over all stretches of the data, each from its first possible row.
 
     `program` is in window form; what it closes is fed back, what it leaves open is read from the
     data. `horizon` ends every run after so many steps; `data_set` takes the stretches of one set
-    only. Runs in float64. Raises SpecError where there is no such set, or all is too short.
+    only. `engine` is what runs, in float64 (`open_rollouts`). Raises SpecError where there is no
+    such set, or all is too short.
     """
     # targets of `predicts` need not be there: a simulation may run past the last of them
     unscored = replace(
@@ -139,33 +144,28 @@ def simulate(
         files = files_skipped(data, stretches, runs)
         skipped = (runs.skipped, len(stretches), far.rows(1))
         warnings += (data_files.episodes_skipped(*skipped, "the simulation", files),)
-    program, series, found = _started(program, data, stretches, runs, weights)
-    judge, warnings = Interpreter(program, weights), (*warnings, *found)
+    program, series, uncertain = _started(program, data, stretches, runs, weights)
+    warnings += tuple(uncertain)
     if horizon is not None:
         runs = replace(runs, steps=np.minimum(runs.steps, horizon))
-    outputs = {
-        out.name: np.empty(
-            (len(runs), int(runs.steps.max(initial=0)), *program.step[out.node].type.shape)
-        )
-        for out in program.outputs
-    }
-    for moment in moments(judge, series, runs, losses=False):
-        for name, value in moment.values.outputs.items():
-            outputs[name][moment.members, moment.number] = value
+    opened = open_rollouts(engine, program, weights or {}, series, runs)
+    count = Count(progress, int(runs.steps.sum()))
+    outputs = opened.engine.outputs(runs, count.advance)
     # a row after a gap was measured at another time than the steps before it predict
     ends = np.append(np.flatnonzero(~data.continues), data.rows)
     unbroken = ends[np.searchsorted(ends, runs.t0, side="right")]
+    places = (column.tolist() for column in (runs.t0, runs.steps, first_places(runs), unbroken))
     found = tuple(
         _simulation(
             program,
             data,
-            range(int(t0), int(t0) + steps),
-            {name: values[i, :steps] for name, values in outputs.items()},
-            int(unbroken[i]),
+            range(t0, t0 + steps),
+            {name: values[first : first + steps] for name, values in outputs.items()},
+            last,
         )
-        for i, (t0, steps) in enumerate(zip(runs.t0, runs.steps.tolist(), strict=True))
+        for t0, steps, first, last in zip(*places, strict=True)
     )
-    return Simulations(found, warnings)
+    return Simulations(found, (*warnings, *opened.notes))
 
 
 def _started(

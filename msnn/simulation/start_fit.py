@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compiler.differentiation.compared_squares import SIZE_OF, compared_squares
 from compiler.differentiation.estimated_starts import (
-    SIZE_OF,
-    compared_squares,
     estimated_states,
     offset_parameter,
     start_signal,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +23,9 @@ from msnn.training.records.run_folder import (
     finite,
     new_run_folder,
 )
-from msnn.training.records.training_options import TrainingOptions
+from msnn.training.records.run_log import measured_in
+from msnn.training.records.training_options import TrainingOptions, in_folder
+from msnn.training.run_line import begun, ended, log
 from msnn.training.train import train
 from msnn.training.training_result import TrainingResult
 from msnn.validation.report import rollout_text, unit_text
@@ -95,6 +96,9 @@ def train_folds(
         found = train(one.program, data, stages, own, shown, weights)
         report = validate(one.program, data, one.spec.checks, found.weights, on=HELD_OUT)
         folds.append(Fold(number, found, report))
+        line = begun(one, data, fold=number, held_out=HELD_OUT)
+        line = replace(ended(line, found, options.runs), held_out=measured_in(report))
+        log(options.runs, line)
         if number < count:
             _write_record(FoldsResult(tuple(folds), folder, count))
     result = FoldsResult(tuple(folds), folder, count)
@@ -131,11 +135,7 @@ def _options(options: TrainingOptions, folder: Path | None, number: int) -> Trai
     """How one fold is trained: one without a checkpoint begins afresh."""
     if folder is None:
         return options
-    place = folder / f"{FOLD}{number}"
-    resume = options.resume and (place / CHECKPOINT).is_file()
-    if place.exists() and not resume:
-        shutil.rmtree(place)  # it was killed in its first seconds
-    return replace(options, fold=place, resume=resume)
+    return in_folder(options, folder / f"{FOLD}{number}", goes_on=options.resume)
 
 
 def _write_record(result: FoldsResult) -> None:

@@ -124,7 +124,7 @@ class StageLoss(nn.Module):
         if self._starts is not None:
             found = self._starts.for_watching(self._runs.watched, self.weights())
             self._objective.write(found, watched=True)
-        return monitor(self.plan, self._objective.evaluate, self._runs.watched)
+        return monitor(self.plan, self._objective.evaluate, self._runs, self.weights)
 
     def weights(self) -> dict[str, FloatArray]:
         """Physical values of all parameters, as `validate`, `export` and weight files take them."""

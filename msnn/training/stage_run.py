@@ -147,7 +147,7 @@ class StageRun:
         began = time.monotonic()
         if self.starts is not None:
             self._find_watched_starts(self.starts)
-        value = monitor(self.plan, self.engine.evaluate, self.data.watched)
+        value = monitor(self.plan, self.engine.evaluate, self.data, self.engine.weights)
         self._watching = time.monotonic() - began
         return value
 

@@ -136,7 +136,7 @@ class _Run:
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
         said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
         self.progress.run_ended("finished", said)
-        if self.options.fold is None:
+        if self.options.folder is None:
             self.folder.checkpoint.unlink(missing_ok=True)
         return replace(self._result(now.begin, now), standard_errors=spread)
 
@@ -168,7 +168,7 @@ class _Run:
     def _finish(self, now: Checkpoint) -> None:
         """Keeps the weights of the end; a fold also that it is over, until all folds are."""
         assert self.folder is not None
-        if self.options.fold is None:
+        if self.options.folder is None:
             self.safe.save_weights(now.begin)
             self.folder.become_latest()
         else:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias, cast
 
 from spec_schema.diagnostics.source import Span
-from spec_schema.expressions.tree import Member, Name
+from spec_schema.expressions.tree import Call, Member, Name
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.formulas import Prediction
 from spec_schema.fields.located import Located
@@ -17,29 +17,13 @@ Reference: TypeAlias = Name | Member | Prediction | CustomMembership
 
 
 def references(value: Any) -> Iterator[Reference]:
-    """Every reference in an expression, an entry, or a section, in the order of the text.
+    """Every reference in an expression, an entry, or a section, in the order of the text."""
+    return (part for part in _parts(value) if isinstance(part, Reference))
 
-    Fields are walked by reflection, so that a field that is added later is not forgotten.
-    """
-    match value:
-        case None | str() | int() | float() | Span() | Located():  # most of what there is
-            return
-        case Name() | Member() | Prediction() | CustomMembership():
-            yield value
-        case Entry():
-            for field in type(value).model_fields:
-                yield from references(getattr(value, field))
-        case tuple():
-            for part in cast("tuple[Any, ...]", value):
-                yield from references(part)
-        case Mapping():
-            for part in cast("Mapping[str, Any]", value).values():
-                yield from references(part)
-        case _ if dataclasses.is_dataclass(value):
-            for field in dataclasses.fields(value):
-                yield from references(getattr(value, field.name))
-        case _:
-            return
+
+def calls_in(value: Any) -> Iterator[Call]:
+    """Every call in an expression, an entry, or a section, those inside of calls too."""
+    return (part for part in _parts(value) if isinstance(part, Call))
 
 
 def names_in(value: Any) -> Iterator[str]:
@@ -52,3 +36,28 @@ def names_in(value: Any) -> Iterator[str]:
                 yield base
             case Prediction():
                 pass
+
+
+def _parts(value: Any) -> Iterator[Reference | Call]:
+    """References and calls; fields are walked by reflection, so that none is forgotten later."""
+    match value:
+        case None | str() | int() | float() | Span() | Located():  # most of what there is
+            return
+        case Name() | Member() | Prediction() | CustomMembership():
+            yield value
+        case Entry():
+            for field in type(value).model_fields:
+                yield from _parts(getattr(value, field))
+        case tuple():
+            for part in cast("tuple[Any, ...]", value):
+                yield from _parts(part)
+        case Mapping():
+            for part in cast("Mapping[str, Any]", value).values():
+                yield from _parts(part)
+        case _ if dataclasses.is_dataclass(value):
+            if isinstance(value, Call):
+                yield value
+            for field in dataclasses.fields(value):
+                yield from _parts(getattr(value, field.name))
+        case _:
+            return

@@ -16,6 +16,7 @@ from spec_schema.yaml_tree.nodes import Node, Table
 
 InvalidPolicy: TypeAlias = Literal["clamp", "hold", "flag", "trust"]
 RangePolicy: TypeAlias = Literal["flag", "saturate", "reset"]
+BetweenSamples: TypeAlias = Literal["hold", "linear"]
 
 
 class Signal(Entry):
@@ -69,6 +70,23 @@ class InitialState(Variant):
     def expression(self) -> Expression | None:
         """The value, or where the search for it begins."""
         return self.value if self.fit is None else self.fit.begin
+
+
+class Input(Signal):
+    """An input, which right-hand sides can read between its samples too.
+
+    There `between: linear` is the straight line from one sample to the next, `hold` the sample.
+    """
+
+    noun: ClassVar[str] = "an input"
+
+    between: Annotated[Choice[BetweenSamples], located_choice("hold", "linear")] | None = None
+    """What right-hand sides read between samples: the last one held, or the line to the next."""
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether it goes on a straight line from sample to sample."""
+        return self.between is not None and self.between.value == "linear"
 
 
 class State(Entry):

@@ -22,7 +22,7 @@ def _program(b: GraphBuilder, *outputs: tuple[str, NodeId, Prediction]) -> Progr
     return Program("loop", None, signals, (), (), b.graph(), Graph(), listed)
 
 
-def test_r4_value_that_needs_itself_in_the_same_step_lists_the_cycle() -> None:
+def test_value_that_needs_itself_in_the_same_step_lists_the_cycle() -> None:
     b = GraphBuilder()
     with b.at(PLACE):
         x = b.signal("x", 0, 0, Type())
@@ -45,7 +45,7 @@ def test_r4_value_that_needs_itself_in_the_same_step_lists_the_cycle() -> None:
     assert len(error.cycle) == 4
 
 
-def test_r4_one_open_signal_breaks_the_cycle() -> None:
+def test_one_open_signal_breaks_the_cycle() -> None:
     b = GraphBuilder()
     x, y = b.signal("x", 0, 0, Type()), b.signal("y", 0, 0, Type())
     first, second = b.negate(x), b.apply("sin", y)
@@ -53,7 +53,7 @@ def test_r4_one_open_signal_breaks_the_cycle() -> None:
     assert {s.name for s in close_loop(program, ["x"]).signals if s.role is Role.INPUT} == {"y"}
 
 
-def test_r4_future_window_of_a_closed_signal() -> None:
+def test_future_window_of_a_closed_signal() -> None:
     b = GraphBuilder()
     with b.at(PLACE):
         x = b.signal("x", 1, 1, Type())
@@ -64,7 +64,7 @@ def test_r4_future_window_of_a_closed_signal() -> None:
     assert raised.value.span == PLACE
 
 
-def test_r4_prediction_two_ahead_gives_the_next_sample_too() -> None:
+def test_prediction_two_ahead_gives_the_next_sample_too() -> None:
     b = GraphBuilder()
     x = b.signal("x", -1, 1, Type((Axis("t", 3),)))
     program = _program(b, ("later", b.sum(x, "t"), Prediction("x", 2)))

@@ -1,4 +1,4 @@
-"""The interpreter against rollouts written by hand, number by number, without a tolerance."""
+"""The interpreter against rollouts written by hand, number by number, without a tolerance (R4)."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_every_sample_has_a_reference() -> None:
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_r4_rollout_is_the_hand_written_one(name: str) -> None:
+def test_rollout_is_the_hand_written_one(name: str) -> None:
     sample = SAMPLES[name]()
     program = close_loop(sample.program, sample.closed)
     log, starts, steps = sample.log(120, 5), [4, 17, 60], 50

@@ -47,7 +47,7 @@ def load(folder: Path, condition: str) -> Dataset:
         ("min(x - 1, 5 - x) > 0", [[1, 4]]),
     ],
 )
-def test_r10_a_filter_ends_episodes_where_it_fails(
+def test_a_filter_ends_episodes_where_it_fails(
     tmp_path: Path, condition: str, kept: list[list[int]]
 ) -> None:
     data = load(tmp_path, condition)

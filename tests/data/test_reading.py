@@ -16,7 +16,7 @@ def episodes(data: Dataset, name: str) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in data.episodes(name)]
 
 
-def test_r10_a_record_is_a_file_and_no_episode_crosses_two(tmp_path: Path) -> None:
+def test_a_record_is_a_file_and_no_episode_crosses_two(tmp_path: Path) -> None:
     files = {"a.csv": table(4), "b.csv": table(3)}
     data = load(tmp_path, "source: {train: '*.csv'}\ntime: time\n", files)
     assert episodes(data, "train") == [(0, 4), (4, 7)]
@@ -24,7 +24,7 @@ def test_r10_a_record_is_a_file_and_no_episode_crosses_two(tmp_path: Path) -> No
     np.testing.assert_array_equal(data.series["x"], [0, 1, 2, 3, 0, 1, 2])
 
 
-def test_r10_from_and_to_are_inclusive_rows_or_times(tmp_path: Path) -> None:
+def test_from_and_to_are_inclusive_rows_or_times(tmp_path: Path) -> None:
     files = {"a.csv": table(10)}
     by_row = load(tmp_path, "source: {train: {files: a.csv, from: 2, to: 5}}\n", files)
     np.testing.assert_array_equal(by_row.series["x"], [2, 3, 4, 5])
@@ -33,7 +33,7 @@ def test_r10_from_and_to_are_inclusive_rows_or_times(tmp_path: Path) -> None:
     np.testing.assert_array_equal(by_time.series["x"], [2, 3, 4, 5])
 
 
-def test_r10_the_time_may_be_in_another_unit(tmp_path: Path) -> None:
+def test_the_time_may_be_in_another_unit(tmp_path: Path) -> None:
     files = {"a.csv": table(10, step=200)}
     section = "source: {train: a.csv}\ntime: {column: time, unit: ms}\nfrom: 0.4 s\n"
     data = load(tmp_path, section, files)
@@ -43,7 +43,7 @@ def test_r10_the_time_may_be_in_another_unit(tmp_path: Path) -> None:
         load(tmp_path, "source: {train: a.csv}\ntime: time\n")
 
 
-def test_r10_every_picks_rows_from_the_first_on(tmp_path: Path) -> None:
+def test_every_picks_rows_from_the_first_on(tmp_path: Path) -> None:
     files = {"a.csv": table(11, step=0.05)}
     section = "source: {train: a.csv}\ntime: time\nfrom: 1\nevery: 4\n"
     data = load(tmp_path, section, files)
@@ -52,33 +52,33 @@ def test_r10_every_picks_rows_from_the_first_on(tmp_path: Path) -> None:
     assert episodes(data, "train") == [(0, 3)]
 
 
-def test_r10_a_gap_ends_the_episode_where_asked_for(tmp_path: Path) -> None:
+def test_a_gap_ends_the_episode_where_asked_for(tmp_path: Path) -> None:
     text = "time,x,F\n0,1,1\n0.2,2,1\n0.6,3,1\n0.8,4,1\n"
     section = "source: {train: a.csv}\ntime: time\nresample: none\n"
     data = load(tmp_path, section, {"a.csv": text})
     assert episodes(data, "train") == [(0, 2), (2, 4)]
 
 
-def test_r10_a_time_step_may_be_off_by_one_percent(tmp_path: Path) -> None:
+def test_a_time_step_may_be_off_by_one_percent(tmp_path: Path) -> None:
     text = "time,x,F\n0,1,1\n0.2019,2,1\n0.4,3,1\n"
     data = load(tmp_path, "source: {train: a.csv}\ntime: time\n", {"a.csv": text})
     assert episodes(data, "train") == [(0, 3)]
 
 
-def test_r10_a_missing_input_ends_the_episode_with_nan_split(tmp_path: Path) -> None:
+def test_a_missing_input_ends_the_episode_with_nan_split(tmp_path: Path) -> None:
     text = "x,F\n1,1\n2,\n3,1\n4,1\n"
     data = load(tmp_path, "source: {train: a.csv}\nnan: split\n", {"a.csv": text})
     assert episodes(data, "train") == [(0, 1), (2, 4)]
 
 
-def test_r10_nan_drop_leaves_the_record_out_and_says_so(tmp_path: Path) -> None:
+def test_nan_drop_leaves_the_record_out_and_says_so(tmp_path: Path) -> None:
     files = {"a.csv": "x,F\n1,1\n2,\n", "b.csv": "x,F\n3,1\n"}
     data = load(tmp_path, "source: {train: '*.csv'}\nnan: drop\n", files)
     np.testing.assert_array_equal(data.series["x"], [3])
     assert [warning.code for warning in data.warnings] == ["W0803"]
 
 
-def test_r10_column_units_scale_and_offset_convert_once(tmp_path: Path) -> None:
+def test_column_units_scale_and_offset_convert_once(tmp_path: Path) -> None:
     section = (
         "source: {train: a.csv}\n"
         "columns:\n  x: {column: pos, unit: mm, scale: 2, offset: 100}\n  F: 1\n"
@@ -88,13 +88,13 @@ def test_r10_column_units_scale_and_offset_convert_once(tmp_path: Path) -> None:
     assert data.series["F"][0] == 7.0
 
 
-def test_r10_one_column_may_feed_several_signals(tmp_path: Path) -> None:
+def test_one_column_may_feed_several_signals(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\ncolumns: {x: v, F: v}\n"
     data = load(tmp_path, section, {"a.csv": "v\n1\n2\n"})
     np.testing.assert_array_equal(data.series["x"], data.series["F"])
 
 
-def test_r10_blocks_are_cut_at_rounded_parts_of_the_record(tmp_path: Path) -> None:
+def test_blocks_are_cut_at_rounded_parts_of_the_record(tmp_path: Path) -> None:
     section = (
         "source: {train: a.csv}\n"
         "split: {by: block, blocks: 4, train: [1, 3], test: [2], val: [4]}\n"
@@ -106,7 +106,7 @@ def test_r10_blocks_are_cut_at_rounded_parts_of_the_record(tmp_path: Path) -> No
     assert episodes(data, "val") == [(8, 10)]
 
 
-def test_r10_blocks_that_no_set_names_are_trained_on_unless_train_names_its_own(
+def test_blocks_that_no_set_names_are_trained_on_unless_train_names_its_own(
     tmp_path: Path,
 ) -> None:
     files = {"a.csv": table(7)}
@@ -119,7 +119,7 @@ def test_r10_blocks_that_no_set_names_are_trained_on_unless_train_names_its_own(
     assert episodes(named, "train") == [(3, 4)]
 
 
-def test_r10_fractions_cut_each_record_in_time(tmp_path: Path) -> None:
+def test_fractions_cut_each_record_in_time(tmp_path: Path) -> None:
     section = "source: {all: '*.csv'}\nsplit: {by: fraction, val: 0.2, test: 0.1}\n"
     data = load(tmp_path, section, {"a.csv": table(10), "b.csv": table(20)})
     assert episodes(data, "train") == [(0, 7), (10, 24)]
@@ -127,7 +127,7 @@ def test_r10_fractions_cut_each_record_in_time(tmp_path: Path) -> None:
     assert episodes(data, "test") == [(9, 10), (28, 30)]
 
 
-def test_r10_files_are_shared_out_evenly_and_always_the_same(tmp_path: Path) -> None:
+def test_files_are_shared_out_evenly_and_always_the_same(tmp_path: Path) -> None:
     files = {f"run{i}.csv": table(2) for i in range(10)}
     section = "source: {train: 'run*.csv'}\nsplit: {by: file, val: 0.2}\n"
     data = load(tmp_path, section, files)
@@ -137,7 +137,7 @@ def test_r10_files_are_shared_out_evenly_and_always_the_same(tmp_path: Path) -> 
     np.testing.assert_array_equal(data.set_of_row, again.set_of_row)
 
 
-def test_r10_stretches_ignore_sets(tmp_path: Path) -> None:
+def test_stretches_ignore_sets(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\nsplit: {by: block, blocks: 2, train: [1], test: [2]}\n"
     data = load(tmp_path, section, {"a.csv": table(6)})
     assert data.stretches().tolist() == [[0, 6]]

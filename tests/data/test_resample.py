@@ -17,7 +17,7 @@ def rows(times: list[float]) -> str:
     return "time,x,F\n" + "".join(f"{t!r},{2 * t!r},{-t!r}\n" for t in times)
 
 
-def test_r10_linear_draws_straight_lines(tmp_path: Path) -> None:
+def test_linear_draws_straight_lines(tmp_path: Path) -> None:
     files = {"a.csv": rows([0, 0.15, 0.31, 0.5, 0.62, 0.8])}
     data = load(tmp_path, "source: {train: a.csv}\ntime: time\nresample: linear\n", files)
     np.testing.assert_allclose(data.series["x"], [0, 0.4, 0.8, 1.2, 1.6], atol=1e-12)
@@ -25,33 +25,33 @@ def test_r10_linear_draws_straight_lines(tmp_path: Path) -> None:
     assert data.episodes("train").tolist() == [[0, 5]]
 
 
-def test_r10_nearest_takes_the_closest_row(tmp_path: Path) -> None:
+def test_nearest_takes_the_closest_row(tmp_path: Path) -> None:
     files = {"a.csv": rows([0, 0.15, 0.31, 0.5, 0.62, 0.8])}
     data = load(tmp_path, "source: {train: a.csv}\ntime: time\nresample: nearest\n", files)
     np.testing.assert_allclose(data.series["x"], [0, 0.3, 0.62, 1.24, 1.6], atol=1e-12)
 
 
-def test_r10_a_hole_ends_the_episode(tmp_path: Path) -> None:
+def test_a_hole_ends_the_episode(tmp_path: Path) -> None:
     files = {"a.csv": rows([0, 0.2, 0.4, 1.6, 1.8, 2.0])}
     data = load(tmp_path, "source: {train: a.csv}\ntime: time\nresample: linear\n", files)
     assert data.episodes("train").tolist() == [[0, 3], [8, 11]]
 
 
-def test_r10_a_missing_value_is_not_filled(tmp_path: Path) -> None:
+def test_a_missing_value_is_not_filled(tmp_path: Path) -> None:
     text = "time,x,F\n0,1,1\n0.2,2,1\n0.4,,1\n0.6,4,1\n0.8,5,1\n"
     section = "source: {train: a.csv}\ntime: time\nresample: linear\nnan: split\n"
     data = load(tmp_path, section, {"a.csv": text})
     assert data.episodes("train").tolist() == [[0, 2], [3, 5]]
 
 
-def test_r10_from_and_to_choose_what_is_resampled(tmp_path: Path) -> None:
+def test_from_and_to_choose_what_is_resampled(tmp_path: Path) -> None:
     files = {"a.csv": rows([0, 0.15, 0.31, 0.5, 0.62, 0.8])}
     section = "source: {train: a.csv}\ntime: time\nresample: linear\nfrom: 0.1 s\nto: 0.7 s\n"
     data = load(tmp_path, section, files)
     np.testing.assert_allclose(data.series["x"], [0.3, 0.7, 1.1], atol=1e-12)
 
 
-def test_r10_streams_of_different_rates_need_resampling(tmp_path: Path) -> None:
+def test_streams_of_different_rates_need_resampling(tmp_path: Path) -> None:
     fast, slow = 0.05 * np.arange(41), 0.1 * np.arange(1, 19)
     with MDF(version="4.10") as file:
         file.append([Signal(2 * fast, fast, name="x")])

@@ -15,7 +15,7 @@ def episodes(data: Dataset, name: str) -> list[list[int]]:
     return data.episodes(name).tolist()
 
 
-def test_r10_split_by_time_cuts_at_moments(tmp_path: Path) -> None:
+def test_split_by_time_cuts_at_moments(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\nsplit: {by: time, val: [0.4 s, 1 s], test: [1.6 s, 9 s]}\n"
     data = load(tmp_path, section + "time: time\n", {"a.csv": table(10)})
     assert episodes(data, "train") == [[0, 2], [5, 8]]
@@ -25,7 +25,7 @@ def test_r10_split_by_time_cuts_at_moments(tmp_path: Path) -> None:
     assert episodes(without_column, "val") == [[2, 5]]
 
 
-def test_r10_rows_outside_all_ranges_belong_to_no_set(tmp_path: Path) -> None:
+def test_rows_outside_all_ranges_belong_to_no_set(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\nsplit: {by: time, train: [0 s, 0.6 s], val: [1 s, 1.4 s]}\n"
     data = load(tmp_path, section, {"a.csv": table(10)})
     assert episodes(data, "train") == [[0, 3]]
@@ -33,7 +33,7 @@ def test_r10_rows_outside_all_ranges_belong_to_no_set(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fold", [1, 2, 3])
-def test_r10_each_fold_of_blocks_is_val_once(tmp_path: Path, fold: int) -> None:
+def test_each_fold_of_blocks_is_val_once(tmp_path: Path, fold: int) -> None:
     section = f"source: {{train: a.csv}}\nsplit: {{by: kfold, k: 3, fold: {fold}}}\n"
     data = load(tmp_path, section, {"a.csv": table(9)})
     first = 3 * (fold - 1)
@@ -42,7 +42,7 @@ def test_r10_each_fold_of_blocks_is_val_once(tmp_path: Path, fold: int) -> None:
     assert episodes(data, "train") == trained + ([[first + 3, 9]] if fold < 3 else [])
 
 
-def test_r10_folds_are_files_where_there_are_enough(tmp_path: Path) -> None:
+def test_folds_are_files_where_there_are_enough(tmp_path: Path) -> None:
     files = {f"{name}.csv": table(4) for name in "abcde"}
     held_out: list[list[int]] = []
     for fold in (1, 2):
@@ -51,7 +51,7 @@ def test_r10_folds_are_files_where_there_are_enough(tmp_path: Path) -> None:
     assert held_out == [[0, 4], [4, 8], [8, 12], [12, 16], [16, 20]]
 
 
-def test_r10_files_that_follow_in_time_are_one_record(tmp_path: Path) -> None:
+def test_files_that_follow_in_time_are_one_record(tmp_path: Path) -> None:
     lines = table(10).splitlines()
     files = {
         "log_1.csv": "\n".join(lines[:5]) + "\n",

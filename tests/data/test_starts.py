@@ -15,13 +15,13 @@ def one(length: int, first: int = 0) -> IntArray:
     return np.array([[first, first + length]])
 
 
-def test_r2_an_episode_has_t_minus_a_minus_b_samples() -> None:
+def test_an_episode_has_t_minus_a_minus_b_samples() -> None:
     runs = rollouts(one(10, first=100), Reach(3, 1, 0), 1, 1)
     assert runs.t0.tolist() == [103, 104, 105, 106, 107, 108]
     assert set(runs.steps.tolist()) == {1}
 
 
-def test_r2_starts_are_a_stride_apart_as_long_as_the_rows_exist() -> None:
+def test_starts_are_a_stride_apart_as_long_as_the_rows_exist() -> None:
     # t0−A … t0+N−1+B: 3 + 4 + 1 = 8 rows
     runs = rollouts(one(12), Reach(3, 1, 0), 4, 2)
     assert runs.t0.tolist() == [3, 5, 7]
@@ -29,14 +29,14 @@ def test_r2_starts_are_a_stride_apart_as_long_as_the_rows_exist() -> None:
     assert rollouts(one(7), Reach(3, 1, 0), 4, 1).t0.tolist() == []
 
 
-def test_r2_the_start_counts_only_at_t0() -> None:
+def test_the_start_counts_only_at_t0() -> None:
     # an encoder reads t0 … t0+6, the steps one row ahead
     runs = rollouts(one(12), Reach(0, 1, 6), 2, 1)
     assert runs.t0.tolist() == [0, 1, 2, 3, 4, 5]
     assert Reach(0, 1, 6).rows(2) == 7
 
 
-def test_r2_an_episode_that_is_too_short_is_counted() -> None:
+def test_an_episode_that_is_too_short_is_counted() -> None:
     episodes = np.array([[0, 20], [20, 25], [25, 40]])
     runs = rollouts(episodes, Reach(2, 1, 0), 4, 4)
     assert runs.skipped == 1
@@ -44,7 +44,7 @@ def test_r2_an_episode_that_is_too_short_is_counted() -> None:
     assert runs.t0.tolist() == [2, 6, 10, 14, 27, 31, 35]
 
 
-def test_r2_a_last_shorter_rollout_covers_the_rest() -> None:
+def test_a_last_shorter_rollout_covers_the_rest() -> None:
     runs = rollouts(one(12), Reach(1, 1, 0), 4, 4, rest=True)
     assert runs.t0.tolist() == [1, 5, 9]
     assert runs.steps.tolist() == [4, 4, 2]
@@ -52,7 +52,7 @@ def test_r2_a_last_shorter_rollout_covers_the_rest() -> None:
     assert covered == list(range(1, 11))
 
 
-def test_r2_an_episode_as_horizon_has_one_start() -> None:
+def test_an_episode_as_horizon_has_one_start() -> None:
     episodes = np.array([[0, 10], [10, 12], [12, 30]])
     runs = rollouts(episodes, Reach(2, 1, 0), "episode", 1)
     assert runs.t0.tolist() == [2, 14]
@@ -60,7 +60,7 @@ def test_r2_an_episode_as_horizon_has_one_start() -> None:
     assert runs.skipped == 1
 
 
-def test_r2_look_back_and_look_ahead_of_programs() -> None:
+def test_look_back_and_look_ahead_of_programs() -> None:
     assert reach(fir_closed_loop().program) == Reach(4, 1, 0)
     assert reach(spring_damper_rk4().program) == Reach(0, 1, 0)
     assert reach(preview_driver().program) == Reach(3, 3, 0)
@@ -71,7 +71,7 @@ def test_r2_look_back_and_look_ahead_of_programs() -> None:
 
 @pytest.mark.parametrize("horizon", [1, 3, 7])
 @pytest.mark.parametrize("stride", [1, 2, 5])
-def test_r2_agrees_with_a_plain_search(horizon: int, stride: int) -> None:
+def test_agrees_with_a_plain_search(horizon: int, stride: int) -> None:
     span = Reach(2, 1, 4)
     episodes = np.array([[0, 9], [9, 12], [12, 40], [40, 53]])
     expected = [

@@ -1,4 +1,4 @@
-"""The page for users of nnodely: every row names tests, and they exist."""
+"""The page for users of nnodely: every row names tests or cases, and they exist."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ def test_every_row_names_a_test_that_exists() -> None:
     assert len(rows) > 40
     for row in rows:
         assert len(row) == 3, row
-        named = re.findall(r"`([^`]+\.py)(?:::(\w+))?`", row[2])
+        named = re.findall(r"`([^`]+\.(?:py|yaml))(?:::(\w+))?`", row[2])
         assert named, f"no test shows {row[0]}"
         for path, test in named:
             text = (TESTS / path).read_text(encoding="utf-8")
-            assert f"def {test or 'test_'}" in text, f"{path}::{test}"
+            shown = "x-case:" if path.endswith(".yaml") else f"def {test or 'test_'}"
+            assert shown in text, f"{path}::{test}"

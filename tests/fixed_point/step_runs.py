@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.fixed_point.deviation import HELD, reference
+from compiler.fixed_point.deviation import HELD
+from compiler.fixed_point.exact_steps import ExactStepper
 from compiler.fixed_point.golden import drawn
 from compiler.fixed_point.integers.interpret import initial, reset
 from compiler.fixed_point.integers.program import (
@@ -24,17 +25,12 @@ from compiler.fixed_point.integers.program import (
     RoundShift,
     Smaller,
     WeightedSum,
-    WordPort,
 )
-from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.ops import ReadSignal, Relation
+from compiler.ir.ops import Relation
 from compiler.ir.program import Program
 
 Words = NDArray[np.int64]
 Reals = NDArray[np.float64]
-
-FLOAT = 2.0**-48
-"""What float64 may lose of the values of a step, relative to their range."""
 
 _HOLDS = {
     Relation.LESS: np.less,
@@ -52,12 +48,8 @@ def step_errors(
     Before each the states in float64 are set to those in words, so that no error is handed on.
     """
     random = np.random.Generator(np.random.Philox(31))
-    interpreter = Interpreter(reference(program), weights)
-    extents = {
-        node.op.signal: (node.op.first, node.op.last)
-        for _, node in program.step
-        if isinstance(node.op, ReadSignal)
-    }
+    stepper = ExactStepper(program, weights)
+    ports = {entry.port.name: entry.port for entry in integers.inputs}
     memories = _begun(integers, runs, random)
     words: dict[str, Words] = {}
     found: dict[tuple[str, bool], float] = {}
@@ -74,10 +66,11 @@ def step_errors(
             m.name: _real(memories[m.name], m.fraction, tuple(a.size for a in m.axes))
             for m in integers.memories
         }
-        states |= _needless(program, states, runs)
-        log, rows = _log(program, integers, words, extents, runs)
-        with np.errstate(all="ignore"):
-            exact = interpreter.step(log, rows, states, losses=False)
+        given = {
+            name: _real(words[name], port.fraction, tuple(a.size for a in port.axes))
+            for name, port in ports.items()
+        }
+        exact = stepper.steps(given, states, runs)
         values = _evaluated(integers.step, words, memories)
         for port, nodes in integers.outputs:
             mine = np.stack([values[node] for node in nodes])
@@ -117,42 +110,6 @@ def _worst(
     mine = _real(words, fraction, exact.shape[1:])
     off = float(np.abs(mine - exact).max(initial=0.0))
     found[key] = max(found.get(key, 0.0), off)
-
-
-def _needless(program: Program, known: Mapping[str, Reals], runs: int) -> dict[str, Reals]:
-    return {
-        state.name: np.zeros((runs, *(axis.size for axis in state.axes)))
-        for state in program.states
-        if state.name not in known
-    }
-
-
-def _log(
-    program: Program,
-    integers: IntegerProgram,
-    words: Mapping[str, Words],
-    extents: Mapping[str, tuple[int, int]],
-    runs: int,
-) -> tuple[dict[str, Reals], NDArray[np.int64]]:
-    """A log in which each run has a few rows of its own, and the row of its step."""
-    back = max([0, *(-first for first, _ in extents.values())])
-    ahead = max([0, *(last for _, last in extents.values())])
-    length = back + ahead + 1
-    ports: dict[str, WordPort] = {e.port.name: e.port for e in integers.inputs}
-    log: dict[str, Reals] = {}
-    for signal in program.signals:
-        shape = tuple(axis.size for axis in signal.axes)
-        low = signal.range[0] if signal.range is not None and np.isfinite(signal.range[0]) else 0.0
-        series = np.full((runs, length, *shape), low)
-        if signal.name in ports:
-            port = ports[signal.name]
-            sizes = tuple(axis.size for axis in port.axes)
-            value = _real(words[signal.name], port.fraction, sizes)
-            first, last = extents[signal.name]
-            samples = value[:, None] if len(sizes) == len(shape) else np.moveaxis(value, -1, 1)
-            series[:, back + first : back + last + 1] = samples
-        log[signal.name] = series.reshape(-1, *shape)
-    return log, np.arange(runs) * length + back
 
 
 def _evaluated(

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from compiler.fixed_point.compile_integers import integer_program
+from compiler.fixed_point.exact_steps import LOST
 from compiler.fixed_point.integers.builder import IntegerBuilder
 from compiler.fixed_point.integers.program import Q15, Q31, IntegerProgram, Width
 from compiler.fixed_point.settle import Settler
@@ -16,7 +17,7 @@ from compiler.fixed_point.steepness import furthest
 from compiler.ir.program import Program
 from tests.fixed_point.exported import fixed_model, gallery_text, initial_weights, planned
 from tests.fixed_point.random_specs import random_spec
-from tests.fixed_point.step_runs import FLOAT, step_errors
+from tests.fixed_point.step_runs import step_errors
 
 GALLERY = ("reference", "battery", "heater", "engine_map", "quarter_car", "motor")
 
@@ -37,7 +38,7 @@ def exceeded(
     found: dict[str, tuple[float, float]] = {}
     for bound in integers.step_errors:
         low, high, fraction = ends[bound.name]
-        room = FLOAT * math.ldexp(max(-low, high), -fraction)
+        room = LOST * math.ldexp(max(-low, high), -fraction)
         error = seen[bound.name, bound.is_state]
         if error > bound.largest + room:
             found[bound.name] = error, bound.largest

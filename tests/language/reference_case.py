@@ -1,7 +1,8 @@
 """Reference cases: a spec with a log and the exact values it must have, run in every backend.
 
-A case is one file `tests/language/reference_cases/NAME.yaml`: a whole spec, and the key `x-case`,
-which the product leaves to other tools. `test_reference_cases.py` runs every file there.
+A case is one file `tests/language/cases/SUBJECT/NAME.yaml`, the subject a layer or a part of
+the language: a whole spec, and the key `x-case`, which the product leaves to other tools.
+`test_reference_cases.py` runs every file there.
 
     x-case:
       source: where the expected values come from
@@ -44,11 +45,11 @@ from msnn.data.starts import reach
 from msnn.exports.export import load_export, write_export
 from spec_schema.reading.reader import read_spec
 from tests.agreement.exported import plan_of
-from tests.every_op.agreement import assert_agrees
+from tests.every_op.agreement import assert_agrees, assert_same_bits
 
 Arrays = Mapping[str, NDArray[Any]]
 
-CASES = Path(__file__).parent / "reference_cases"
+CASES = Path(__file__).parent / "cases"
 
 SINGLE = 1e-5
 """The promise for one step in float32; the cases are short and stable."""
@@ -86,9 +87,13 @@ def read_case(path: Path) -> Case:
 
 
 def assert_case(case: Case, backend: str) -> None:
-    """The backend computes what the case expects."""
+    """The backend computes what the case expects, C in float32 with the bits of its judge."""
     run, limit = BACKENDS[backend]
     found = run(case)
+    if backend == "c32":
+        bits = _interpreter(np.float32)(case)
+        for name in case.expected:
+            assert_same_bits(np.asarray(found[name]), bits[name], name)
     for name, expected in case.expected.items():
         actual = np.asarray(found[name])
         assert_agrees(actual, expected, max(limit, case.tolerance), f"{backend} {name}")

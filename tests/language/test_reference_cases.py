@@ -5,9 +5,11 @@ import pytest
 from tests.conditions import require_tool
 from tests.language.reference_case import BACKENDS, CASES, assert_case, read_case
 
+NAMES = sorted(str(path.relative_to(CASES).with_suffix("")) for path in CASES.glob("*/*.yaml"))
+
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("name", sorted(path.stem for path in CASES.glob("*.yaml")))
+@pytest.mark.parametrize("name", NAMES)
 def test_reference_case(name: str, backend: str) -> None:
     require_tool("gcc", install="apt install gcc")
     assert_case(read_case(CASES / f"{name}.yaml"), backend)

@@ -73,7 +73,7 @@ def filtered(
         ("direct", [0.3, 0.5, -0.2, 0.7]),
     ],
 )
-def test_r12_a_filter_without_noise_is_recovered(kind: str, numerator: list[float]) -> None:
+def test_a_filter_without_noise_is_recovered(kind: str, numerator: list[float]) -> None:
     program = model(LAYERS[kind])
     parts = [filtered(numerator, TRUE, 80, seed) for seed in (1, 2)]
     data = dataset({n: np.concatenate([p[n][4:] for p in parts]) for n in "uy"}, train=[76, 76])

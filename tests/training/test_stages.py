@@ -58,14 +58,16 @@ def run(stages: str, recorder: Recorder | None = None, **sets: list[int]) -> Tra
     return train(program, data, spec.train, IN_MEMORY, recorder or Recorder())
 
 
-def test_r12_training_finds_the_parameters() -> None:
+def test_training_finds_the_parameters() -> None:
+    """docs/language.md, Training (R12)."""
     result = run(f"  - {{epochs: 200, batch: 16, {FAST}}}\n")
     # Adam at this rate wanders by a few 1e-4 around the minimum
     assert result.weights["a"] == pytest.approx(0.8, abs=2e-3)
     assert result.weights["b"] == pytest.approx(0.3, abs=2e-3)
 
 
-def test_r12_a_stage_begins_with_the_best_of_the_one_before() -> None:
+def test_a_stage_begins_with_the_best_of_the_one_before() -> None:
+    """docs/language.md, Training (R12)."""
     recorder = Recorder()
     run(
         f"  - {{epochs: 20, batch: 16, {FAST}}}\n"
@@ -79,7 +81,8 @@ def test_r12_a_stage_begins_with_the_best_of_the_one_before() -> None:
     assert said.message.startswith("stage `stage_2` has learned nothing: no epoch is better than")
 
 
-def test_r12_frozen_parameters_keep_every_bit_and_only_in_their_stage() -> None:
+def test_frozen_parameters_keep_every_bit_and_only_in_their_stage() -> None:
+    """docs/language.md, Training (R12)."""
     program, spec = gain(
         f"  - {{epochs: 3, freeze: b, {FAST}}}\n  - {{epochs: 3, freeze: a, {FAST}}}\n"
     )
@@ -92,12 +95,14 @@ def test_r12_frozen_parameters_keep_every_bit_and_only_in_their_stage() -> None:
     assert second.best["b"] != 0.0
 
 
-def test_r12_a_factor_of_zero_holds_a_parameter() -> None:
+def test_a_factor_of_zero_holds_a_parameter() -> None:
+    """docs/language.md, Training (R12)."""
     result = run(f"  - {{epochs: 2, lr: {{b: 0}}, {FAST}}}\n")
     assert result.weights["b"] == 0.0
 
 
-def test_r12_loss_weights_of_a_stage_replace_those_they_name() -> None:
+def test_loss_weights_of_a_stage_replace_those_they_name() -> None:
+    """docs/language.md, Training (R12)."""
     program, spec = gain(
         "  - {losses: {small: 0.5}}\n",
         'losses: {fit: "mse(x_next, x[t+1])", small: {expr: "l2(a)", weight: 2}}\n',
@@ -106,7 +111,8 @@ def test_r12_loss_weights_of_a_stage_replace_those_they_name() -> None:
     assert plan.loss_weights == {"fit": 1.0, "small": 0.5}
 
 
-def test_r12_defaults_of_a_stage() -> None:
+def test_defaults_of_a_stage() -> None:
+    """docs/language.md, Training (R12)."""
     program, spec = gain("  - {}\n")
     (plan,) = plan_stages(program, spec.train, Findings())
     assert (plan.epochs, plan.batch, plan.rollout.horizon, plan.rollout.stride) == (100, 128, 1, 1)
@@ -115,14 +121,16 @@ def test_r12_defaults_of_a_stage() -> None:
     }
 
 
-def test_r12_best_is_decided_on_val_and_else_on_train() -> None:
+def test_best_is_decided_on_val_and_else_on_train() -> None:
+    """docs/language.md, Training (R12)."""
     recorder = Recorder()
     run(f"  - {{epochs: 1, {FAST}}}\n", recorder)
     run(f"  - {{epochs: 1, {FAST}}}\n", recorder, train=[60])
     assert [stage.monitored_on for stage in recorder.stages] == ["val", "train"]
 
 
-def test_r12_the_monitor_uses_the_rollout_of_the_stage_at_stride_horizon() -> None:
+def test_the_monitor_uses_the_rollout_of_the_stage_at_stride_horizon() -> None:
+    """docs/language.md, Training (R12)."""
     program, spec = gain(f"  - {{epochs: 1, rollout: {{horizon: 8, stride: 1}}, {FAST}}}\n")
     from msnn.training.plans.stage_data import stage_data
 
@@ -135,7 +143,8 @@ def test_r12_the_monitor_uses_the_rollout_of_the_stage_at_stride_horizon() -> No
     assert found.watched.steps.tolist() == [8, 8, 4]
 
 
-def test_r12_early_stop_waits_for_its_patience() -> None:
+def test_early_stop_waits_for_its_patience() -> None:
+    """docs/language.md, Training (R12)."""
     recorder = Recorder()
     run(
         "  - {epochs: 50, dtype: float64, optimizer: {sgd: {lr: 30}}, clip: 1,"
@@ -146,7 +155,8 @@ def test_r12_early_stop_waits_for_its_patience() -> None:
     assert recorder.ends[0].reason == "no better for 4 epochs"
 
 
-def test_r12_the_same_seed_gives_the_same_weights_and_another_does_not() -> None:
+def test_the_same_seed_gives_the_same_weights_and_another_does_not() -> None:
+    """docs/language.md, Training (R12)."""
     results = [
         run(f"  - {{epochs: 3, batch: 7, seed: {seed}, {FAST}}}\n").weights["a"]
         for seed in (1, 1, 2)
@@ -155,13 +165,15 @@ def test_r12_the_same_seed_gives_the_same_weights_and_another_does_not() -> None
     assert results[0] != results[2]
 
 
-def test_r12_starts_are_shuffled_anew_each_epoch() -> None:
+def test_starts_are_shuffled_anew_each_epoch() -> None:
+    """docs/language.md, Training (R12)."""
     orders = [shuffled(20, order_key(0, 0, epoch)).tolist() for epoch in range(3)]
     assert all(sorted(order) == list(range(20)) for order in orders)
     assert orders[0] != orders[1] != orders[2]
 
 
-def test_r12_every_order_is_as_likely_as_any_other() -> None:
+def test_every_order_is_as_likely_as_any_other() -> None:
+    """docs/language.md, Training (R12)."""
     counts = Counter(tuple(shuffled(4, key).tolist()) for key in range(24_000))
     assert len(counts) == 24
     squares = sum((count - 1000) ** 2 / 1000 for count in counts.values())
@@ -211,7 +223,8 @@ class Counting:
         del state
 
 
-def test_r12_an_epoch_visits_every_start_once_and_the_last_batch_is_smaller() -> None:
+def test_an_epoch_visits_every_start_once_and_the_last_batch_is_smaller() -> None:
+    """docs/language.md, Training (R12)."""
     program, spec = gain("  - {epochs: 1, batch: 8}\n")
     (plan,) = plan_stages(program, spec.train, Findings())
     engine = Counting()
@@ -306,7 +319,8 @@ def test_a_static_model_trains_on_independent_rows() -> None:
     assert train(program, data, spec.train, IN_MEMORY).weights["a"] == pytest.approx(3.0, rel=1e-9)
 
 
-def test_r4_only_inputs_are_closed_by_default() -> None:
+def test_only_inputs_are_closed_by_default() -> None:
+    """docs/language.md, Rollouts (R4)."""
     program, spec = compiled(
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1, v: 1}\nparameters: {a: 0.5}\n"
         "states: {x: {next: a*x + u + v, init: x.meas}}\n"
@@ -317,7 +331,8 @@ def test_r4_only_inputs_are_closed_by_default() -> None:
     assert [plan.rollout.closed for plan in plans] == [("v",), ()]
 
 
-def test_r7_fixed_starts_inside_a_record_are_a_warning() -> None:
+def test_fixed_starts_inside_a_record_are_a_warning() -> None:
+    """docs/language.md, States (R7)."""
     text = (
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\nparameters: {a: 0.5}\n"
         'states: {x: {next: "a*x + u", init: 0}}\n'
@@ -336,9 +351,10 @@ def test_r7_fixed_starts_inside_a_record_are_a_warning() -> None:
     ("rollout", "warns"),
     [("record", False), ("3", True), ("{horizon: 3, stride: 3}", True)],
 )
-def test_r7_check_and_training_warn_of_the_same_starts(
+def test_check_and_training_warn_of_the_same_starts(
     tmp_path: Path, rollout: str, warns: bool
 ) -> None:
+    """docs/language.md, States (R7)."""
     file = tmp_path / "p.msnn.yaml"
     file.write_text(
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\nparameters: {a: 0.5}\n"
@@ -355,7 +371,8 @@ def test_r7_check_and_training_warn_of_the_same_starts(
         assert ("W0901" in [w.code for w in warnings]) == warns
 
 
-def test_r7_one_rollout_a_record_is_no_warning_of_training() -> None:
+def test_one_rollout_a_record_is_no_warning_of_training() -> None:
+    """docs/language.md, States (R7)."""
     text = (
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\nparameters: {a: 0.5}\n"
         'states: {x: {next: "a*x + u", init: 0}}\n'
@@ -370,7 +387,8 @@ def test_r7_one_rollout_a_record_is_no_warning_of_training() -> None:
 
 
 @pytest.mark.parametrize(("skip", "warns"), [(0, True), (1, False)])
-def test_r7_a_memory_that_is_skipped_has_forgotten_its_start(skip: int, warns: bool) -> None:
+def test_a_memory_that_is_skipped_has_forgotten_its_start(skip: int, warns: bool) -> None:
+    """docs/language.md, States (R7)."""
     program, spec = compiled(
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\ntargets: {y: 1}\n"
         "layers: {h: {iir: {num: 1, den: 1}}}\noutputs: {z: {expr: h(u), predicts: y}}\n"
@@ -390,9 +408,10 @@ def test_r7_a_memory_that_is_skipped_has_forgotten_its_start(skip: int, warns: b
         ("h(u)", "mse(z, y)", ["h.state"]),
     ],
 )
-def test_r7_what_is_of_the_run_alone_starts_anywhere(
+def test_what_is_of_the_run_alone_starts_anywhere(
     value: str, losses: str, states: list[str]
 ) -> None:
+    """docs/language.md, States (R7)."""
     text = (
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\ntargets: {y: 1}\n"
         "parameters: {a: 0.5}\nlayers: {h: {iir: {num: 1, den: 1}}}\n"

@@ -51,7 +51,7 @@ def model() -> tuple[Program, Spec]:
     return compiled(MODEL)
 
 
-def test_r12_statistics_are_those_of_the_training_rows_and_never_learned() -> None:
+def test_statistics_are_those_of_the_training_rows_and_never_learned() -> None:
     program, spec = model()
     data = dataset(series(), train=[20, 15], val=[25])
     result = train(program, data, spec.train, TrainingOptions(runs=None))

@@ -32,12 +32,12 @@ def both(
     runs: Runs,
     skip: int = 0,
     scored: dict[str, BoolArray] | None = None,
-) -> dict[str, tuple[float, int]]:
+) -> dict[str, tuple[float, float]]:
     """Losses and counts of the torch engine, after comparing them with the interpreter's."""
     expected = loss_sums(Interpreter(program), log, runs, skip, scored)
     model = build_module(program)
     found = batch_losses(model, scoring(model, log, skip, scored), runs)
-    result: dict[str, tuple[float, int]] = {}
+    result: dict[str, tuple[float, float]] = {}
     for loss in program.losses:
         value = found[loss.name].value(loss.measure).item()
         assert found[loss.name].count == expected[loss.name].count
@@ -49,13 +49,15 @@ def both(
 @pytest.mark.parametrize("name", [name for name in SAMPLES if SAMPLES[name]().program.losses])
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("skip", [0, 3])
-def test_r4_rollouts_of_unlike_lengths_agree(name: str, closed: bool, skip: int) -> None:
+def test_rollouts_of_unlike_lengths_agree(name: str, closed: bool, skip: int) -> None:
+    """docs/language.md, Rollouts (R4)."""
     sample = SAMPLES[name]()
     program = close_loop(sample.program, sample.closed) if closed else sample.program
     both(program, sample.log(40, 5), RUNS, skip)
 
 
-def test_r4_a_closed_rollout_by_hand() -> None:
+def test_a_closed_rollout_by_hand() -> None:
+    """docs/language.md, Rollouts (R4)."""
     program, _ = compiled(
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {x: 1}\nparameters: {a: 0.5}\n"
         'outputs: {y: {expr: "a*x", predicts: "x[t+1]"}}\n'
@@ -67,7 +69,8 @@ def test_r4_a_closed_rollout_by_hand() -> None:
     assert both(close_loop(program, ["x"]), log, runs)["y"] == (pytest.approx((9 + 1 + 0) / 3), 3)
 
 
-def test_r9_a_missing_target_is_not_scored() -> None:
+def test_a_missing_target_is_not_scored() -> None:
+    """docs/language.md, Losses (R9)."""
     sample = SAMPLES["spring_damper_rk4"]()
     log = sample.log(40, 5)
     whole = both(sample.program, log, RUNS)["fit"][1]
@@ -76,20 +79,23 @@ def test_r9_a_missing_target_is_not_scored() -> None:
     assert both(sample.program, log, RUNS)["fit"][1] == whole - (1 + 3 + 2)
 
 
-def test_r9_where_nothing_is_scored_the_loss_is_zero() -> None:
+def test_where_nothing_is_scored_the_loss_is_zero() -> None:
+    """docs/language.md, Losses (R9)."""
     sample = SAMPLES["spring_damper_rk4"]()
     log = sample.log(40, 5)
     log["x.meas"][6:] = np.nan
     assert both(sample.program, log, RUNS)["fit"] == (0.0, 0)
 
 
-def test_r9_skip_leaves_out_the_first_evaluations() -> None:
+def test_skip_leaves_out_the_first_evaluations() -> None:
+    """docs/language.md, Losses (R9)."""
     sample = SAMPLES["joint_arm"]()
     found = both(sample.program, sample.log(40, 5), RUNS, skip=3)
     assert found["q_next"][1] == (1 + 6 + 1) * 3  # three joints
 
 
-def test_r10_of_a_whole_record_only_rows_of_the_set_count() -> None:
+def test_of_a_whole_record_only_rows_of_the_set_count() -> None:
+    """docs/language.md, Data (R10)."""
     sample = SAMPLES["fir_closed_loop"]()
     log = sample.log(40, 5)
     program = close_loop(sample.program, ("x",))
@@ -99,7 +105,8 @@ def test_r10_of_a_whole_record_only_rows_of_the_set_count() -> None:
 
 
 @pytest.mark.parametrize("measure", Measure)
-def test_r9_each_measure_by_hand(measure: Measure) -> None:
+def test_each_measure_by_hand(measure: Measure) -> None:
+    """docs/language.md, Losses (R9)."""
     b = GraphBuilder()
     value, target = b.signal("p", 0, 0, Type()), b.log("q", 0, 0, Type())
     alone = measure is Measure.MEAN
@@ -120,7 +127,8 @@ def test_r9_each_measure_by_hand(measure: Measure) -> None:
     assert both(program, log, runs)["loss"] == (pytest.approx(expected, rel=1e-15), 3)
 
 
-def test_r9_the_root_of_a_perfect_fit_has_slope_zero() -> None:
+def test_the_root_of_a_perfect_fit_has_slope_zero() -> None:
+    """docs/language.md, Losses (R9)."""
     sample = SAMPLES["preview_driver"]()
     program = sample.program
     log = sample.log(40, 5)

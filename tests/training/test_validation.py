@@ -62,7 +62,8 @@ def test_vectors_have_a_metric_for_each_element() -> None:
     assert found.value == pytest.approx(np.sqrt(0.5))
 
 
-def test_r2_one_step_scores_every_row_that_has_a_past_and_says_which() -> None:
+def test_one_step_scores_every_row_that_has_a_past_and_says_which() -> None:
+    """docs/language.md, Rollouts (R2)."""
     data = dataset(gain_series(50), test=[50])
     row = one("{of: x_next}", data)
     assert (row.rows, row.scored) == ("rows 1…49 of 50", 49)
@@ -71,7 +72,8 @@ def test_r2_one_step_scores_every_row_that_has_a_past_and_says_which() -> None:
     assert row.value == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-13)
 
 
-def test_r2_rollouts_score_each_row_once() -> None:
+def test_rollouts_score_each_row_once() -> None:
+    """docs/language.md, Rollouts (R2)."""
     data = dataset(gain_series(50), test=[50])
     row = one("{of: x_next, rollout: 7 s}", data)
     assert (row.horizon, row.closed, row.scored) == ("7", ("x",), 49)
@@ -85,13 +87,15 @@ def test_r2_rollouts_score_each_row_once() -> None:
     assert row.value == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=1e-13)
 
 
-def test_r4_skip_leaves_the_transient_out() -> None:
+def test_skip_leaves_the_transient_out() -> None:
+    """docs/language.md, Rollouts (R4)."""
     data = dataset(gain_series(50), test=[50])
     row = one("{of: x_next, rollout: {horizon: 7, skip: 2}}", data)
     assert row.scored == 49 - 2 * 7  # seven rollouts
 
 
-def test_r10_a_whole_record_is_simulated_and_only_the_set_is_scored() -> None:
+def test_a_whole_record_is_simulated_and_only_the_set_is_scored() -> None:
+    """docs/language.md, Data (R10)."""
     data = in_blocks(dataset(gain_series(60), train=[60]), "test", slice(20, 40))
     row = one("{of: x_next, rollout: record}", data)
     assert (row.rows, row.scored) == ("rows 20…39 of 60", 20)
@@ -115,7 +119,8 @@ def test_a_row_that_two_rollouts_score_is_one_row() -> None:
     assert (row.rows, row.scored) == ("rows 1…49 of 50", 47 * 3)
 
 
-def test_r9_a_missing_target_is_not_scored() -> None:
+def test_a_missing_target_is_not_scored() -> None:
+    """docs/language.md, Losses (R9)."""
     program, spec = compiled(
         "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {u: 1}\ntargets: {y: 1}\n"
         "parameters: {a: 0.5}\n"

@@ -14,7 +14,7 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from tests.programs import fir_closed_loop, spring_damper_rk4
 
 
-def test_r12_weights_come_back_with_every_bit(tmp_path: Path) -> None:
+def test_weights_come_back_with_every_bit(tmp_path: Path) -> None:
     program = fir_closed_loop().program
     weights = {"h.weight": np.arange(5) / 3, "g.weight": np.array([np.pi])}
     loaded = read_weights(write_weights(tmp_path / "w.safetensors", weights, program), program)
@@ -31,7 +31,7 @@ def test_the_file_names_its_spec_and_the_units(tmp_path: Path) -> None:
     assert '"stiffness": "N/m"' in metadata["units"]
 
 
-def test_r12_missing_names_and_wrong_shapes_are_errors(tmp_path: Path) -> None:
+def test_missing_names_and_wrong_shapes_are_errors(tmp_path: Path) -> None:
     path = tmp_path / "w.safetensors"
     save_file({"h.weight": np.zeros((5, 1))}, path)
     with pytest.raises(SpecError) as caught:
@@ -40,7 +40,7 @@ def test_r12_missing_names_and_wrong_shapes_are_errors(tmp_path: Path) -> None:
     assert "shape 5×1, not 5" in caught.value.diagnostics[1].message
 
 
-def test_r12_unknown_names_are_an_error(tmp_path: Path) -> None:
+def test_unknown_names_are_an_error(tmp_path: Path) -> None:
     path = tmp_path / "w.safetensors"
     save_file({"h.weight": np.zeros(5), "g.weight": np.zeros(1), "old": np.zeros(2)}, path)
     with pytest.raises(SpecError, match=r"E0959.* has `old`, which the model does not have"):

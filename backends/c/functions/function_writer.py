@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import assert_never
 
@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from backends.c.interface.interface import Field, Interface
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView
-from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.scope import LocalNames, Scope, SpecName
 from backends.c_language.tree import Argument, Comment, Discard, Function, Name, Statement
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState
 from compiler.ir.ops import (
     AnyRead,
+    Constant,
     ReadLog,
     ReadParameter,
     ReadSignal,
@@ -55,7 +56,7 @@ class FunctionWriter:
         self.model = model
         self.interface = model.interface
         self.unroll = model.interface.options.unroll
-        self.scope = Scope(LocalNames(model.interface.prefix))
+        self.scope = Scope(LocalNames(model.interface.prefix, _names_of_spec(graph)))
         block = _BLOCK if self.unroll >= _FEWEST_WRITTEN_OUT else self.unroll
         self.locals = LocalValues(
             model.functions,
@@ -137,7 +138,7 @@ class FunctionWriter:
             self._reads_parameters = True
             return field.place("p")
         values = tuple(float(value) for value in self.model.weights[field.name].ravel())
-        return self.locals.known(values, type, field.name, self.scope)
+        return self.locals.known(values, type, SpecName(field.name), self.scope)
 
     def _window(self, name: str, first: int, last: int, type: Type) -> ArrayView:
         field, port = self._windows[name]
@@ -148,3 +149,12 @@ class FunctionWriter:
         read = part.reshaped(type.shape)
         assert read is not None
         return read
+
+
+def _names_of_spec(graph: Graph) -> Iterator[str]:
+    """What the spec calls values and numbers of a graph."""
+    for node in graph.nodes:
+        if node.label:
+            yield node.label
+        if isinstance(node.op, ReadParameter) or (isinstance(node.op, Constant) and node.op.name):
+            yield node.op.name

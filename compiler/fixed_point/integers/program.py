@@ -225,6 +225,16 @@ class IntegerProgram:
     start: tuple[IntegerNode, ...]
     expected: tuple[ExpectedWords, ...] = ()
     step_errors: tuple[StepError, ...] = ()
+    start_errors: tuple[StepError, ...] = ()
+    """Of the first states, from the same words of the record."""
     doc: str = ""
     spec_hash: str = ""
     sample_time: float | None = None
+    late: int = 0
+    """Samples by which outputs are older than the inputs of their step."""
+
+    @property
+    def first_samples(self) -> dict[str, int]:
+        """The oldest sample of each window by its name, relative to the first step."""
+        ports = zip(self.windows, self.window_firsts, strict=True)
+        return {port.name: first for port, first in ports}

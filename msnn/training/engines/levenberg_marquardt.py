@@ -21,6 +21,7 @@ from msnn.data.starts import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
 from msnn.training.engines.joint_starts import JointStarts
 from msnn.training.engines.normal_equations import Model, in_raw_variables
+from msnn.training.engines.quadratic_terms import quadratic_terms
 from msnn.training.engines.squares import Squares, loss_sums_of
 from msnn.training.plans.epoch_order import shuffled
 from msnn.training.plans.stage_plan import StagePlan
@@ -62,14 +63,11 @@ class LevenbergMarquardtEngine:
         self._raw = np.concatenate([raw.ravel() for raw, _ in raws])
         self._learned = len(self._raw)
         self._joint = JointStarts(plan, series) if plan.estimates_starts else None
-        self._begun: Weights = {}
-        """Series of the starts with which runs begin that are estimated."""
-        self._started: Runs | None = None
-        """Runs whose starts are the last variables, in their order."""
+        self._begun: Weights = {}  # series of the starts with which runs begin
+        self._started: Runs | None = None  # whose starts are the last variables, in their order
         self._watches_training = True
         self._largest = np.zeros_like(self._raw)
-        self._damping = self._options.damping
-        self._growth = 2.0
+        self._damping, self._growth = self._options.damping, 2.0
         self.finished: str | None = None
         self._ahead: tuple[Runs, Mapping[str, Products]] | None = None
         """The products at the present variables, where the last step has looked at them."""
@@ -163,9 +161,9 @@ class LevenbergMarquardtEngine:
         """Takes the starts of other runs as variables than so far."""
         if self._joint is None or (self._started is not None and self._started.begin_as(runs)):
             return
-        starts = self._joint.flat(self._begun, runs.t0)
-        self._raw = np.append(self._raw[: self._learned], starts)
-        self._largest = np.append(self._largest[: self._learned], np.zeros_like(starts))
+        n, starts = self._learned, self._joint.flat(self._begun, runs.t0)
+        self._raw = np.append(self._raw[:n], starts)
+        self._largest = np.append(self._largest[:n], np.zeros_like(starts))
         self._started, self._ahead = runs, None
 
     def _all(self, weights: Weights) -> Weights:
@@ -237,7 +235,8 @@ class LevenbergMarquardtEngine:
             for name, weight in self._plan.loss_weights.items()
             if weight and products[name].count
         }
-        found = in_raw_variables(products, shares, self._slopes_of_physical())
+        losses = in_raw_variables(products, shares, self._slopes_of_physical())
+        found = losses.plus(quadratic_terms(self._raw[: self._learned], self._plan.weight_decay))
         self._largest = np.maximum(self._largest, found.diagonal)
         return found.model(self._scale())
 
@@ -270,11 +269,12 @@ class LevenbergMarquardtEngine:
         """The weighted total; NaN, which is below nothing, where a rollout leaves the numbers."""
         with np.errstate(over="ignore"):
             sums = self._costs_at(runs, raw)
-        return sum(
+        losses = sum(
             weight * sums[name].total / sums[name].count
             for name, weight in self._plan.loss_weights.items()
             if weight and sums[name].count
         )
+        return losses + quadratic_terms(raw[: self._learned], self._plan.weight_decay).value
 
     def _scale(self) -> FloatArray:
         """1/√D; 1 in a variable that no residual depends on."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from backends.gauss_newton_products import Products, StartBlocks
 from msnn.data.dataset import FloatArray
+from msnn.training.engines.quadratic_terms import QuadraticTerms
 
 
 class Model(Protocol):
@@ -42,6 +43,15 @@ class NormalEquations:
             return of_parameters
         own = np.diagonal(self.starts.curvature, axis1=1, axis2=2)
         return np.concatenate([of_parameters, own.ravel()])
+
+    def plus(self, known: QuadraticTerms) -> NormalEquations:
+        """With what is known of the parameters beside the data."""
+        return replace(
+            self,
+            total=self.total + known.value,
+            slope=self.slope + known.slope,
+            curvature=self.curvature + np.diag(known.curvature),
+        )
 
     def model(self, scale: FloatArray) -> Model:
         """In variables times 1/scale."""

@@ -263,7 +263,6 @@ _NOT_OF_SECOND_ORDER: Mapping[str, str] = {
     "lr": "each step has its own length",
     "schedule": "each step has its own length",
     "clip": "the damping limits each step",
-    "weight_decay": "a loss `l2(…)` does the same",
 }
 
 

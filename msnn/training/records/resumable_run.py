@@ -11,7 +11,7 @@ from msnn.errors import training as errors
 from msnn.model.kept_run import LATEST, has_checkpoint, newest, spec_places
 from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
-from msnn.training.records.run_folder import RunFolder, fold_folder, new_run_folder
+from msnn.training.records.run_folder import RunFolder, new_run_folder, own_folder
 from msnn.training.records.run_lock import held
 from msnn.training.records.run_record import differences
 from msnn.training.records.training_options import TrainingOptions
@@ -27,8 +27,8 @@ def open_run(
     if not options.resume:
         folder = (
             new_run_folder(program, options.runs)
-            if options.fold is None
-            else fold_folder(program, options.fold)
+            if options.folder is None
+            else own_folder(program, options.folder)
         )
         begun = {
             "spec": options.spec_file,
@@ -41,8 +41,8 @@ def open_run(
         folder.write_description({**record, **begun}, options.spec_text, options.parts)
         return folder, None
     parent = options.runs / program.name
-    if options.fold is not None:
-        return _again(RunFolder(options.fold, program, None), record)
+    if options.folder is not None:
+        return _again(RunFolder(options.folder, program, None), record)
     found = newest(parent, has_checkpoint)
     if found is None:
         raise SpecError((errors.no_checkpoint(str(parent)),))

@@ -37,7 +37,7 @@ class RunFolder:
     path: Path
     program: Program
     latest: Path | None
-    """The link that leads to the run last used; None for a fold, which is part of a run."""
+    """The link that leads to the run last used; None for one of several runs, such as a fold."""
 
     @property
     def weights(self) -> Path:
@@ -141,9 +141,9 @@ def new_run_folder(program: Program, runs: Path) -> RunFolder:
     raise FileExistsError(message)
 
 
-def fold_folder(program: Program, folder: Path) -> RunFolder:
-    """A fresh folder for one fold of a run."""
-    folder.mkdir()
+def own_folder(program: Program, folder: Path) -> RunFolder:
+    """A fresh folder for a run that `latest` does not lead to, such as one fold of several."""
+    folder.mkdir(parents=True)
     return RunFolder(folder, program, None)
 
 

@@ -43,7 +43,7 @@ def run_record(
         "data": {
             "files": [record.file for record in data.records],
             "rows": {name: int(data.in_set(name).sum()) for name in data.sets},
-            "sha256": _data_hash(data),
+            "sha256": data_hash(data),
         },
     }
 
@@ -91,7 +91,7 @@ def _said(leaves: Mapping[str, Any], path: str) -> str:
     return "not given" if value is None else str(value)
 
 
-def _data_hash(data: Dataset) -> str:
+def data_hash(data: Dataset) -> str:
     """Of all series, their sets and their gaps, whatever they were read from."""
     digest = hashlib.sha256()
     for name, series in sorted(data.series.items()):

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msnn.data.dataset import FloatArray
+from msnn.model.kept_run import CHECKPOINT
+from msnn.model.model import Model
+from msnn.model.model_weights import redrawn_weights
 from msnn.model.spec_hash import SubmodelFile
+from msnn.training.black_boxes import black_boxes
 from msnn.training.engines.devices import CPU, Device
+from msnn.training.records.run_lock import held
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,8 +25,8 @@ class TrainingOptions:
     resume: bool = False
     most_lost: float = 5.0
     """Seconds of work that a killed run loses at most."""
-    fold: Path | None = None
-    """The folder of one fold of a run, to make or to go on in, instead of a fresh one in `runs`."""
+    folder: Path | None = None
+    """Where this run is kept, to make or to go on in, instead of a fresh folder in `runs`."""
     spec_text: str | None = None
     """The text of the spec, to be kept beside the weights."""
     tensorboard: bool = False
@@ -37,3 +43,29 @@ class TrainingOptions:
     """Where torch computes."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
     """Other initial values, by number, for the further runs of a stage with `starts:`."""
+
+
+def options_for(
+    model: Model, *, runs: Path | None, tensorboard: bool = False, device: Device = CPU
+) -> TrainingOptions:
+    """The options of a run that keeps this model."""
+    return TrainingOptions(
+        runs=runs,
+        tensorboard=tensorboard,
+        device=device,
+        spec_text=model.text,
+        spec_file=str(model.path),
+        settings=model.settings,
+        parts=model.parts,
+        black_boxes=black_boxes(model.spec),
+        redrawn=lambda draw: redrawn_weights(model, draw),
+    )
+
+
+def in_folder(options: TrainingOptions, folder: Path, *, goes_on: bool = True) -> TrainingOptions:
+    """The same, kept in `folder`: what a checkpoint there left goes on, what has none begins."""
+    resume = goes_on and (folder / CHECKPOINT).is_file()
+    if folder.exists() and not resume:
+        with held(folder):
+            shutil.rmtree(folder)  # it was killed in its first seconds
+    return replace(options, folder=folder, resume=resume)

@@ -13,13 +13,10 @@ from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import LossSums
-from msnn.training.engines.native.kernel_check import (
-    check_if_fresh,
-    check_kernel,
-    check_sensitivities,
-)
+from msnn.training.engines.native.kernel_check import check_kernel, check_sensitivities
 from msnn.training.engines.own_series import own_series
 from msnn.training.plans.stage_plan import StagePlan
 

@@ -1,0 +1,113 @@
+"""`msnn compare`: trains several models, and ranks them by accuracy and by cost."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import (
+    RUNS,
+    DataRoot,
+    OutputFormat,
+    PlotFile,
+    ResultFormat,
+    Settings,
+    refuse_undrawable,
+)
+from msnn.cli.exit_codes import ExitCode
+
+
+def compare(
+    specs: Annotated[
+        list[Path],
+        typer.Argument(metavar="SPEC...", help="Specs, or folders of runs, to be compared."),
+    ],
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--grid",
+            metavar="KEY=V1,V2,...",
+            help="Every choice of a value of the specs; several span a grid.",
+        ),
+    ] = None,
+    settings: Settings = None,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Train each so often, from other initial values and orders.")
+    ] = 1,
+    folds: Annotated[
+        bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
+    ] = False,
+    on: Annotated[
+        str, typer.Option(metavar="SET", help="The rows held out that they are compared on.")
+    ] = "val",
+    by: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METRIC",
+            help="What ranks them: fit, y.fit, y.rmse:record; default: the first of `validate`.",
+        ),
+    ] = None,
+    cost: Annotated[
+        bool, typer.Option("--cost/--no-cost", help="Count instructions and bytes of the C.")
+    ] = True,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Trainings at once; default: one a processor.")
+    ] = None,
+    data_root: DataRoot = None,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FOLDER", help="Trainings are kept below, with a log.")
+    ] = RUNS,
+    plot: PlotFile = None,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Train several models, and rank them.
+
+    Specs, or one with a grid over any of its values, are trained and measured alike on rows that
+    none has seen: a validation set, or folds. One table with accuracy, information criteria, size,
+    time, and what a step of the C costs; the Pareto front is marked. `runs.jsonl` has every
+    training: one that is there is not repeated, and an interrupted comparison goes on.
+    """
+    from msnn import api
+    from msnn.cli.console import json_result, note, result
+    from msnn.comparison.progress_lines import TrialLines
+    from msnn.comparison.table import comparison_notes, comparison_record, comparison_table
+    from msnn.training.training_result import TrainingInterruptedError
+
+    refuse_undrawable(plot)
+    try:
+        found = api.compare(
+            specs,
+            grid=grid or (),
+            settings=settings or (),
+            data_root=data_root,
+            on=on,
+            seeds=seeds,
+            folds=folds,
+            runs=out,
+            jobs=jobs or os.cpu_count() or 1,
+            by=by,
+            cost=cost,
+            listener=TrialLines(sys.stderr),
+        )
+    except (KeyboardInterrupt, TrainingInterruptedError):
+        note(f"interrupted; this goes on: {shlex.join(['msnn', *sys.argv[1:]])}")
+        raise typer.Exit(ExitCode.INTERRUPTED) from None
+    if format is ResultFormat.JSON:
+        json_result("compare", comparison_record(found))
+    else:
+        result(comparison_table(found))
+    for line in comparison_notes(found):
+        note(line)
+    if plot is not None:
+        from msnn.comparison.plot import plot_comparison
+
+        note(f"drawn: {plot_comparison(plot, found)}")
+    if any(line.state == "refused" for entry in found.entries for line in entry.failed):
+        raise typer.Exit(ExitCode.DIAGNOSTICS)
+    if found.best is None:
+        raise typer.Exit(ExitCode.DIVERGED)

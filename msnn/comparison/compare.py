@@ -1,0 +1,166 @@
+"""Trains and measures several models on the same rows, and ranks them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from msnn.comparison.cost import missing_tools
+from msnn.comparison.ranking import Criterion, Ranked, Way, chosen_criterion, common_ways, ranked
+from msnn.comparison.trial import Outcome, Setup, Trial
+from msnn.comparison.variants import GridAxis, Variant, variants
+from msnn.comparison.workers import outcomes
+from msnn.data.reading.frames import Frames
+from msnn.model.load import load_model
+from msnn.training.folds import fold_count
+from msnn.training.records.run_log import LOG, RunLine, append, read
+from spec_schema.reading.reader import read_spec
+
+TRAINED_ON = "train"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparisonOptions:
+    """How models are compared."""
+
+    settings: Sequence[str] = ()
+    """Values replaced in all specs."""
+    data: Frames | None = None
+    data_root: Path | None = None
+    held_out: str = "val"
+    """The set that they are compared on; of folds always the one held out."""
+    seeds: int = 1
+    """How often each is trained: from the spec's own initial values, then from others."""
+    folds: bool = False
+    runs: Path | None = Path("runs")
+    jobs: int = 1
+    criterion: str | None = None
+    """`fit`, `x_next.fit` or `x_next.fit:record`; None: what the first entry of `validate` asks."""
+    counts_cost: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Models in the order of their accuracy on rows held out."""
+
+    criterion: Criterion
+    ways: tuple[Way, ...]
+    """What was measured of all."""
+    entries: tuple[Ranked, ...]
+    folder: Path | None
+    """The runs, with the log."""
+    uncounted: tuple[str, ...]
+    """Packages without which instructions were not counted."""
+
+    @property
+    def best(self) -> Ranked | None:
+        """The most accurate; None where no training came to its end."""
+        return next((entry for entry in self.entries if entry.is_best), None)
+
+
+class Listener(Protocol):
+    """Hears of every training that is over."""
+
+    def began(self, trials: int) -> None: ...
+
+    def ended(self, trial: Trial, outcome: Outcome) -> None: ...
+
+
+class Unheard:
+    """Says nothing."""
+
+    def began(self, trials: int) -> None:
+        del trials
+
+    def ended(self, trial: Trial, outcome: Outcome) -> None:
+        del trial, outcome
+
+
+def compare(
+    specs: Sequence[Path],
+    grid: Sequence[GridAxis],
+    options: ComparisonOptions,
+    listener: Listener | None = None,
+) -> Comparison:
+    """Trains every variant by seed and fold, and ranks them by what all were measured of.
+
+    A training that the log has with the same model, data, seed and fold is not repeated, and one
+    that was killed goes on. Raises SpecError before any training for mistakes in specs and grid,
+    and where nothing alike was measured.
+    """
+    heard = listener or Unheard()
+    compared = variants(specs, grid, options.settings)
+    for variant in _one_of_each_choice(compared):
+        read_spec(variant.spec, settings=variant.settings)
+    missing = missing_tools() if options.counts_cost else ()
+    setup = Setup(
+        data=options.data,
+        data_root=options.data_root,
+        held_out=options.held_out,
+        trained_on=TRAINED_ON,
+        runs=options.runs,
+        counts_cost=options.counts_cost and not missing,
+    )
+    trials = _trials(compared, options)
+    log = None if options.runs is None else options.runs / LOG
+    known = {} if log is None else {line.key: line for line in read(log)}
+    lines: dict[Variant, list[RunLine]] = {variant: [] for variant in compared}
+    heard.began(len(trials))
+    with closing(outcomes(trials, setup, known, options.jobs)) as ended:
+        for trial, outcome in ended:
+            line = outcome.line
+            if log is not None and line.state != "refused" and line != known.get(line.key):
+                append(log, line)
+            lines[trial.variant].append(line)
+            heard.ended(trial, outcome)
+    return _judged(lines, options, tuple(tool.package for tool in missing))
+
+
+def _judged(
+    lines: Mapping[Variant, Sequence[RunLine]],
+    options: ComparisonOptions,
+    uncounted: tuple[str, ...],
+) -> Comparison:
+    ended = [line for found in lines.values() for line in found if line.state == "finished"]
+    criterion = chosen_criterion(ended, options.criterion)
+    return Comparison(
+        criterion=criterion,
+        ways=common_ways(ended),
+        entries=ranked(lines, criterion),
+        folder=options.runs,
+        uncounted=uncounted,
+    )
+
+
+def _trials(compared: Sequence[Variant], options: ComparisonOptions) -> list[Trial]:
+    counts: dict[Path, int | None] = {}
+    for variant in compared:
+        if variant.spec not in counts:
+            model = load_model(variant.spec, variant.settings) if options.folds else None
+            counts[variant.spec] = None if model is None else fold_count(model)
+
+    def folds(variant: Variant) -> Sequence[int | None]:
+        count = counts[variant.spec]
+        return (None,) if count is None else range(1, count + 1)
+
+    return [
+        Trial(variant, seed, fold)
+        for seed in range(options.seeds)
+        for variant in compared
+        for fold in folds(variant)
+    ]
+
+
+def _one_of_each_choice(compared: Sequence[Variant]) -> list[Variant]:
+    """Variants in which every value of the grid stands once, so that a mistake in one is seen."""
+    seen: set[tuple[Path, str]] = set()
+    found: list[Variant] = []
+    for variant in compared:
+        choices = {(variant.spec, setting) for setting in (*variant.settings, "")}
+        if not choices <= seen:
+            seen |= choices
+            found.append(variant)
+    return found

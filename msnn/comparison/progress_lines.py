@@ -1,0 +1,57 @@
+"""Prints how a comparison goes: a line a training, with the time that is left."""
+
+from __future__ import annotations
+
+import time
+from typing import TextIO
+
+from msnn.comparison.trial import Outcome, Trial
+
+
+class TrialLines:
+    """Prints a line for every training that is over, and each warning once."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._began = time.monotonic()
+        self._all = self._ended = self._trained = 0
+        self._said: set[str] = set()
+
+    def began(self, trials: int) -> None:
+        self._all, self._began = trials, time.monotonic()
+
+    def ended(self, trial: Trial, outcome: Outcome) -> None:
+        self._ended += 1
+        line = outcome.line
+        which = trial.variant.label
+        which += f", seed {trial.seed}" if trial.seed else ""
+        which += f", fold {trial.fold}" if trial.fold is not None else ""
+        self._print(f"{self._ended}/{self._all}  {which}: {_how(outcome)}{self._left(outcome)}")
+        new = [said for said in (*_reasons(outcome), *line.warnings) if said not in self._said]
+        self._said.update(new)
+        for said in new:
+            self._print(said)
+
+    def _left(self, outcome: Outcome) -> str:
+        self._trained += outcome.is_new
+        left = self._all - self._ended
+        if not left or not self._trained:
+            return ""
+        each = (time.monotonic() - self._began) / self._trained
+        return f"; at most {left * each:.0f} s left"
+
+    def _print(self, text: str) -> None:
+        self._stream.write(f"{text}\n")
+        self._stream.flush()
+
+
+def _how(outcome: Outcome) -> str:
+    line = outcome.line
+    if line.state != "finished":
+        return line.state
+    taken = "" if outcome.is_new else ", trained before"
+    return f"{line.reason}, monitor {line.monitor:.5g}, {line.seconds:.2f} s{taken}"
+
+
+def _reasons(outcome: Outcome) -> tuple[str, ...]:
+    return () if outcome.line.state == "finished" else (outcome.line.reason,)

@@ -1,0 +1,174 @@
+"""One training of a comparison: a variant, seed and fold, trained, measured and costed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from msnn.comparison.cost import c_cost
+from msnn.comparison.variants import Variant
+from msnn.data.dataset import Dataset
+from msnn.data.reading.frames import Frames
+from msnn.errors.comparison import killed_twice, nothing_held_out
+from msnn.errors.failures import MissingExtraError
+from msnn.model.kept_run import CHECKPOINT, WEIGHTS
+from msnn.model.load import load_model, with_seed
+from msnn.model.model import Model
+from msnn.model.model_data import measured, sources_of
+from msnn.model.model_weights import redrawn_weights
+from msnn.model.weights_file import read_weights
+from msnn.training.folds import of_fold
+from msnn.training.records.progress import Silent
+from msnn.training.records.run_log import RunLine, measured_in
+from msnn.training.records.training_options import in_folder, options_for
+from msnn.training.run_line import begun, diverged, ended
+from msnn.training.train import train
+from msnn.training.training_result import TrainingDivergedError
+from msnn.validation.validate import validate
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
+from spec_schema.diagnostics.render import render
+from spec_schema.diagnostics.source import SourceText
+
+_FOLDER = "compare"
+_KEY_SHOWN = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What is trained once."""
+
+    variant: Variant
+    seed: int
+    """0 is what the spec says; others draw initial values and orders anew."""
+    fold: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """What all trials of a comparison share."""
+
+    data: Frames | None
+    data_root: Path | None
+    held_out: str
+    """The set that models are compared on."""
+    trained_on: str
+    runs: Path | None
+    """Where trainings are kept; None keeps none."""
+    counts_cost: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a trial ended."""
+
+    line: RunLine
+    is_new: bool
+    """False where the log had it."""
+
+
+def run_trial(trial: Trial, setup: Setup, known: Mapping[str, RunLine]) -> Outcome:
+    """Trains, measures and costs a variant, or takes what is `known` of it by key.
+
+    Mistakes of the spec or the data, what is not installed, and a training that diverges are
+    outcomes. Raises TrainingInterruptedError.
+    """
+    line = _unknown(trial)
+    try:
+        model = _model(trial)
+        data = measured(model, setup.data, setup.data_root, "a comparison")
+        _require_rows(data, setup.held_out)
+        line = begun(model, data, seed=trial.seed, fold=trial.fold, held_out=setup.held_out)
+        if line.key in known:
+            return Outcome(_with_cost(known[line.key], model, setup), is_new=False)
+        with sources_of(model):
+            return Outcome(_trained(line, trial, setup, model, data), is_new=True)
+    except SpecError as error:
+        return Outcome(_refused(line, error.diagnostics, error.sources), is_new=True)
+    except MissingExtraError as error:
+        return Outcome(_refused(line, [error.diagnostic]), is_new=True)
+    except TrainingDivergedError as error:
+        return Outcome(diverged(line, error), is_new=True)
+
+
+def killed(trial: Trial) -> Outcome:
+    """What becomes of a trial whose process was killed again and again."""
+    why = killed_twice(trial.variant.label)
+    return Outcome(_refused(_unknown(trial), [why]), is_new=True)
+
+
+def _refused(
+    line: RunLine, found: Sequence[Diagnostic], sources: Iterable[SourceText] = ()
+) -> RunLine:
+    return replace(line, state="refused", reason=render(found, "full", sources))
+
+
+def _model(trial: Trial) -> Model:
+    model = with_seed(load_model(trial.variant.spec, trial.variant.settings), trial.seed)
+    return model if trial.fold is None else of_fold(model, trial.fold)
+
+
+def _require_rows(data: Dataset, held_out: str) -> None:
+    if held_out not in data.sets or not data.in_set(held_out).any():
+        raise SpecError((nothing_held_out(held_out, data.sets),))
+
+
+def _unknown(trial: Trial) -> RunLine:
+    """What is known of a training before its spec is read."""
+    return RunLine(
+        key="",
+        model=trial.variant.label,
+        spec=str(trial.variant.spec),
+        spec_sha256="",
+        settings=trial.variant.settings,
+        seed=trial.seed,
+        fold=trial.fold,
+        data_sha256="",
+        state="refused",
+        reason="",
+    )
+
+
+def _with_cost(line: RunLine, model: Model, setup: Setup) -> RunLine:
+    """The line of a training that is over, with its cost where that was not asked for then."""
+    if not setup.counts_cost or line.cost is not None or setup.runs is None or line.folder is None:
+        return line
+    file = setup.runs / line.folder / WEIGHTS
+    if not file.is_file():
+        return line
+    return replace(line, cost=c_cost(model, read_weights(file, model.program)))
+
+
+def _trained(line: RunLine, trial: Trial, setup: Setup, model: Model, data: Dataset) -> RunLine:
+    first = redrawn_weights(model, trial.seed) if trial.seed else None
+    heard = _Heard()
+    options, folder = options_for(model, runs=setup.runs), None
+    if setup.runs is not None:
+        folder = setup.runs / model.name / _FOLDER / line.key[:_KEY_SHOWN]
+        options = in_folder(options, folder)
+    found = train(model.program, data, model.spec.train, options, heard, first)
+    checks, weights = model.spec.checks, found.weights
+    held_out, trained_on = (
+        measured_in(validate(model.program, data, checks, weights, on=name))
+        for name in (setup.held_out, setup.trained_on)
+    )
+    line = replace(
+        ended(line, found, setup.runs),
+        held_out=held_out,
+        training=trained_on,
+        cost=c_cost(model, weights) if setup.counts_cost else None,
+        warnings=tuple(heard.said),
+    )
+    if folder is not None:
+        (folder / CHECKPOINT).unlink(missing_ok=True)  # what is in the log is not trained again
+    return line
+
+
+class _Heard(Silent):
+    """Keeps what a training warns of."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        self.said.append(describe(diagnostic))

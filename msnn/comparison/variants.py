@@ -1,0 +1,81 @@
+"""The models that a comparison trains: specs, each with every choice of the grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+from msnn.errors import comparison as errors
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.source import SourceText
+from spec_schema.yaml_tree.nodes import Listing
+from spec_schema.yaml_tree.reader import read_tree
+
+_GRID = "--grid"
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A spec with values replaced."""
+
+    spec: Path
+    settings: tuple[str, ...]
+    """Those of all variants, then its own: `layers.h.fir.window=10`."""
+    label: str
+    """What tells it from the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class GridAxis:
+    """A value of the spec and what it shall be, one after the other."""
+
+    path: str
+    values: tuple[str, ...]
+    """As YAML writes them."""
+
+
+def grid_axis(text: str) -> GridAxis:
+    """Reads `layers.h.fir.window=5,10,20`; values are YAML, lists and mappings in brackets.
+
+    Raises SpecError for what is no path, `=` and values.
+    """
+    path, equals, values = text.partition("=")
+    findings = Findings()
+    listed = SourceText(_GRID, f"[{values}]")
+    tree = read_tree(listed, findings) if path.strip() and equals and "\n" not in text else None
+    if findings.failed or not isinstance(tree, Listing) or not tree.items:
+        raise SpecError((errors.malformed_grid(text),))
+    columns = ((item.span.column - 1, item.span.end_column - 1) for item in tree.items)
+    return GridAxis(path.strip(), tuple(listed.text[begin:end] for begin, end in columns))
+
+
+def variants(
+    specs: Sequence[Path], grid: Sequence[GridAxis], settings: Sequence[str]
+) -> tuple[Variant, ...]:
+    """Every spec with every choice of one value an axis; the last axis changes fastest."""
+    ends = _short([axis.path for axis in grid])
+    found: list[Variant] = []
+    for spec, name in zip(specs, _names(specs), strict=True):
+        for choice in product(*(axis.values for axis in grid)):
+            own = [f"{axis.path}={value}" for axis, value in zip(grid, choice, strict=True)]
+            said = [f"{end}={value}" for end, value in zip(ends, choice, strict=True)]
+            label = " ".join([name, *said] if len(specs) > 1 or not said else said)
+            found.append(Variant(spec, (*settings, *own), label))
+    return tuple(found)
+
+
+def _names(specs: Sequence[Path]) -> list[str]:
+    stems = [spec.name.split(".")[0] for spec in specs]
+    return stems if len(set(stems)) == len(stems) else [str(spec) for spec in specs]
+
+
+def _short(paths: Sequence[str]) -> list[str]:
+    """The shortest ends of paths that differ: `window`, or `f.window` beside `g.window`."""
+    steps = [path.split(".") for path in paths]
+    for depth in range(1, max(map(len, steps), default=1)):
+        ends = [".".join(each[-depth:]) for each in steps]
+        if len(set(ends)) == len(ends) and not any(end[0].isdecimal() for end in ends):
+            return ends
+    return list(paths)

@@ -1,0 +1,66 @@
+"""Says of a training what the log of trainings keeps."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from compiler.ir.program import learned_numbers
+from msnn.data.dataset import Dataset
+from msnn.model.model import Model
+from msnn.model.spec_hash import hash_of
+from msnn.training.records.run_log import LOG, RunLine, append
+from msnn.training.records.run_record import data_hash
+from msnn.training.training_result import TrainingDivergedError, TrainingResult
+from spec_schema.diagnostics.diagnostic import describe
+from spec_schema.version import __version__
+
+
+def begun(
+    model: Model, data: Dataset, *, seed: int = 0, fold: int | None = None, held_out: str = ""
+) -> RunLine:
+    """What is known before: of what the training is, and what decides its result.
+
+    `held_out` is the set that it will be measured on.
+    """
+    spec, of_data = hash_of(model.text, model.parts, model.settings), data_hash(data)
+    decides = [__version__, spec, of_data, fold, held_out]
+    return RunLine(
+        key=hashlib.sha256(json.dumps(decides).encode()).hexdigest(),
+        model=model.name,
+        spec=str(model.path),
+        spec_sha256=spec,
+        settings=model.settings,
+        seed=seed,
+        fold=fold,
+        data_sha256=of_data,
+        state="finished",
+        reason="",
+        parameters=learned_numbers(model.program),
+        version=__version__,
+    )
+
+
+def ended(line: RunLine, found: TrainingResult, runs: Path | None) -> RunLine:
+    """The same with what a finished training has reached."""
+    kept = None if found.folder is None or runs is None else found.folder.relative_to(runs)
+    return replace(
+        line,
+        reason=found.stages[-1].reason,
+        monitor=found.stages[-1].best_value,
+        seconds=sum(stage.seconds for stage in found.stages),
+        folder=None if kept is None else kept.as_posix(),
+    )
+
+
+def diverged(line: RunLine, error: TrainingDivergedError) -> RunLine:
+    """The same of a training that met a value which is not finite."""
+    return replace(line, state="diverged", reason=describe(error.diagnostic))
+
+
+def log(runs: Path | None, line: RunLine) -> None:
+    """Adds the line to the log of the folder in which trainings are kept, if they are."""
+    if runs is not None:
+        append(runs / LOG, line)

@@ -1,0 +1,262 @@
+"""Comparisons from end to end: what is trained, what is not again, what becomes of faults."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import msnn as api
+from msnn.comparison.cost import missing_tools
+from msnn.project.new_project import new_project
+from msnn.training.records.run_log import LOG, read
+from spec_schema.diagnostics.diagnostic import SpecError
+from tests.cli.command_line import CommandLine
+from tests.cli.test_check import SPEC
+
+SHORT = ("--set", "train.0.epochs=2", "--no-cost", "--jobs", "1")
+
+
+@pytest.fixture
+def msnn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> CommandLine:
+    """The command line in a fresh project."""
+    folder = new_project(tmp_path / "plant")
+    monkeypatch.chdir(folder)
+    return CommandLine(folder, capsys)
+
+
+def test_choices_are_trained_ranked_and_logged(msnn: CommandLine):
+    said = msnn("compare", SPEC, "--grid", "train.0.epochs=1,8", "--no-cost", "--jobs", "1")
+    assert said.code == 0
+    rows = said.out.splitlines()
+    assert rows[1].startswith("epochs=8")
+    assert "best, Pareto front" in rows[1]
+    assert rows[2].startswith("epochs=1")
+    lines = read(Path("runs") / LOG)
+    assert [line.settings for line in lines] == [("train.0.epochs=1",), ("train.0.epochs=8",)]
+    # what the table says is what `validate` finds of the kept run
+    best = lines[1]
+    assert best.folder is not None
+    report = json.loads(
+        msnn(
+            "validate",
+            f"runs/{best.folder}",
+            "--format",
+            "json",
+            "--set",
+            "validate.0.data=val",
+            "--set",
+            "validate.0.max=1",
+        ).out
+    )
+    assert best.held_out[0].metrics["rmse"] == report["metrics"][0]["value"]
+    assert not list(Path("runs").rglob("checkpoint.safetensors"))
+    assert not (Path("runs") / "plant" / "latest").exists()
+
+
+def test_what_the_log_has_is_not_trained_again(msnn: CommandLine):
+    first = msnn("compare", SPEC, "--grid", "train.0.epochs=1,2", *SHORT[2:])
+    again = msnn("compare", SPEC, "--grid", "train.0.epochs=2,3", *SHORT[2:])
+    assert (first.code, again.code) == (0, 0)
+    assert "epochs=2: done" in again.err
+    assert again.err.count("trained before") == 1
+    assert len(read(Path("runs") / LOG)) == 3
+    # other data are another training
+    log = sorted(Path("data/train").glob("*.csv"))[0]
+    shutil.copy(log, log.with_name("zz.csv"))
+    assert "trained before" not in msnn("compare", SPEC, *SHORT).err
+
+
+def test_processes_reach_the_same_as_one(msnn: CommandLine):
+    grid = ("--grid", "train.0.epochs=1,2,3", "--seeds", "2", "--no-cost", "--format", "json")
+    alone = json.loads(msnn("compare", SPEC, *grid, "--jobs", "1", "--out", "one").out)
+    both = json.loads(msnn("compare", SPEC, *grid, "--jobs", "2", "--out", "two").out)
+    assert [m["score"] for m in alone["models"]] == [m["score"] for m in both["models"]]
+    assert [m["model"] for m in alone["models"]] == [m["model"] for m in both["models"]]
+
+
+def test_seeds_draw_other_orders_and_other_initial_values(msnn: CommandLine):
+    spec = Path(SPEC)
+    spec.write_text(
+        spec.read_text().replace("c: {init: 2,", "c: {init: {uniform: {min: 1, max: 3}},")
+    )
+    msnn("compare", SPEC, "--seeds", "3", *SHORT)
+    lines = read(Path("runs") / LOG)
+    assert [line.seed for line in lines] == [0, 1, 2]
+    assert len({line.monitor for line in lines}) == 3
+    initial = {
+        json.loads((Path("runs") / str(line.folder) / "metrics.jsonl").read_text().split("\n")[0])[
+            "total"
+        ]
+        for line in lines
+    }
+    assert len(initial) == 3
+
+
+def test_folds_are_held_out_in_turn(msnn: CommandLine):
+    split = ("--set", "data.split={by: kfold, k: 2}", "--folds")
+    said = msnn("compare", SPEC, "--grid", "integrator=rk4,euler", *split, *SHORT)
+    assert said.code == 0
+    assert [(line.fold, line.settings[-1]) for line in read(Path("runs") / LOG)] == [
+        (1, "integrator=rk4"),
+        (2, "integrator=rk4"),
+        (1, "integrator=euler"),
+        (2, "integrator=euler"),
+    ]
+    assert "±" in said.out
+
+
+def test_the_cost_is_that_of_verify(msnn: CommandLine):
+    if missing_tools():
+        pytest.fail("install what `.ci/run` installs: the cross compiler and QEMU")
+    msnn("compare", SPEC, *SHORT[:2], "--jobs", "1")
+    (line,) = read(Path("runs") / LOG)
+    assert line.cost is not None
+    msnn("export", f"runs/{line.folder}", "--to", "c", "--out", "build")
+    said = msnn("verify", "build/c", "--targets", "m4", "--format", "json")
+    board = next(each for each in json.loads(said.out)["results"] if "-O2" in each["target"])
+    (figures,) = board["figures"]
+    assert line.cost.instructions == pytest.approx(figures["instructions"][1])
+    assert line.cost.flash == figures["flash"]
+
+
+def test_mistakes_in_specs_and_grids_end_before_any_training(msnn: CommandLine):
+    for wrong, code in (
+        (("--grid", "train.0.epoch=1,2"), "E0201"),
+        (("--grid", "train.0.epochs=1,two"), "E0204"),
+        (("--grid", "train.7.epochs=1"), "E1032"),
+        (("--grid", "nothing"), "E0973"),
+    ):
+        said = msnn("compare", SPEC, *wrong, *SHORT[2:])
+        assert said.code == 1
+        assert f"error[{code}]" in said.err
+        assert not Path("runs").exists()
+
+
+def test_a_variant_that_is_refused_leaves_the_others(msnn: CommandLine):
+    said = msnn("compare", SPEC, "--grid", "equations.a=F/m - k*x/m,F + q", *SHORT)
+    assert said.code == 1
+    assert "error[E0" in said.err
+    assert "refused" in said.out
+    assert "a=F/m - k*x/m" in said.out
+    assert len(read(Path("runs") / LOG)) == 1
+
+
+def test_a_variant_that_diverges_leaves_the_others(msnn: CommandLine):
+    choices = ("--grid", "parameters.k.init=10,-1e25")
+    said = msnn("compare", SPEC, *choices, *SHORT)
+    assert said.code == 0
+    assert "diverged" in said.out
+    assert {line.state for line in read(Path("runs") / LOG)} == {"finished", "diverged"}
+
+
+def test_rows_held_out_are_asked_for(msnn: CommandLine):
+    said = msnn("compare", SPEC, "--on", "nothing", *SHORT)
+    assert said.code == 1
+    assert "error[E0974]" in said.err
+    assert not (Path("runs") / LOG).exists()
+
+
+def test_an_interrupted_comparison_goes_on(msnn: CommandLine):
+    """Ctrl-C to the parent alone ends its workers too; the same command trains what is left."""
+    epochs = ("--set", "train.0.epochs=4000", "--set", "train.0.early_stop.patience=4000")
+    command = ["compare", SPEC, "--seeds", "6", "--jobs", "2", "--no-cost", *epochs]
+    program = "from msnn.cli.main import main\nif __name__ == '__main__':\n    main()\n"
+    Path("run_msnn.py").write_text(program)
+    paths = os.pathsep.join(path for path in sys.path if path)
+    process = subprocess.Popen(
+        [sys.executable, "run_msnn.py", *command],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": paths},
+    )
+    assert process.stderr is not None
+    while "done" not in (line := process.stderr.readline()):
+        assert line, "it ended before it was interrupted"
+    process.send_signal(signal.SIGINT)
+    said = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert "interrupted; this goes on: msnn compare" in said
+    assert "Traceback" not in said
+    before = {line.key: line for line in read(Path("runs") / LOG)}
+    assert 1 <= len(before) < 6
+    again = msnn(*command[:-4], *epochs)
+    assert again.code == 0
+    assert again.err.count("trained before") == len(before)
+    after = {line.key: line for line in read(Path("runs") / LOG)}
+    assert len(after) == 6
+    alone = msnn(*command[:-4], *epochs, "--jobs", "1", "--out", "whole")
+    assert alone.code == 0
+    whole = {line.key: line for line in read(Path("whole") / LOG)}
+    assert {key: line.held_out for key, line in whole.items()} == {
+        key: line.held_out for key, line in after.items()
+    }
+
+
+def killed_in(place: Path, times: int) -> str:
+    """A program whose workers are killed in the first `times` trials of seed 1."""
+    return f"""
+import os, signal
+from pathlib import Path
+import msnn.comparison.workers as workers
+from msnn.cli.main import main
+own = workers.run_trial
+def fragile(trial, setup, known):
+    mark = Path({str(place)!r})
+    if trial.seed == 1 and len(list(mark.iterdir())) < {times}:
+        (mark / str(os.getpid())).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return own(trial, setup, known)
+workers.run_trial = fragile
+if __name__ == "__main__":
+    main()
+"""
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_a_killed_process_is_replaced_and_given_up_when_it_is_killed_again(
+    msnn: CommandLine, tmp_path: Path, times: int
+):
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    Path("run_msnn.py").write_text(killed_in(marks, times))
+    paths = os.pathsep.join(path for path in sys.path if path)
+    command = ["compare", SPEC, "--seeds", "4", "--jobs", "2", *SHORT[:3], "--format", "json"]
+    said = subprocess.run(
+        [sys.executable, "run_msnn.py", *command],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": paths},
+        check=False,
+    )
+    assert said.returncode == (0 if times == 1 else 1), said.stderr
+    (model,) = json.loads(said.stdout)["models"]
+    ended = sorted(run["seed"] for run in model["runs"])
+    assert ended == ([0, 1, 2, 3] if times == 1 else [0, 2, 3])
+    assert ("error[E0977]" in said.stderr) == (times == 3)
+
+
+def test_frames_are_compared_as_files_are(msnn: CommandLine):
+    generator = np.random.default_rng(0)
+    force = np.repeat(generator.normal(0, 3, 60), 10)
+    position = np.convolve(force, np.exp(-np.arange(40) / 8.0))[: len(force)] / 100
+    frame = {"F": force, "x": position, "v": np.gradient(position, 0.05)}
+    sets = {"train": frame, "val": frame}
+    spec = Path(SPEC)
+    text = spec.read_text()
+    spec.write_text("".join(line for line in text.splitlines(True) if "split:" not in line))
+    found = api.compare(SPEC, grid=["train.0.epochs=1,2"], data=sets, runs=None, cost=False)
+    assert found.best is not None
+    assert found.folder is None
+    assert not Path("runs").exists()
+    with pytest.raises(SpecError):
+        api.compare(SPEC, data=frame, runs=None, on="other", cost=False, grid=["train.0.epochs="])

@@ -1,0 +1,55 @@
+"""Grids: their values, and what variants are called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from msnn.comparison.variants import grid_axis, variants
+from spec_schema.diagnostics.diagnostic import SpecError
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("a.b=5,10, 20", ("5", "10", "20")),
+        ("a.b=10 ms,0.5 s", ("10 ms", "0.5 s")),
+        ("a.b=[1, 2],{c: [3, 4]}", ("[1, 2]", "{c: [3, 4]}")),
+        ('a.b="x, y",z', ('"x, y"', "z")),
+        ("a.b=k * u,k * u + c", ("k * u", "k * u + c")),
+        ("a.b=true", ("true",)),
+    ],
+)
+def test_values_are_yaml_between_commas(text: str, values: tuple[str, ...]):
+    axis = grid_axis(text)
+    assert (axis.path, axis.values) == ("a.b", values)
+
+
+@pytest.mark.parametrize("text", ["", "a", "a=", "=1", "a=[1", "a=1\n2", "a=1]", "a={b: 1", "a=]["])
+def test_what_is_no_path_and_values_is_refused(text: str):
+    with pytest.raises(SpecError) as caught:
+        grid_axis(text)
+    assert [found.code for found in caught.value.diagnostics] == ["E0973"]
+
+
+def test_every_choice_of_every_axis_is_a_variant():
+    axes = [grid_axis("layers.f.fir.window=5,10"), grid_axis("train.0.epochs=1,2")]
+    found = variants([Path("a.msnn.yaml")], axes, ["sample_time=1"])
+    assert [each.label for each in found] == [
+        "window=5 epochs=1",
+        "window=5 epochs=2",
+        "window=10 epochs=1",
+        "window=10 epochs=2",
+    ]
+    assert found[3].settings == ("sample_time=1", "layers.f.fir.window=10", "train.0.epochs=2")
+
+
+def test_labels_tell_paths_and_specs_apart():
+    axes = [grid_axis("layers.f.fir.window=5"), grid_axis("layers.g.fir.window=6")]
+    (found,) = variants([Path("a.msnn.yaml")], axes, [])
+    assert found.label == "f.fir.window=5 g.fir.window=6"
+    several = variants([Path("a.msnn.yaml"), Path("b.msnn.yaml")], [], [])
+    assert [each.label for each in several] == ["a", "b"]
+    alike = variants([Path("x/a.msnn.yaml"), Path("y/a.msnn.yaml")], [grid_axis("k.init=1")], [])
+    assert [each.label for each in alike] == ["x/a.msnn.yaml init=1", "y/a.msnn.yaml init=1"]
