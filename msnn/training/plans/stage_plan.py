@@ -82,6 +82,21 @@ class StagePlan:
         """Epochs after which rollouts have their whole horizon."""
         return self.phases[-1].until if self.phases else 0
 
+    @property
+    def estimates_starts(self) -> bool:
+        """Whether fitted starts are unknowns of training, together with the parameters.
+
+        Whole episodes have one start each, and least squares a place for it in their equations.
+        """
+        whole = isinstance(self.rollout.horizon, str)
+        return self.rollout.starts is not None and whole and self.optimizer.needs_squares
+
+    @property
+    def train_skip(self) -> int:
+        """Evaluations that training leaves unscored: none for starts that it estimates itself."""
+        starts = self.rollout.starts
+        return starts.skip if starts is not None and self.estimates_starts else self.rollout.skip
+
     def record(self) -> dict[str, object]:
         """The stage as plain data, for the description of a run."""
         return {
@@ -131,7 +146,7 @@ def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -
 def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> StagePlan | None:
     name = stage.name.value if stage.name is not None else f"stage_{index + 1}"
     span = stage.place.key
-    rollout = plan_rollout(program, stage.rollout, 1, findings, stage.skip_rows)
+    rollout = plan_rollout(program, stage.rollout, 1, findings, stage.skip_rows, span)
     learned = [parameter.name for parameter in program.parameters if parameter.learn]
     frozen = {
         parameter
