@@ -15,10 +15,11 @@ from msnn.data.dataset import FloatArray
 from msnn.simulation.simulate import simulate, simulation_program
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.progress import EpochEnd, Silent
+from msnn.training.records.stage_record import stage_record
 from msnn.training.records.standard_errors import standard_errors
 from msnn.training.train import TrainingInterruptedError, TrainingOptions, TrainingResult, train
 from msnn.validation.validate import validate
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.conditions import require_tool
 from tests.training.cases import compiled, dataset
 from tests.training.engine_losses import ENGINES
@@ -190,6 +191,27 @@ def test_both_engines_find_the_same_starts(stage: str) -> None:
         assert value == pytest.approx(torch.weights[name], rel=1e-8)
 
 
+def test_a_stage_of_single_steps_has_nothing_left_to_score() -> None:
+    series = records(1, 90, seed=2)
+    with pytest.raises(SpecError, match="the fit of `x` over 40 leaves nothing of a horizon of 1"):
+        trained("epochs: 1", series, [90])
+
+
+def test_a_run_says_how_its_starts_were_found() -> None:
+    program, spec = compiled(
+        f"{FITTED}train:\n  - {{rollout: 60}}\n"
+        "  - {optimizer: {levenberg_marquardt: {}}, rollout: episode}\n"
+    )
+    plans = plan_stages(program, spec.train, Findings())
+    told = [stage_record(plan)["rollout"] for plan in plans]
+    starts = [one["starts"] for one in told if isinstance(one, dict)]
+    found = {"states": ["x", "v"], "over": OVER}
+    assert starts == [
+        {**found, "with_parameters": False},
+        {**found, "with_parameters": True},
+    ]
+
+
 # ---- parameters and starts together
 
 
@@ -201,7 +223,8 @@ def least_squares_of_all(
 
     def residuals(numbers: FloatArray) -> FloatArray:
         starts = numbers[2:].reshape(-1, 2)
-        runs = [positions(*numbers[:2], s, f) for s, f in zip(starts, u, strict=True)]
+        k, d = float(numbers[0]), float(numbers[1])
+        runs = [positions(k, d, s, f) for s, f in zip(starts, u, strict=True)]
         return (np.array(runs) - q).ravel()
 
     begin = np.concatenate([[5.0, 0.2], np.stack([q[:, 0], 0 * q[:, 0]], axis=1).ravel()])
