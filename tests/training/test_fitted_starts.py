@@ -15,13 +15,14 @@ from msnn.data.dataset import FloatArray
 from msnn.simulation.simulate import simulate, simulation_program
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.progress import EpochEnd, Silent
+from msnn.training.records.stage_record import stage_record
 from msnn.training.records.standard_errors import standard_errors
 from msnn.training.train import TrainingInterruptedError, TrainingOptions, TrainingResult, train
 from msnn.validation.validate import validate
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.conditions import require_tool
 from tests.training.cases import compiled, dataset
-from tests.training.engine_losses import ENGINES
+from tests.training.engine_losses import ENGINES, losses
 from tests.training.oscillator import (
     FITTED,
     FROM_REST,
@@ -190,6 +191,83 @@ def test_both_engines_find_the_same_starts(stage: str) -> None:
         assert value == pytest.approx(torch.weights[name], rel=1e-8)
 
 
+FED_BACK = """
+msnn: 1
+name: hidden
+sample_time: 1 s
+dims: {part: 2}
+inputs: {x: m, u: m}
+targets: {w: 1}
+parameters: {a: 0.5, b: 0.1, c: {dims: part, init: [0.2, 0.3]}}
+states: {h: {dims: part, unit: m, next: "c*h + 0.4*x", init: {fit: {over: 6}}}}
+outputs:
+  y: {expr: "a*x + b*u + sum(h)", predicts: "x[t+1]", unit: m}
+  p: {expr: "2*h"}
+losses:
+  fit: {expr: "mse(y, x[t+1])", rows: w}
+  power: {expr: "mae(sum(p), u)", weight: 0.1}
+"""
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_starts_of_vectors_behind_closed_signals(engine: str) -> None:
+    """Losses of plain numpy, whose start is found by differences of what it simulates."""
+    require_tool("gcc", install="apt install gcc")
+    random = np.random.default_rng(3)
+    series = {"x": random.normal(size=14), "u": random.normal(size=14)}
+    series["w"] = np.where(np.arange(14) == 3, 0.0, random.uniform(0.5, 2, 14))
+    weights = {"a": np.array(0.5), "b": np.array(0.1), "c": np.array([0.2, 0.3])}
+    rollout = "rollout: {horizon: episode, warm_up: 4}"
+    stage = f"{rollout}, dtype: float64, engine: {engine}"
+    trained, watched, _ = losses(FED_BACK, stage, dataset(series, train=[14]), weights)
+
+    def run(start: FloatArray) -> tuple[FloatArray, FloatArray]:
+        h, seen = start.copy(), series["x"][0]
+        fit, power = np.zeros(13), np.zeros(13)
+        for t in range(13):
+            y = 0.5 * seen + 0.1 * series["u"][t] + h.sum()
+            fit[t], power[t] = y - series["x"][t + 1], 2 * h.sum() - series["u"][t]
+            h = weights["c"] * h + 0.4 * seen
+            seen = series["x"][t + 1] if t < 4 else y
+        return fit, power
+
+    def rows(start: FloatArray) -> FloatArray:
+        fit, power = run(start)
+        w = series["w"][:6]
+        return np.concatenate([np.sqrt(w / w.sum()) * fit[:6], np.sqrt(0.1 / 6) * power[:6]])
+
+    begin = rows(np.zeros(2))
+    design = np.stack([rows(one) - begin for one in np.eye(2)], axis=1)
+    best, *_ = np.linalg.lstsq(design, -begin, rcond=None)
+    fit, power = run(np.asarray(best, float))
+    w = series["w"][6:13]
+    for found in (trained, watched):
+        assert found["fit"].count == pytest.approx(w.sum(), rel=1e-12)
+        assert found["fit"].total == pytest.approx(np.sum(w * fit[6:] ** 2), rel=1e-9)
+        assert found["power"].total == pytest.approx(np.sum(np.abs(power[6:])), rel=1e-9)
+
+
+def test_a_stage_of_single_steps_has_nothing_left_to_score() -> None:
+    series = records(1, 90, seed=2)
+    with pytest.raises(SpecError, match="the fit of `x` over 40 leaves nothing of a horizon of 1"):
+        trained("epochs: 1", series, [90])
+
+
+def test_a_run_says_how_its_starts_were_found() -> None:
+    program, spec = compiled(
+        f"{FITTED}train:\n  - {{rollout: 60}}\n"
+        "  - {optimizer: {levenberg_marquardt: {}}, rollout: episode}\n"
+    )
+    plans = plan_stages(program, spec.train, Findings())
+    told = [stage_record(plan)["rollout"] for plan in plans]
+    starts = [one["starts"] for one in told if isinstance(one, dict)]
+    found = {"states": ["x", "v"], "over": OVER}
+    assert starts == [
+        {**found, "with_parameters": False},
+        {**found, "with_parameters": True},
+    ]
+
+
 # ---- parameters and starts together
 
 
@@ -201,7 +279,8 @@ def least_squares_of_all(
 
     def residuals(numbers: FloatArray) -> FloatArray:
         starts = numbers[2:].reshape(-1, 2)
-        runs = [positions(*numbers[:2], s, f) for s, f in zip(starts, u, strict=True)]
+        k, d = float(numbers[0]), float(numbers[1])
+        runs = [positions(k, d, s, f) for s, f in zip(starts, u, strict=True)]
         return (np.array(runs) - q).ravel()
 
     begin = np.concatenate([[5.0, 0.2], np.stack([q[:, 0], 0 * q[:, 0]], axis=1).ravel()])
