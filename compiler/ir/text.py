@@ -81,9 +81,12 @@ def _parameter(parameter: Parameter) -> str:
         bounds = f" in {_bounds(parameter.minimum, parameter.maximum)}"
     scale = f" scale {parameter.scale!r}" if parameter.scale != 1.0 else ""
     fixed = "" if parameter.learn else " fixed"
+    prior = ""
+    if parameter.prior is not None:
+        prior = f" prior {parameter.prior.mean!r} ± {parameter.prior.std!r}"
     return (
         f"parameter {parameter.name}: {_typed(parameter.axes, parameter.unit)}"
-        f" = {_numbers(parameter.initial)}{bounds}{scale}{fixed}"
+        f" = {_numbers(parameter.initial)}{bounds}{scale}{fixed}{prior}"
     )
 
 

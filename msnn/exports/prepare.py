@@ -6,6 +6,7 @@ from backends.ports.identifiers import c_identifier
 from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError, close_loop
 from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.prune_zero_slices import prune_zero_slices
 from compiler.passes.to_step_form import to_step_form
 from msnn.errors import workflow
 from msnn.exports.target import ExportPlan, Options, OwnEntry, Request, Target
@@ -43,15 +44,24 @@ def name_prefix(request: Request, given: Located[str] | None) -> str:
     return c_identifier(request.model.name if given is None else given.value, set())
 
 
-def step_program(request: Request, entry: TargetEntry | None) -> Program | None:
+def step_program(
+    request: Request, entry: TargetEntry | None, *, keeps_arrays: bool = False
+) -> Program | None:
     """The model's program with its loops closed and pruned to the outputs of the entry.
 
-    None where a loop cannot be closed; what is wrong with the entry is reported.
+    Slices of penalised arrays that are 0 are left out of it, unless it `keeps_arrays` as callers
+    know them. None where a loop cannot be closed; what is wrong with the entry is reported.
     """
     program = _closed(request, entry)
-    return (
-        None if program is None else to_step_form(prune_outputs(program, _outputs(request, entry)))
-    )
+    if program is None:
+        return None
+    penalised = {loss.penalty.parameter for loss in program.losses if loss.penalty is not None}
+    program = prune_outputs(program, _outputs(request, entry))
+    if request.weights is not None and penalised and not keeps_arrays:
+        pruned = prune_zero_slices(program, request.weights, penalised)
+        request.cuts.extend(pruned.cuts)
+        program = pruned.program
+    return to_step_form(program)
 
 
 def loop_fault(error: LoopError, place: Span | None) -> Diagnostic:

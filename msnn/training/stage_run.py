@@ -13,6 +13,7 @@ from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError
 from msnn.training.monitor import loss_values, monitor, weighted_total
 from msnn.training.pace import Pace
 from msnn.training.plans.epoch_order import order_key
+from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
 from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
@@ -45,6 +46,8 @@ class StageRun:
     sums: LossSums | None = None
     left_out: int = 0
     """Batches of the present epoch without a step."""
+    spread: float = 0.0
+    """ŝ²/n of the present epoch."""
     reductions: Reductions = NO_REDUCTIONS
     _began: float = field(init=False, default_factory=time.monotonic)
     _watching: float = field(init=False, default=0.0)
@@ -57,7 +60,7 @@ class StageRun:
         self.best_value, self.best_epoch = place.best_value, place.best_epoch
         self.best, self.sums, self.left_out = place.best, place.sums, place.left_out
         self.engine.has_left_out = place.left_out > 0  # is said when the epoch ends
-        self.reductions = place.reductions
+        self.reductions, self.spread = place.reductions, place.spread
         self._began = time.monotonic() - place.seconds
 
     def run(self) -> StageResult:
@@ -105,6 +108,7 @@ class StageRun:
             best=self.best,
             engine=self.engine.state(),
             reductions=self.reductions,
+            spread=self.spread,
             seconds=self._seconds,
         )
 
@@ -140,7 +144,9 @@ class StageRun:
     def _run_epoch(self, runs: Runs, rate: float, pace: Pace) -> LossSums:
         key = order_key(self.plan.seed, self.plan.index, self.epoch, self.attempt)
         order = self.engine.order(len(runs), key)
-        self.engine.begin_epoch(self.epoch, rate, self.attempt)
+        if self.batch == 0:
+            self.spread = self._spread(runs)
+        self.engine.begin_epoch(self.epoch, rate, self.attempt, self.spread)
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
         # a last batch that is smaller is the same as one filled up with members of weight 0
@@ -159,6 +165,12 @@ class StageRun:
         if count and self.left_out == count:  # it would do the same for ever
             raise NonFiniteLossError(runs)
         return sums
+
+    def _spread(self, runs: Runs) -> float:
+        """ŝ²/n as the epoch before has left it, by which priors count."""
+        if not has_priors(self.plan):
+            return 0.0
+        return residuals_of(self.plan, self.engine.measure(runs), runs).spread
 
     def _keep_if_best(self, value: float) -> None:
         first_finite = np.isfinite(value) and not np.isfinite(self.best_value)

@@ -37,6 +37,7 @@ from msnn.training.records.safekeeping import Safekeeping
 from msnn.training.records.standard_errors import standard_errors
 from msnn.training.records.tensorboard_curves import Curves, require_tensorboard
 from msnn.training.records.training_options import TrainingOptions
+from msnn.training.records.zero_slices import zero_slices
 from msnn.training.stage_run import Interrupted, StageRun
 from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.training_result import (
@@ -134,7 +135,8 @@ class _Run:
         spread = standard_errors(self.stages[-1][0], self.data, now.begin)
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
         said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
-        self.progress.run_ended("finished", said)
+        zero = zero_slices(self.program, now.begin)
+        self.progress.run_ended("finished", said, zero)
         if self.options.fold is None:
             self.folder.checkpoint.unlink(missing_ok=True)
         return replace(self._result(now.begin, now), standard_errors=spread)

@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, TypeAlias
 from pydantic import ValidationInfo, model_validator
 
 from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import knowledge
 from spec_schema.errors import schema as errors
 from spec_schema.errors import units as unit_errors
 from spec_schema.expressions.tree import Expression
@@ -156,6 +157,23 @@ class Constant(Entry):
         return _with_split_unit(super().canonical(node, findings), "value", findings)
 
 
+class Prior(Entry):
+    """What is known of a parameter before the data: the normal distribution of each number."""
+
+    noun: ClassVar[str] = "a prior"
+
+    mean: QuantityField
+    """Where it is expected."""
+    std: QuantityField
+    """How far from there it may well be: its standard deviation."""
+
+    @model_validator(mode="after")
+    def _is_spread(self, info: ValidationInfo) -> "Prior":
+        if self.std.value <= 0:
+            findings_of(info).report(knowledge.narrow_prior(self.std.text, self.std.span))
+        return self
+
+
 class Parameter(Entry):
     """A learnable value; `scale` is what the optimiser divides it by."""
 
@@ -174,11 +192,19 @@ class Parameter(Entry):
     """Typical size; the optimiser works on the value divided by it."""
     learn: Switch = True
     """Whether training changes it."""
+    prior: Prior | None = None
+    """What is known of it before the data."""
     doc: Text | None = None
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
         return _with_split_unit(super().canonical(node, findings), "init", findings)
+
+    @model_validator(mode="after")
+    def _prior_is_learned(self, info: ValidationInfo) -> "Parameter":
+        if self.prior is not None and not self.learn:
+            findings_of(info).report(knowledge.prior_of_a_constant(self.prior.place.key))
+        return self
 
 
 def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:

@@ -27,10 +27,10 @@ def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
         request.findings.report(workflow.untimed_library(entry.place.key))
     if entry is not None and entry.is_fixed_point:
         return FIXED_POINT.prepare(request, entry)
-    step = step_program(request, entry)
+    options = _options(request, entry)
+    step = step_program(request, entry, keeps_arrays=options.params == "tunable")
     if step is None:
         return None
-    options = _options(request, entry)
     if options.extras:
         # its vector x holds samples of signals, not what retiming makes of them
         step = settle_zeros(step)

@@ -9,20 +9,22 @@ Residuals whose slopes are infinite have no share in A and g, but one in F.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from backends.gauss_newton_products import Products
+from backends.known_terms import corners
 from backends.raw_parameters import physical_slope, physical_value, raw_value
 from compiler.ir.program import Parameter
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
+from msnn.training.engines.damped_steps import DampedModel
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
-from msnn.training.engines.quadratic_terms import quadratic_terms
+from msnn.training.engines.quadratic_terms import QuadraticTerms, quadratic_terms
 from msnn.training.engines.squares import Squares, loss_sums_of
 from msnn.training.plans.epoch_order import shuffled
+from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.sections.training.optimizers import LevenbergMarquardt
 
@@ -30,24 +32,6 @@ NAME = "levenberg_marquardt"
 
 _MOST_DAMPING = 1e16
 """Times the curvature: a step that is so much shorter is lost in the rounding of the variables."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Model:
-    """The total near the raw variables: F + 2gᵀδ + δᵀAδ, in variables scaled by 1/√D."""
-
-    total: float
-    slope: FloatArray
-    curvatures: FloatArray
-    """Eigenvalues of A, none below 0."""
-    directions: FloatArray
-    """Their eigenvectors, in columns."""
-
-    def step(self, damping: float) -> tuple[FloatArray, float]:
-        """The scaled step at this damping, and how much the model of the total falls by it."""
-        along = -(self.directions.T @ self.slope) / (self.curvatures + damping)
-        fall = float(np.sum(along * along * (self.curvatures + 2.0 * damping)))
-        return self.directions @ along, fall
 
 
 class LevenbergMarquardtEngine:
@@ -76,6 +60,8 @@ class LevenbergMarquardtEngine:
             p.name for p, (_, off) in zip(self._parameters, raws, strict=True) if off
         )
         self._raw = np.concatenate([raw.ravel() for raw, _ in raws])
+        self._known = known_of(plan, self._parameters)
+        self._spread = 0.0
         self._largest = np.zeros_like(self._raw)
         self._damping = self._options.damping
         self._growth = 2.0
@@ -92,8 +78,13 @@ class LevenbergMarquardtEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return self._weights_at(self._raw)
 
-    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
-        """Nothing: it leaves nothing out, as its steps compare totals, and has no rate."""
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
+        """Takes how priors count; it leaves nothing out, as its steps compare totals."""
+        self._spread = spread
+
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on at the current weights."""
+        return self._squares.train_costs(runs, self.weights())
 
     def train_batches(
         self,
@@ -157,7 +148,8 @@ class LevenbergMarquardtEngine:
 
     def _is_model(self, products: Mapping[str, Products]) -> bool:
         """Whether a next step follows from these."""
-        return self._is_finite(products) and not _nothing_left(self._counting(products))
+        counting = self._counting(products).values()
+        return self._is_finite(products) and not (counting and _nothing_left(counting))
 
     def _is_finite(self, products: Mapping[str, Products]) -> bool:
         """Whether a step can be made of these; rows of losses that do not count may be anything."""
@@ -165,17 +157,17 @@ class LevenbergMarquardtEngine:
             np.isfinite(one.cost)
             and np.isfinite(one.slope).all()
             and np.isfinite(one.curvature).all()
-            for one in self._counting(products)
+            for one in self._counting(products).values()
         )
 
     def _note_left_out(self, products: Mapping[str, Products]) -> None:
-        counting = self._counting(products)
+        counting = list(self._counting(products).values())
         self.has_left_out = self.has_left_out or any(one.left_out for one in counting)
         self.left_out = int(bool(counting) and _nothing_left(counting))
 
     def _without_slopes(self, products: Mapping[str, Products]) -> tuple[str, ...]:
         """The parameters in which a loss has no finite slope though its value is one."""
-        counting = self._counting(products)
+        counting = list(self._counting(products).values())
         if not all(np.isfinite(one.cost) for one in counting):
             return ()
         bad = np.zeros(len(self._raw), bool)
@@ -183,38 +175,49 @@ class LevenbergMarquardtEngine:
             bad |= ~np.isfinite(one.slope) | ~np.isfinite(np.diagonal(one.curvature))
         return tuple(p.name for p, part in self._parts(bad) if part.any())
 
-    def _counting(self, products: Mapping[str, Products]) -> list[Products]:
-        return [
-            products[name]
-            for name, weight in self._plan.loss_weights.items()
-            if weight and products[name].count
-        ]
+    def _counting(self, products: Mapping[str, Products]) -> dict[str, Products]:
+        """Those of the losses that count; penalties have none."""
+        return {
+            loss.name: products[loss.name]
+            for loss in self._plan.rollout.program.losses
+            if self._plan.loss_weights[loss.name]
+            and loss.penalty is None
+            and products[loss.name].count
+        }
 
-    def _model(self, products: Mapping[str, Products]) -> _Model:
+    def _model(self, products: Mapping[str, Products]) -> DampedModel:
         physical_by_raw = self._slopes_of_physical()
         slope, curvature = np.zeros_like(self._raw), np.zeros((len(self._raw),) * 2)
         total = 0.0
-        for name, weight in self._plan.loss_weights.items():
-            found = products[name]
-            if weight and found.count:
-                share = weight / found.count
-                total += share * found.cost
-                slope += share * found.slope * physical_by_raw
-                curvature += share * found.curvature * np.outer(physical_by_raw, physical_by_raw)
-        known = quadratic_terms(self._raw, self._plan.weight_decay)
-        total += known.value
+        for name, found in self._counting(products).items():
+            share = self._plan.loss_weights[name] / found.count
+            total += share * found.cost
+            slope += share * found.slope * physical_by_raw
+            curvature += share * found.curvature * np.outer(physical_by_raw, physical_by_raw)
+        known = self._quadratic_terms(self._raw)
+        total += known.value + corners(self._known, self._raw)
         slope += known.slope
         curvature += np.diag(known.curvature)
         self._largest = np.maximum(self._largest, np.diagonal(curvature))
         scale = self._scale()
         values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
-        return _Model(total, slope * scale, np.maximum(values, 0.0), vectors)
+        return DampedModel(
+            total=total,
+            raw=self._raw,
+            scale=scale,
+            slope=slope * scale,
+            curvatures=np.maximum(values, 0.0),
+            directions=vectors,
+            known=self._known,
+        )
 
-    def _descend(self, runs: Runs, model: _Model) -> None:
+    def _quadratic_terms(self, raw: FloatArray) -> QuadraticTerms:
+        return quadratic_terms(self._known, raw, self._plan.weight_decay, self._spread)
+
+    def _descend(self, runs: Runs, model: DampedModel) -> None:
         """Takes the first step that lowers the total, shorter ones until one does."""
         while self._damping < _MOST_DAMPING:
-            scaled, fall = model.step(self._damping)
-            step = scaled * self._scale()
+            step, fall = model.step(self._damping)
             if fall <= np.finfo(float).eps * model.total or not step.any():
                 break
             trial = self._raw + step
@@ -249,7 +252,7 @@ class LevenbergMarquardtEngine:
             for name, weight in self._plan.loss_weights.items()
             if weight and sums[name].count
         )
-        return losses + quadratic_terms(raw, self._plan.weight_decay).value
+        return losses + self._quadratic_terms(raw).value
 
     def _scale(self) -> FloatArray:
         """1/√D; 1 in a variable that no residual depends on."""
@@ -275,7 +278,7 @@ class LevenbergMarquardtEngine:
         ]
 
 
-def _nothing_left(products: Sequence[Products]) -> bool:
+def _nothing_left(products: Collection[Products]) -> bool:
     """Whether the slopes of everything that is scored are infinite."""
     return all(one.left_out == one.count for one in products)
 

@@ -91,12 +91,14 @@ class NotedProgress:
         self,
         state: Literal["finished", "interrupted", "diverged"],
         said: Sequence[Diagnostic] = (),
+        zero: Sequence[Mapping[str, Any]] = (),
     ) -> None:
-        """Keeps how the run ended, and what is said of it at the end."""
+        """Keeps how the run ended, what is said of it at the end, and which slices are 0."""
         for diagnostic in said:
             self._note(diagnostic)
         if self._folder is not None:
-            self._folder.write_end({"state": state, **self._lines()})
+            found = {"zero_slices": list(zero)} if zero else {}
+            self._folder.write_end({"state": state, **self._lines(), **found})
 
     def keep(self) -> None:
         """Keeps what was said so far, for a run that may be killed."""

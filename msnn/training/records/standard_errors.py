@@ -3,7 +3,9 @@
 Near the minimum of the total F = Σ cₗ rₗᵀrₗ the estimate is linear in the noise of the residuals:
 cov θ = H⁻¹ (Σ cₗ² σₗ² JₗᵀJₗ) H⁻¹ with H = Σ cₗ JₗᵀJₗ and σₗ² = rₗᵀrₗ / (nₗ − pₗ), where
 pₗ = tr(H⁻¹ cₗ JₗᵀJₗ) are the parameters that loss l determines. With one loss this is
-σ²(JᵀJ)⁻¹, σ² = rᵀr / (n − p) (Ljung, System Identification, 1999, ch. 9). The residuals are taken
+σ²(JᵀJ)⁻¹, σ² = rᵀr / (n − p) (Ljung, System Identification, 1999, ch. 9). A prior is one more
+residual, (p − mean)/std of variance 1 with c = ŝ²/n, which makes it the posterior covariance.
+Numbers that a penalty holds at 0 have no errors, nor have those at bounds. The residuals are taken
 as white: rows that are correlated say less than they seem to, and the errors come out too small.
 """
 
@@ -16,15 +18,18 @@ import numpy as np
 
 from backends.files.c_compiler import CompilerMissingError
 from backends.gauss_newton_products import Products
+from backends.known_terms import KnownTerms, in_corners
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
 from compiler.ir.program import Loss, Measure, Parameter, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.scored import scored_rows
 from msnn.data.starts import Runs
+from msnn.simulation.rollout import LossSum
 from msnn.simulation.rollout_plan import set_rollouts
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.squares import Squares
+from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
@@ -148,19 +153,23 @@ def _estimated(
     weights: Mapping[str, FloatArray],
     products: Mapping[str, Products],
 ) -> StandardErrors:
+    known = known_of(plan, parameters)
     held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
+    held |= in_corners(known, np.concatenate([weights[p.name].ravel() for p in parameters]))
     free = np.flatnonzero(~held)
     names = [n for p in parameters for n in _number_names(p.name, weights[p.name].shape)]
     shares = {name: _share(plan, name, one) for name, one in products.items() if one.count}
     curvatures = {
         name: share * products[name].curvature[np.ix_(free, free)] for name, share in shares.items()
     }
-    total = sum(curvatures.values(), np.zeros((len(free), len(free))))
+    prior = _prior_curvature(plan, known, products)[free]
+    total = sum(curvatures.values(), np.diag(prior[:, 0]))
     inverse, nothing = _inverted(total)
     # the residuals of a penalty such as l2(w) are no measurements: it has no noise
     measured = {loss.name for loss in plan.rollout.program.losses if loss.target is not None}
     noise: dict[str, float] = {}
-    spread = np.zeros_like(total)
+    # the deviation from a prior is one more residual, whose variance is known: 1
+    spread = np.diag(prior[:, 1])
     for name in measured & curvatures.keys():
         one, curvature = products[name], curvatures[name]
         freedom = one.count - one.left_out - float(np.sum(inverse * curvature))
@@ -182,6 +191,17 @@ def _estimated(
         noise=noise,
         residuals=sum(products[name].count - products[name].left_out for name in noise),
     )
+
+
+def _prior_curvature(
+    plan: StagePlan, known: KnownTerms, products: Mapping[str, Products]
+) -> FloatArray:
+    """What the prior of each number adds to H, and to the variance of the slope."""
+    residuals = [one for one in products.values() if one.count]
+    sums = {name: LossSum(one.cost, one.count) for name, one in products.items()}
+    weight = square_by_count(plan, sums) if residuals else 0.0
+    slope = np.where(known.std > 0, 1.0 / np.where(known.std > 0, known.std, 1.0), 0.0)
+    return np.stack([weight * slope**2, (weight * slope) ** 2], axis=1)
 
 
 def _share(plan: StagePlan, name: str, found: Products) -> float:

@@ -31,6 +31,8 @@ class OptimizerOptions(Entry):
     """Whether each step takes all starts, unless a stage gives its `batch`."""
     takes_factors: ClassVar[bool] = True
     """Whether single parameters can have steps of another length."""
+    reaches_corners: ClassVar[bool] = True
+    """Whether its steps can end exactly where a penalty has a corner: at 0 (decision 0215)."""
     needs_squares: ClassVar[bool] = False
     """Whether it takes the residuals of losses that are sums of squares, in float64."""
 
@@ -83,6 +85,7 @@ class Lbfgs(OptimizerOptions):
     steps_by = "torch"
     takes_all_starts = True
     takes_factors = False
+    reaches_corners = False
 
     lr: PositiveNumber = 1.0
     """Step length of the optimiser."""
@@ -122,6 +125,7 @@ class TorchOptimizer(OptimizerOptions):
     noun: ClassVar[str] = "the torch optimizer"
     shorthand: ClassVar[str | None] = "name"
     steps_by = "torch"
+    reaches_corners = False
 
     name: LocatedText
     """Class of torch.optim, such as `RAdam`."""

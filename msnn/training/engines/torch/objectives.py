@@ -20,7 +20,12 @@ from msnn.simulation.rollout import LossSum
 from msnn.training.engines.dropout_masks import with_all_kept
 from msnn.training.engines.engine import LossSums
 from msnn.training.engines.native.kernel_check import check_if_fresh, check_kernel
-from msnn.training.engines.torch.torch_losses import batch_losses, evaluated, scoring
+from msnn.training.engines.torch.torch_losses import (
+    TorchScoring,
+    batch_losses,
+    evaluated,
+    scoring,
+)
 from msnn.training.plans.stage_plan import StagePlan
 
 RowsByLoss = Mapping[str, BoolArray]
@@ -56,6 +61,10 @@ class Objective(Protocol):
         """The losses of rollouts on the rows that are watched, without slopes."""
         ...
 
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on, nothing left out of them, without slopes."""
+        ...
+
 
 class TorchObjective:
     """Unrolls the program's module."""
@@ -71,6 +80,8 @@ class TorchObjective:
         self._model, self._plan = model, plan
         self.has_infinite_slopes = training_step(plan.program).has_infinite_slopes
         series = with_all_kept(series, plan.masks)
+        self._series, self._train_rows = series, train_rows
+        self._measured: TorchScoring | None = None
         own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
         self._train = scoring(model, own, plan.rollout.skip, train_rows)
         self._evaluation = scoring(model, series, plan.rollout.skip, evaluation_rows)
@@ -86,11 +97,11 @@ class TorchObjective:
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""
         sums = batch_losses(self._model, self._train, runs)
-        measures = _measures(self._plan)
         terms = [
-            weight * sums[name].value(measures[name])
-            for name, weight in self._plan.loss_weights.items()
-            if weight
+            weight * (value if loss.penalty is None else value.detach())
+            for loss in self._plan.program.losses
+            if (weight := self._plan.loss_weights[loss.name])
+            for value in (sums[loss.name].value(loss.measure),)
         ]
         numbers = {name: found.numbers() for name, found in sums.items()}
         return Scored(torch.stack(terms).sum(), numbers)
@@ -98,6 +109,13 @@ class TorchObjective:
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of rollouts on the rows that are watched, without slopes."""
         return evaluated(self._model, self._evaluation, runs)
+
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on, nothing left out of them, without slopes."""
+        if self._measured is None:
+            skip, rows = self._plan.rollout.skip, self._train_rows
+            self._measured = scoring(self._model, self._series, skip, rows)
+        return evaluated(self._model, self._measured, runs)
 
 
 class KernelObjective:
@@ -113,6 +131,8 @@ class KernelObjective:
     ) -> None:
         series = with_all_kept(series, plan.masks)
         self._model, self._plan, self._series = model, plan, series
+        self._train_rows = train_rows
+        self._measured: KernelData | None = None
         self._kernel = Kernel(plan.program, plan.dtype, plan.threads)
         self.has_infinite_slopes = self._kernel.source.has_infinite_slopes
         own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
@@ -139,9 +159,19 @@ class KernelObjective:
 
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of rollouts on the rows that are watched, without slopes."""
+        return self._evaluated(self._evaluation, runs)
+
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on, nothing left out of them, without slopes."""
+        if self._measured is None:
+            skip, rows = self._plan.rollout.skip, self._train_rows
+            self._measured = self._kernel.data(self._series, skip, rows)
+        return self._evaluated(self._measured, runs)
+
+    def _evaluated(self, data: KernelData, runs: Runs) -> LossSums:
         losses: LossSums = {}
         with torch.no_grad():
-            self.value_and_slope(self._physical(), self._evaluation, runs, losses, slope=False)
+            self.value_and_slope(self._physical(), data, runs, losses, slope=False)
         return losses
 
     def value_and_slope(
