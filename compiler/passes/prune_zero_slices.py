@@ -21,11 +21,13 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """The elements of an array that are kept along one of its axes."""
+    """What is kept of an array along one of its axes."""
 
     parameter: str
     position: int
     """Of the axis."""
+    size: int
+    """How many elements there are."""
     kept: Kept
 
 
@@ -82,7 +84,11 @@ def prune_zero_slices(
     small = replace(small, parameters=parameters, expected=step.expected(program.expected))
     small = drop_unused(share_common(fold_constants(small)))
     left = {parameter.name for parameter in small.parameters}
-    found = [Cut(name, at, kept) for (name, at), kept in chosen.items() if name in left]
+    found = [
+        Cut(name, at, program.parameter(name).axes[at].size, kept)
+        for (name, at), kept in chosen.items()
+        if name in left
+    ]
     return Pruned(small, tuple(found))
 
 

@@ -9,7 +9,5 @@ def left_out(plan: AnyPlan) -> str:
     """One line; empty where everything is there."""
     if not plan.cuts:
         return ""
-    kept = ", ".join(
-        f"{cut.parameter} axis {cut.position + 1}: {len(cut.kept)}" for cut in plan.cuts
-    )
-    return f"without slices that are 0, of which is kept: {kept}"
+    kept = ", ".join(f"{len(cut.kept)} of {cut.size} in {cut.parameter}" for cut in plan.cuts)
+    return f"without slices that are 0: kept are {kept}"
