@@ -108,11 +108,14 @@ class Parameter:
     minimum: float | None = None
     maximum: float | None = None
     scale: float = 1.0
+    """What the raw variable of a value is a multiple of."""
     learn: bool = True
     statistic: Statistic | None = None
     """Where the value comes from if not from `initial`, which is only where nothing is known."""
     prior: Prior | None = None
     """In its unit."""
+    scales_by_data: bool = False
+    """Whether training takes the scale from its data."""
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
 

@@ -201,7 +201,8 @@ class SelectedElements:
         kept = chosen.get(axis)
         if kept is None:
             return builder.concat(args, axis) if len(args) > 1 else args[0]
-        begin, used = 0, []
+        begin = 0
+        used: list[NodeId] = []
         for arg, made in zip(node.args, args, strict=True):
             size = _size(self._graph[arg], axis)
             if any(begin <= i < begin + size for i in kept):

@@ -24,6 +24,7 @@ from msnn.training.plans.epoch_order import order_key, shuffled
 from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
 from msnn.training.plans.stage_data import StageData, stage_data
 from msnn.training.plans.stage_plan import StagePlan, plan_stages, with_slopes_alone
+from msnn.training.starts.data_scales import with_data_scales
 from msnn.training.starts.initial_weights_of_run import first_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.sections.training.training import Stage
@@ -49,7 +50,7 @@ def stage_loss(
     findings.raise_errors()
     assert runs is not None
     first = first_weights(program, data) if weights is None else weights
-    return StageLoss(plans[number], data, runs, first)
+    return StageLoss(with_data_scales(plans, data, first)[number], data, runs, first)
 
 
 class StageLoss(nn.Module):

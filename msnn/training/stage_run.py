@@ -18,6 +18,7 @@ from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_e
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.rate_search import searched_rate
 from msnn.training.records.checkpoint import TrainingPosition
 from msnn.training.records.progress import EpochEnd
 
@@ -46,6 +47,10 @@ class StageRun:
     sums: LossSums | None = None
     left_out: int = 0
     """Batches of the present epoch without a step."""
+    found_rate: float = 1.0
+    """The learning rate where it is searched, else 1."""
+    rate_found: Callable[[float], None] = lambda rate: None
+    """Hears of a rate that was searched."""
     spread: float = 0.0
     """ŝ²/n of the present epoch."""
     reductions: Reductions = NO_REDUCTIONS
@@ -61,6 +66,7 @@ class StageRun:
         self.best, self.sums, self.left_out = place.best, place.sums, place.left_out
         self.engine.has_left_out = place.left_out > 0  # is said when the epoch ends
         self.reductions, self.spread = place.reductions, place.spread
+        self.found_rate = place.found_rate
         self._began = time.monotonic() - place.seconds
 
     def run(self) -> StageResult:
@@ -71,6 +77,7 @@ class StageRun:
         if self.best is None:
             self._began = time.monotonic()
             self._keep_if_best(self._monitor())
+            self._search_rate()
         pace = Pace(self.engine.batches_a_call)
         while (reason := self._reason_to_end()) is None:
             runs, rate = self.data.in_epoch(self.epoch), self._rate()
@@ -109,6 +116,7 @@ class StageRun:
             engine=self.engine.state(),
             reductions=self.reductions,
             spread=self.spread,
+            found_rate=self.found_rate,
             seconds=self._seconds,
         )
 
@@ -133,7 +141,15 @@ class StageRun:
     def _rate(self) -> float:
         """What learning rates are multiplied by in the next epoch."""
         plan = self.plan
-        return rate_factor(plan.schedule, self.epoch, plan.epochs, self.reductions)
+        factor = rate_factor(plan.schedule, self.epoch, plan.epochs, self.reductions)
+        return self.found_rate * factor
+
+    def _search_rate(self) -> None:
+        if self.plan.searches_rate:
+            runs = self.data.in_epoch(0)
+            spread = self._spread(runs)
+            self.found_rate = searched_rate(self.plan, self.engine, runs, self.attempt, spread)
+            self.rate_found(self.found_rate)
 
     def _monitor(self) -> float:
         began = time.monotonic()

@@ -1,6 +1,6 @@
 """The values a spec names: constants, parameters with their initial values, functions."""
 
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import ValidationInfo, model_validator
 
@@ -9,7 +9,7 @@ from spec_schema.errors import knowledge
 from spec_schema.errors import schema as errors
 from spec_schema.errors import units as unit_errors
 from spec_schema.expressions.tree import Expression
-from spec_schema.fields.entry import Entry, Variant, findings_of, single_key
+from spec_schema.fields.entry import Entry, RefusedError, Variant, findings_of, single_key
 from spec_schema.fields.formulas import ArrayField, ExpressionField
 from spec_schema.fields.located import Located
 from spec_schema.fields.plain import (
@@ -17,12 +17,13 @@ from spec_schema.fields.plain import (
     LocatedText,
     NewName,
     NonNegativeNumber,
-    PositiveNumber,
     Reference,
     References,
     Switch,
     Text,
     number,
+    read_number,
+    reads,
 )
 from spec_schema.fields.quantities import QuantityField, UnitField, split_quantity
 from spec_schema.yaml_tree.nodes import Node, Scalar, Table
@@ -174,6 +175,27 @@ class Prior(Entry):
         return self
 
 
+OfData: TypeAlias = Literal["data"]
+
+
+def _read_scale(node: Node, findings: Findings) -> float | OfData:
+    if isinstance(node, Scalar) and node.text == "data":
+        return "data"
+    value = read_number(node, findings)
+    if value <= 0:
+        findings.report(errors.out_of_range(f"{value:g}", node.span, "above 0, or `data`"))
+        raise RefusedError
+    return value
+
+
+_SCALE = {
+    "type": ["number", "string"],
+    "exclusiveMinimum": 0,
+    "pattern": "^data$",
+    "examples": ["data"],
+}
+
+
 class Parameter(Entry):
     """A learnable value; `scale` is what the optimiser divides it by."""
 
@@ -188,8 +210,8 @@ class Parameter(Entry):
     """Bound that training never goes above."""
     unit: UnitField | None = None
     dims: References = ()
-    scale: PositiveNumber | None = None
-    """Typical size; the optimiser works on the value divided by it."""
+    scale: Annotated[float | OfData, reads(_read_scale, _SCALE)] | None = None
+    """Typical size, or `data`; the optimiser works on the value divided by it."""
     learn: Switch = True
     """Whether training changes it."""
     prior: Prior | None = None

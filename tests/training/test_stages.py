@@ -182,8 +182,11 @@ class Counting:
     def weights(self) -> dict[str, np.ndarray]:
         return {}
 
-    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
-        del epoch, rate, attempt
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
+        del epoch, rate, attempt, spread
+
+    def measure(self, runs: Runs) -> dict[str, LossSum]:
+        return self.evaluate(runs)
 
     def train_batches(
         self,

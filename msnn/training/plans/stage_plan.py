@@ -49,7 +49,9 @@ class StagePlan:
     """None: all starts at once."""
     optimizer: OptimizerChoice
     lr: float | None
-    """None where the optimiser has none."""
+    """None where the optimiser has none; 1 where it is searched, as a factor of that."""
+    searches_rate: bool
+    """Whether the learning rate is found before the first epoch."""
     rollout: RolloutPlan
     program: Program
     """What engines train: that of the rollout with its dropout drawn."""
@@ -100,6 +102,7 @@ class StagePlan:
             "losses": dict(self.loss_weights),
             "trained": list(self.trained),
             "priors": self._priors(),
+            "scales": self._scales(),
             "lr": dict(self.lr_factors),
             "schedule": None if self.schedule is None else _variant(self.schedule),
             "clip": self.clip,
@@ -114,6 +117,10 @@ class StagePlan:
             "reproducible": self.reproducible,
             "starts": self.attempts,
         }
+
+    def _scales(self) -> dict[str, object]:
+        moved = (self.program.parameter(name) for name in self.trained)
+        return {p.name: p.scale for p in moved if p.scales_by_data}
 
     def _priors(self) -> dict[str, object]:
         moved = (self.program.parameter(name) for name in self.trained)
@@ -206,6 +213,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         batch=None if all_at_once else stage.batch,
         optimizer=optimizer,
         lr=_rate(program, stage, trained, findings),
+        searches_rate=getattr(optimizer, "lr", None) == "auto",
         rollout=rollout,
         program=drawn.program,
         masks=drawn.masks,
@@ -232,10 +240,10 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
 def _rate(
     program: Program, stage: Stage, trained: Sequence[str], findings: Findings
 ) -> float | None:
-    """The learning rate of the optimiser; None where each step has its own length."""
+    """The learning rate, 1 where it is searched; None where each step has its own length."""
     match stage.optimizer.choice:
         case Adam(lr=lr) | AdamW(lr=lr) | Sgd(lr=lr) | Lbfgs(lr=lr):
-            return lr
+            return 1.0 if lr == "auto" else lr
         case TorchOptimizer() as optimizer:
             moved = [program.parameter(name) for name in trained]
             return check_torch_optimizer(optimizer, stage.weight_decay, moved, findings)

@@ -45,6 +45,8 @@ class TrainingPosition:
     """Of the learning rate so far."""
     spread: float
     """By which priors count in the present epoch."""
+    found_rate: float
+    """The learning rate where it was searched, else 1."""
     seconds: float
     """Since the attempt began, without the time between an end and going on."""
 
@@ -94,6 +96,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
             "best_epoch": place.best_epoch,
             "engine": place.engine.structure,
             "spread": place.spread,
+            "found_rate": place.found_rate,
             "reductions": [place.reductions.count, place.reductions.epoch],
             "seconds": place.seconds,
         }
@@ -137,6 +140,7 @@ def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Train
         best=_below("best", arrays),
         engine=EngineState(_below("engine", arrays), record["engine"]),
         spread=float(record["spread"]),
+        found_rate=float(record["found_rate"]),
         reductions=Reductions(*map(int, record["reductions"])),
         seconds=float(record["seconds"]),
     )

@@ -19,8 +19,7 @@ import numpy as np
 from backends.files.c_compiler import CompilerMissingError
 from backends.gauss_newton_products import Products
 from backends.known_terms import KnownTerms, in_corners
-from compiler.differentiation.sums_of_squares import is_sum_of_squares
-from compiler.ir.program import Loss, Measure, Parameter, Program
+from compiler.ir.program import Measure, Parameter
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.scored import scored_rows
 from msnn.data.starts import Runs
@@ -30,6 +29,7 @@ from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.squares import Squares
 from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
+from msnn.training.plans.squared_losses import squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
@@ -72,7 +72,7 @@ def standard_errors(
     Rollouts are those of the stage, a horizon apart, so that each row counts once. `huber` and
     `rmse` count as mse; losses that are no sums of squares are left out.
     """
-    program = _squared(plan.rollout.program, plan)
+    program = squared(plan.rollout.program, plan.loss_weights)
     parameters = [program.parameter(name) for name in plan.trained]
     numbers = sum(weights[p.name].size for p in parameters)
     if not any(loss.target is not None for loss in program.losses):
@@ -103,18 +103,6 @@ def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
 
 def _none(reason: str) -> StandardErrors:
     return StandardErrors(errors={}, unidentified=(), noise={}, residuals=0, reason=reason)
-
-
-def _squared(program: Program, plan: StagePlan) -> Program:
-    """The program with the losses that count, each as mse."""
-    losses: list[Loss] = []
-    for loss in program.losses:
-        if loss.measure is Measure.RMSE or is_sum_of_squares(program.step, loss):
-            compared = loss.target is not None
-            measure = Measure.MSE if compared else loss.measure
-            if plan.loss_weights[loss.name]:
-                losses.append(replace(loss, measure=measure))
-    return replace(program, losses=tuple(losses))
 
 
 def _squares(

@@ -14,12 +14,34 @@ from spec_schema.fields.plain import (
     PositiveCount,
     PositiveNumber,
     number,
+    read_number,
     reads,
     scalar,
 )
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, kind
 
 _BelowOne = Annotated[float, number(least=0.0, most=1.0)]
+
+FromSearch: TypeAlias = Literal["auto"]
+
+
+def _read_rate(node: Node, findings: Findings) -> float | FromSearch:
+    if isinstance(node, Scalar) and node.text == "auto":
+        return "auto"
+    value = read_number(node, findings)
+    if value <= 0:
+        findings.report(errors.out_of_range(f"{value:g}", node.span, "above 0, or `auto`"))
+        raise RefusedError
+    return value
+
+
+_RATE = {
+    "type": ["number", "string"],
+    "exclusiveMinimum": 0,
+    "pattern": "^auto$",
+    "examples": ["auto"],
+}
+_Rate = Annotated[float | FromSearch, reads(_read_rate, _RATE)]
 
 
 class OptimizerOptions(Entry):
@@ -42,8 +64,8 @@ class Adam(OptimizerOptions):
 
     noun: ClassVar[str] = "the adam optimizer"
 
-    lr: PositiveNumber = 1e-3
-    """Step length of the optimiser."""
+    lr: _Rate = 1e-3
+    """Step length of the optimiser; `auto` tries many before the first epoch."""
     beta1: _BelowOne = 0.9
     """Decay of the mean."""
     beta2: _BelowOne = 0.999
@@ -57,8 +79,8 @@ class AdamW(OptimizerOptions):
 
     noun: ClassVar[str] = "the adamw optimizer"
 
-    lr: PositiveNumber = 1e-3
-    """Step length of the optimiser."""
+    lr: _Rate = 1e-3
+    """Step length of the optimiser; `auto` tries many before the first epoch."""
     beta1: _BelowOne = 0.9
     """Decay of the mean."""
     beta2: _BelowOne = 0.999
@@ -72,8 +94,8 @@ class Sgd(OptimizerOptions):
 
     noun: ClassVar[str] = "the sgd optimizer"
 
-    lr: PositiveNumber = 1e-2
-    """Step length of the optimiser."""
+    lr: _Rate = 1e-2
+    """Step length of the optimiser; `auto` tries many before the first epoch."""
     momentum: _BelowOne = 0.0
     """How much of the last step is kept."""
 

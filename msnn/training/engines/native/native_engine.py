@@ -164,13 +164,14 @@ class NativeEngine:
 
 def _rule(plan: StagePlan) -> tuple[Rule, float]:
     """The optimiser of the stage and its learning rate."""
-    decay, clip = plan.weight_decay, plan.clip or 0.0
+    decay, clip, lr = plan.weight_decay, plan.clip or 0.0, plan.lr
+    assert lr is not None, "what steps inside of a kernel has a rate"
     match plan.optimizer:
-        case Adam(lr=lr, beta1=b1, beta2=b2, eps=eps):
+        case Adam(beta1=b1, beta2=b2, eps=eps):
             return Rule(Method.ADAM, b1, b2, eps, decay, clip), lr
-        case AdamW(lr=lr, beta1=b1, beta2=b2, eps=eps):
+        case AdamW(beta1=b1, beta2=b2, eps=eps):
             return Rule(Method.ADAMW, b1, b2, eps, decay, clip), lr
-        case Sgd(lr=lr, momentum=momentum):
+        case Sgd(momentum=momentum):
             return Rule(Method.SGD, momentum, decay=decay, clip=clip), lr
         case Lbfgs() | TorchOptimizer() | LevenbergMarquardt():
             raise AssertionError("these take the slopes of a kernel and step outside of it")

@@ -190,25 +190,25 @@ class TorchEngine:
 
 
 def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.Optimizer:
-    decay = plan.weight_decay
+    decay, lr = plan.weight_decay, plan.lr
+    assert lr is not None, "an optimiser of torch has a rate"
     match plan.optimizer:
-        case Adam(lr=lr, beta1=b1, beta2=b2, eps=eps):
+        case Adam(beta1=b1, beta2=b2, eps=eps):
             groups = _groups(plan, variables, lr)
             return torch.optim.Adam(
                 groups, lr=lr, betas=(b1, b2), eps=eps, weight_decay=decay, foreach=False
             )
-        case AdamW(lr=lr, beta1=b1, beta2=b2, eps=eps):
+        case AdamW(beta1=b1, beta2=b2, eps=eps):
             groups = _groups(plan, variables, lr)
             return torch.optim.AdamW(
                 groups, lr=lr, betas=(b1, b2), eps=eps, weight_decay=decay, foreach=False
             )
-        case Sgd(lr=lr, momentum=momentum):
+        case Sgd(momentum=momentum):
             groups = _groups(plan, variables, lr)
             return torch.optim.SGD(groups, lr=lr, momentum=momentum, weight_decay=decay)
         case TorchOptimizer():
-            assert plan.lr is not None, "an optimiser of torch has a rate"
-            return torch_optimizer(plan.optimizer, _groups(plan, variables, plan.lr), decay)
-        case Lbfgs(lr=lr, history=history, iterations=iterations):
+            return torch_optimizer(plan.optimizer, _groups(plan, variables, lr), decay)
+        case Lbfgs(history=history, iterations=iterations):
             return torch.optim.LBFGS(
                 list(variables.values()),
                 lr=lr,
