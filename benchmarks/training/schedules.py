@@ -1,6 +1,6 @@
 """Measures which schedule of the learning rate ends best, over the gallery with the same updates.
 
-    python benchmarks/training/schedules.py [--write]
+    python benchmarks/training/schedules.py [--noise SHARE …] [--write]
 
 Every model of the gallery trains its own stage natively for 300 epochs, with adam at three rates,
 from three draws of initial weights with three orders of batches; on its records as they are
@@ -77,7 +77,9 @@ def with_noise(folder: Path, share: float) -> None:
     random = np.random.default_rng(216)
     for name in NAMES:
         spec = load_model(spec_of(folder, name)).spec
-        predicted = {o.predicts.signal for o in spec.outputs.values() if o.predicts is not None}
+        predicted = {
+            o.predicts.signal.value for o in spec.outputs.values() if o.predicts is not None
+        }
         file = folder / "data" / f"{name}.csv"
         head, *rows = file.read_text(encoding="utf-8").splitlines()
         columns = head.split(",")
@@ -94,9 +96,10 @@ def main() -> None:
     """Measures and shows, or writes, the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true")
-    write = parser.parse_args().write
+    parser.add_argument("--noise", type=float, nargs="*", default=NOISES)
+    given = parser.parse_args()
     found: Found = {}
-    for noise in NOISES:
+    for noise in given.noise:
         with tempfile.TemporaryDirectory() as place:
             folder = gallery_copy(Path(place))
             if noise:
@@ -107,10 +110,10 @@ def main() -> None:
                     for label, text in schedules(epochs).items()
                 }
                 print(noise, name, epochs, rate, seed, file=sys.stderr, flush=True)
-    tables = [by_rate(found), by_model(found)]
+    tables = [by_rate(found), at_best_rate(found), by_model(found)]
     text = "\n\n".join(tables)
     print(text)
-    if write:
+    if given.write:
         head = (HERE / "SCHEDULES.md").read_text(encoding="utf-8").partition("<!-- measured -->")[0]
         whole = f"{head}<!-- measured -->\n\n{text}\n"
         (HERE / "SCHEDULES.md").write_text(whole, encoding="utf-8")
@@ -120,16 +123,30 @@ def by_rate(found: Found) -> str:
     """One row a noise, number of epochs and rate."""
     rows: list[Sequence[str]] = []
     labels = list(schedules(1))
-    for noise, epochs, rate in product(NOISES, EPOCHS, RATES):
+    noises = list(dict.fromkeys(key[0] for key in found))
+    for noise, epochs, rate in product(noises, EPOCHS, RATES):
         of = [v for k, v in found.items() if k[:3] == (noise, epochs, rate)]
         told = [f"{noise:.0%}", str(epochs), f"{rate:g}"]
         rows.append([*told, *(_said(of, label) for label in labels)])
-    for noise in NOISES:
+    for noise in noises:
         of = [v for k, v in found.items() if k[0] == noise]
         rows.append([f"{noise:.0%}", "all", "all", *(_said(of, label) for label in labels)])
     every = list(found.values())
     rows.append(["all", "all", "all", *(_said(every, label) for label in labels)])
     return _markdown(["noise", "epochs", "rate", *labels], rows)
+
+
+def at_best_rate(found: Found) -> str:
+    """One row a noise: every schedule at the rate that is best for it, model by model."""
+    labels = list(schedules(1))
+    rows: list[Sequence[str]] = []
+    for noise in dict.fromkeys(key[0] for key in found):
+        of: list[dict[str, float]] = []
+        for name, seed in product(NAMES, SEEDS):
+            runs = [v for k, v in found.items() if (k[0], *k[3:]) == (noise, name, seed)]
+            of.append({label: min(one[label] for one in runs) for label in labels})
+        rows.append([f"{noise:.0%}", *(_said(of, label) for label in labels)])
+    return _markdown(["noise, each at its best rate", *labels], rows)
 
 
 def by_model(found: Found) -> str:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from compiler.ir.graph_copy import with_start, with_step
 from compiler.ir.program import NodeId, Parameter, Program
 from compiler.ir.types import Axis
+from compiler.passes.analyses.selected_elements import Asked, Kept, SelectedElements
 from compiler.passes.drop_unused import drop_unused
 from compiler.passes.fold_constants import fold_constants
-from compiler.passes.selected_elements import Asked, Kept, SelectedElements
 from compiler.passes.share_common import share_common
 
 FloatArray = NDArray[np.float64]
