@@ -374,10 +374,11 @@ def export(
     from msnn.exports.export import plan_exports, target_names, write_export
 
     findings = Findings()
-    plans = plan_exports(model, target_names([target], model.spec.export), findings)
+    known = known_in(model, weights)
+    names = target_names([target], model.spec.export)
+    plans = plan_exports(model, names, findings, weights=known)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
-    known = known_in(model, weights)
     with sources_of(model):
         written = [write_export(plan, known, Path(folder)) for plan in plans]
     return tuple(path for export in written for path in export.files)

@@ -230,6 +230,24 @@ def expectations() -> Program:
     )
 
 
+def units_of_0() -> Program:
+    """Four units over three taps: units 1 and 3 and the oldest tap are not used."""
+    b = GraphBuilder()
+    unit, tap = Axis("unit", 4), Axis(WINDOW, 3)
+    x = b.signal("x", -2, 0, Type((tap,)))
+    taps = b.parameter("taps", Type((unit, tap)))
+    hidden = b.add(b.contract_over(taps, x, WINDOW), b.parameter("bias", Type((unit,))))
+    y = b.contract_over(b.parameter("out", Type((unit,))), b.apply("tanh", hidden), "unit")
+    parameters = (
+        Parameter("taps", (unit, tap), initial=(0.0, 1.0, 2.0) * 4),
+        Parameter("bias", (unit,), initial=(1.0, 2.0, 3.0, 4.0)),
+        Parameter("out", (unit,), initial=(1.0, 0.0, 2.0, 0.0)),
+    )
+    signals = (Signal("x", Role.INPUT),)
+    outputs = (Output("y", y),)
+    return Program("units", None, signals, parameters, (), b.graph(), Graph(), outputs)
+
+
 PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "numbers": numbers,
     "branches": branches,
@@ -242,4 +260,5 @@ PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "local_models": local_models,
     "dropouts": dropouts,
     "expectations": expectations,
+    "units_of_0": units_of_0,
 }

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c_language.literals import Dtype
+from backends.known_terms import KnownTerms
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_data import KernelData
 from backends.native.kernel_source import KernelSource, kernel_source
@@ -198,11 +199,20 @@ class Kernel:
         return int(done), sums, counts
 
     def variables(
-        self, rule: Rule, weights: Mapping[str, FloatArray], rates: Mapping[str, float]
+        self,
+        rule: Rule,
+        weights: Mapping[str, FloatArray],
+        rates: Mapping[str, float],
+        known: KnownTerms | None = None,
     ) -> Variables:
         """The variables at these weights, those with a rate at what their raw values stand for."""
         made = Variables(
-            program=self.program, dtype=self.dtype, rule=rule, weights=weights, rates=rates
+            program=self.program,
+            dtype=self.dtype,
+            rule=rule,
+            weights=weights,
+            rates=rates,
+            known=known,
         )
         self.fill_in_physical(made)
         return made

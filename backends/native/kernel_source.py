@@ -81,7 +81,14 @@ def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = Fals
     echoes = [Rows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
     group = rendered("group.c.j2", made, **forward_arrays(memory), echoes=echoes)
     bounds = c_definitions(("sigmoid", "softplus"), "double", "double")
-    files = ("threads.c", "optimizers.c", "batches.c", "epochs.c")
+    files = (
+        "threads.c",
+        "variables.c",
+        "known.c",
+        "optimizers.c",
+        "batches.c",
+        "epochs.c",
+    )
     loops = (group, bounds, *map(_text, files))
     found = whole_source(memory, dtype, functions, made, tables, loops)
     return replace(found, text=f"#define REPRODUCIBLE\n{found.text}") if reproducible else found

@@ -25,11 +25,26 @@ class ProblemStruct(ctypes.Structure):
 
 
 class VariablesStruct(ctypes.Structure):
-    """`struct variables` of templates/native/optimizers.c."""
+    """`struct variables` of templates/native/variables.c."""
 
     _fields_ = tuple(
         (name, ctypes.c_void_p)
         for name in ("kind", "low", "high", "scale", "rate", "raw", "physical", "first", "second")
+    )
+
+
+class KnownStruct(ctypes.Structure):
+    """`struct known` of templates/native/known.c."""
+
+    _fields_ = (
+        ("mean", ctypes.c_void_p),
+        ("std", ctypes.c_void_p),
+        ("magnitude", ctypes.c_void_p),
+        ("numbers", ctypes.c_void_p),
+        ("bounds", ctypes.c_void_p),
+        ("norms", ctypes.c_void_p),
+        ("slices", ctypes.c_int64),
+        ("spread", ctypes.c_double),
     )
 
 
@@ -48,6 +63,7 @@ class OptimizerStruct(ctypes.Structure):
         ("first_decay", ctypes.c_double),
         ("second_decay", ctypes.c_double),
         ("left_out", ctypes.c_int64),
+        ("known", ctypes.POINTER(KnownStruct)),
     )
 
 

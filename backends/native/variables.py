@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -10,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from backends.native.kernel_structs import OptimizerStruct, VariablesStruct
+from backends.known_terms import KnownTerms
+from backends.native.kernel_structs import KnownStruct, OptimizerStruct, VariablesStruct
 from backends.raw_parameters import mapping_of, raw_value
 from compiler.ir.program import Parameter, Program
 
@@ -38,6 +40,17 @@ class Rule:
     """Largest norm of a gradient; 0 for no limit."""
 
 
+class KnownMemory:
+    """What is known of all numbers as a kernel reads it."""
+
+    def __init__(self, known: KnownTerms) -> None:
+        ends = np.cumsum([0, *(len(one) for one in known.slices)]).astype(np.int64)
+        numbers = np.concatenate([np.zeros(0, np.int64), *known.slices]).astype(np.int32)
+        self._arrays = (known.mean, known.std, known.magnitude, numbers, ends, known.norms)
+        addresses = (array.ctypes.data for array in self._arrays)
+        self.struct = KnownStruct(*addresses, len(known.slices), 0.0)
+
+
 class Variables:
     """Raw variables, their physical values and the optimiser's memory, each array flat.
 
@@ -52,6 +65,7 @@ class Variables:
         rule: Rule,
         weights: Mapping[str, FloatArray],
         rates: Mapping[str, float],
+        known: KnownTerms | None = None,
     ) -> None:
         self._program = program
         parameters = program.parameters
@@ -80,10 +94,18 @@ class Variables:
         self.addresses = VariablesStruct(*(array.ctypes.data for array in arrays.values()))
         constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
         self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0, 1.0, 1.0, 0)
+        self.known = None if known is None or known.is_empty else KnownMemory(known)
+        if self.known is not None:
+            self.optimizer.known = ctypes.pointer(self.known.struct)
 
     def scale_rates(self, factor: float) -> None:
         """Sets the learning rates to so many times those that were given."""
         self.arrays["rate"][:] = factor * self._rates
+
+    def set_spread(self, spread: float) -> None:
+        """Sets ŝ²/n, by which priors count."""
+        if self.known is not None:
+            self.known.struct.spread = spread
 
     @property
     def physical(self) -> FloatArray:

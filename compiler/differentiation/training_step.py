@@ -207,6 +207,8 @@ def _reverse_step(
         builder = GraphBuilder(program.step)
         adjoints: dict[NodeId, NodeId] = {}
         for term in losses:
+            if term.loss.penalty is not None:  # its slope has no part in steps
+                continue
             scale = builder.emit(ReadTraining(LossScale(term.loss.name)), (), Type(unit=None))
             _add(builder, adjoints, term.total, scale)
         for state in program.states:

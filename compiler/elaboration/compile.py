@@ -12,6 +12,7 @@ from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.gradient_variables import gradient_variables
 from compiler.elaboration.histories import Buffers
 from compiler.elaboration.losses.losses import default_loss, lower_loss
+from compiler.elaboration.losses.penalties import checked_penalties
 from compiler.elaboration.names import Elaboration
 from compiler.elaboration.signals import logged_signals
 from compiler.elaboration.submodels.needed_submodels import needed_submodels
@@ -92,6 +93,8 @@ def compile_linked(
     refused = [d for d in context.findings.in_order if d.code in UNIT_WARNINGS]
     if strict_units and refused:
         context.findings.report(units.strict_units(len(refused)))
+    parameters = elaborated.arrays.parameters
+    losses = checked_penalties(lowered.losses, parameters, context.findings)
     diagnostics = context.findings.in_order
     if any(d.severity == "error" for d in diagnostics):
         raise SpecError(diagnostics)
@@ -103,12 +106,12 @@ def compile_linked(
         name=spec.name.value,
         sample_time=context.sampling.sample_time,
         signals=logged_signals(context, lowered.ranges),
-        parameters=elaborated.arrays.parameters,
+        parameters=parameters,
         states=tuple(lowered.states),
         step=context.builder(_STEP).graph(),
         start=context.builder(_START).graph(),
         outputs=tuple(lowered.outputs),
-        losses=tuple(lowered.losses),
+        losses=tuple(losses),
         expected=tuple(lowered.expected),
         fits=tuple(elaborated.layers.fits.values()),
         dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in spec.dims.items()),

@@ -146,12 +146,22 @@ class Elaboration:
                 submodels.log_of_connected(member.base, member.span, place)
             )
             raise LoweringFailed
+        if isinstance(entry, Layer) and environment.part is EnvironmentPart.LOSS:
+            return self._array_of_layer(member, environment)
         if member.name != "meas" or not isinstance(entry, Signal | State):
             self.context.findings.report(names.no_member(member.base, member.name, member.span))
             raise LoweringFailed
         if isinstance(entry, State):
             self.context.measured.setdefault(member.base, entry)
         return self._signal(member.base, entry, member.span, environment, logged=True)
+
+    def _array_of_layer(self, member: Member, environment: Environment) -> NodeId:
+        """`f.weight`: an array that the layer f has learned; in losses, which come last."""
+        array = f"{member.base}.{member.name}"
+        if array not in self.arrays.all_names:
+            self.context.findings.report(names.no_member(member.base, member.name, member.span))
+            raise LoweringFailed
+        return self.arrays.read(self.context.builder(environment), array)
 
     # ---- calls
 

@@ -86,6 +86,14 @@ class Statistic:
 
 
 @dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of every number of a parameter before the data: mean and deviation."""
+
+    mean: float
+    std: float
+
+
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """A learnable array: initial value in C order, bounds and unit are physical.
 
@@ -100,9 +108,14 @@ class Parameter:
     minimum: float | None = None
     maximum: float | None = None
     scale: float = 1.0
+    """What the raw variable of a value is a multiple of."""
     learn: bool = True
     statistic: Statistic | None = None
     """Where the value comes from if not from `initial`, which is only where nothing is known."""
+    prior: Prior | None = None
+    """In its unit."""
+    scales_by_data: bool = False
+    """Whether training takes the scale from its data."""
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
 
@@ -216,6 +229,19 @@ class Measure(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class Penalty:
+    """A loss of one learned array alone, which has a corner where numbers or slices are 0.
+
+    Optimisers that can take steps to the corner itself take it apart from the others (decision
+    0215): its value counts, its slope does not.
+    """
+
+    parameter: str
+    over: str | None
+    """The axis whose slices are taken by their norms; None for the magnitude of each number."""
+
+
+@dataclass(frozen=True, slots=True)
 class Loss:
     """One term of the training objective, weight · share · measure.
 
@@ -231,6 +257,7 @@ class Loss:
     """Of the entry; a stage can replace it."""
     share: float = 1.0
     """The factor of this term in the entry's sum."""
+    penalty: Penalty | None = None
     span: Span | None = field(default=None, compare=False)
     rows: NodeId | None = None
     """How much each row counts in the mean, a number ≥ 0 of the log alone; None for 1."""

@@ -80,10 +80,14 @@ def _parameter(parameter: Parameter) -> str:
     if parameter.minimum is not None or parameter.maximum is not None:
         bounds = f" in {_bounds(parameter.minimum, parameter.maximum)}"
     scale = f" scale {parameter.scale!r}" if parameter.scale != 1.0 else ""
+    scale = " scale of the data" if parameter.scales_by_data else scale
     fixed = "" if parameter.learn else " fixed"
+    prior = ""
+    if parameter.prior is not None:
+        prior = f" prior {parameter.prior.mean!r} ± {parameter.prior.std!r}"
     return (
         f"parameter {parameter.name}: {_typed(parameter.axes, parameter.unit)}"
-        f" = {_numbers(parameter.initial)}{bounds}{scale}{fixed}"
+        f" = {_numbers(parameter.initial)}{bounds}{scale}{fixed}{prior}"
     )
 
 

@@ -41,6 +41,14 @@ def limit_in(context: Context, limit: Quantity, unit: Unit | None) -> float:
     return limit.unit.convert(limit.value, unit)
 
 
+def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
+    """A distance between two values in their unit, in which offsets of units have no part."""
+    limit_in(context, width, unit)  # reports what cannot be compared
+    if width.unit is None or unit is None:
+        return width.value
+    return width.value * (width.unit.scale / unit.scale)
+
+
 def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
     """The ranges of all inputs, targets and states, by name."""
     found: dict[str, tuple[float, float]] = {}

@@ -24,6 +24,8 @@ from compiler.ir.program import (
     Loss,
     Origin,
     Parameter,
+    Penalty,
+    Prior,
     Statistic,
     Tape,
 )
@@ -210,6 +212,17 @@ def _read_statistic(record: PlainRecord, key: str, _: Shared) -> Statistic:
     return Statistic(known, as_text(signal, record.place))
 
 
+def _read_prior(record: PlainRecord, key: str, _: Shared) -> Prior:
+    mean, std = as_pair(record.raw(key), record.place)
+    return Prior(as_number(mean, record.place), as_number(std, record.place))
+
+
+def _read_penalty(record: PlainRecord, key: str, _: Shared) -> Penalty:
+    parameter, over = as_pair(record.raw(key), record.place)
+    axis = None if over is None else as_text(over, record.place)
+    return Penalty(as_text(parameter, record.place), axis)
+
+
 _MEMORIES = {"of the run": True, "of the past": False}
 
 
@@ -263,6 +276,8 @@ _FORMS: dict[Any, _Form] = {
     ),
     Unit: _Form(_read_unit, lambda unit, _: unit_to_data(unit)),
     Span: _Form(_read_span, _span_to_data),
+    Prior: _Form(_read_prior, lambda one, _: [one.mean, one.std]),
+    Penalty: _Form(_read_penalty, lambda one, _: [one.parameter, one.over]),
     Statistic: _Form(_read_statistic, lambda one, _: [one.kind, one.signal]),
     Prediction: _Form(_read_prediction, lambda one, _: [one.signal, one.ahead]),
     Origin: _Form(_read_origin, _origin_to_data, has_own_keys=True),

@@ -43,7 +43,7 @@ def check_export(
     plan: AnyPlan, weights: Weights, written: Written, record: AgreementRecord
 ) -> Agreement:
     """The same of one target. MissingExtraError where it needs what is not installed."""
-    target = plan.target
+    target, weights = plan.target, plan.of(weights)
     subject = Subject(
         target=target.name,
         dtype=plan.dtype,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -42,15 +43,20 @@ def plan_exports(
     targets: Sequence[str],
     findings: Findings,
     extras: Collection[str] = (),
+    weights: Weights | None = None,
 ) -> list[AnyPlan]:
     """How each target will be written; what is wrong with its entry goes to `findings`.
 
-    `extras` are for targets that have any, besides those of the spec.
+    `extras` are for targets that have any, besides those of the spec. Where the `weights` are
+    known, slices of them that a penalty took to 0 are left out.
     """
-    request = Request(model, findings, extras)
-    known = map(target_named, targets)
-    plans = (target.prepare(request, _entry(model.spec.export, target)) for target in known)
-    return [plan for plan in plans if plan is not None]
+    plans: list[AnyPlan] = []
+    for target in map(target_named, targets):
+        request = Request(model, findings, extras, weights)
+        plan = target.prepare(request, _entry(model.spec.export, target))
+        if plan is not None:
+            plans.append(replace(plan, cuts=tuple(request.cuts)))
+    return plans
 
 
 def _entry(export: Export | None, target: AnyTarget) -> TargetEntry | None:
@@ -65,7 +71,7 @@ def write_export(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
     from backends.files.atomic_write import replacing_files  # `check` plans exports without it
 
     with replacing_files(folder) as temporary:
-        files = plan.target.write(plan, weights, temporary)
+        files = plan.target.write(plan, plan.of(weights), temporary)
     return Written(folder, tuple(folder / path.relative_to(temporary) for path in files))
 
 

@@ -9,6 +9,7 @@ from compiler.ir.liveness import extents
 from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError, close_loop
 from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.prune_zero_slices import prune_zero_slices
 from compiler.passes.to_step_form import to_step_form
 from msnn.errors import workflow
 from msnn.exports.target import ExportPlan, Options, OwnEntry, Request, Target
@@ -48,17 +49,27 @@ def name_prefix(request: Request, given: Located[str] | None) -> str:
 
 
 def step_program(
-    request: Request, entry: TargetEntry | None, delay: Sequence[Located[str]] = ()
+    request: Request,
+    entry: TargetEntry | None,
+    delay: Sequence[Located[str]] = (),
+    *,
+    keeps_arrays: bool = False,
 ) -> Program | None:
     """The model's program with its loops closed and pruned to the outputs of the entry.
 
-    It is late by as many samples as it reads the inputs of `delay` ahead.
-    None where a loop cannot be closed; what is wrong with the entry is reported.
+    It is late by as many samples as it reads the inputs of `delay` ahead. Slices of penalised
+    arrays that are 0 are left out of it, unless it `keeps_arrays` as callers know them. None where
+    a loop cannot be closed; what is wrong with the entry is reported.
     """
     program = _closed(request, entry)
     if program is None:
         return None
     program = prune_outputs(program, _outputs(request, entry))
+    penalised = {loss.penalty.parameter for loss in program.losses if loss.penalty is not None}
+    if request.weights is not None and penalised and not keeps_arrays:
+        pruned = prune_zero_slices(program, request.weights, penalised)
+        request.cuts.extend(pruned.cuts)
+        program = pruned.program
     return to_step_form(program, _late(request, program, delay))
 
 

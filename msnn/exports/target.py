@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from compiler.ir.program import Program
+from compiler.passes.prune_zero_slices import Cut, cut_weights
 from msnn.agreement.judgement import FloatType, Judgement, NumberType, Promise
 from msnn.agreement.loaded import Loaded
 from msnn.agreement.record import AgreementRecord
@@ -31,6 +32,10 @@ class Request:
     """Takes what is wrong with the target's entry."""
     extras: Collection[str] = ()
     """What the command line asks for, of any target, beside the step."""
+    weights: Weights | None = None
+    """Those to be written, where they are known: slices of them that are 0 are left out."""
+    cuts: list[Cut] = field(default_factory=list["Cut"])
+    """Takes what is kept of arrays with such slices."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +113,12 @@ class ExportPlan(Generic[Options]):
     prefix: str
     dtype: NumberType
     options: Options
+    cuts: tuple[Cut, ...] = ()
+    """What the program keeps of arrays with slices of 0."""
+
+    def of(self, weights: Weights) -> Weights:
+        """The weights as the program has them."""
+        return cut_weights(self.cuts, weights)
 
     @property
     def float_type(self) -> FloatType:

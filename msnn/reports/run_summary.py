@@ -20,7 +20,12 @@ from msnn.model.kept_run import (
     read_json,
     run_of,
 )
-from msnn.reports.training_summary import errors_note, parameters_table, stages_table
+from msnn.reports.training_summary import (
+    errors_note,
+    parameters_table,
+    stages_table,
+    zeros_note,
+)
 from msnn.tables import count, table_text
 from msnn.training.records.progress import EpochEnd, StageEnd
 from msnn.training.records.run_folder import METRICS, PARAMETERS
@@ -129,8 +134,8 @@ def run_text(run: Run) -> str:
     if run.stages:
         parts.append(stages_table([(stage.reached, stage.losses) for stage in run.stages]))
     if run.parameters is not None:
-        note = errors_note(run.parameters)
-        parts.append("\n".join(filter(None, (parameters_table(run.parameters), note))))
+        notes = (errors_note(run.parameters), zeros_note(run.parameters))
+        parts.append("\n".join(filter(None, (parameters_table(run.parameters), *notes))))
     parts.append("\n".join(run.end.get("warnings", [])))
     rows = [(what, command) for what, command in commands(run).items()]
     parts.append(table_text(("next", ""), rows) if rows else "")

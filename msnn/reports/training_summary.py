@@ -92,6 +92,22 @@ def errors_note(record: Mapping[str, Any]) -> str | None:
     )
 
 
+def zeros_note(record: Mapping[str, Any]) -> str | None:
+    """Which numbers penalties took to exactly 0; None where none is."""
+    if "zero_slices" not in record:
+        return None
+    said: list[str] = []
+    for found in record["zero_slices"]:
+        array, size, zero = found["array"], found["of"], found["zero"]
+        if found["over"] is None:
+            said.append(f"{zero} of the {size} numbers of {array}")
+            continue
+        axis = found["over"].rpartition(".")[2]
+        named = ", ".join(str(name) for name in zero)
+        said.append(f"{len(zero)} of the {size} slices of {array} over {axis} ({named})")
+    return f"exactly 0 and left out of exports: {'; '.join(said)}"
+
+
 def training_record(
     program: Program,
     weights: Mapping[str, FloatArray],

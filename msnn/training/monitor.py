@@ -12,7 +12,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import entry_value
 from msnn.training.engines.engine import LossSums
-from msnn.training.engines.quadratic_terms import quadratic_terms
+from msnn.training.plans.known_terms_of_stage import distance, has_priors, residuals_of
 from msnn.training.plans.stage_data import TRAIN, StageData
 from msnn.training.plans.stage_plan import TOTAL, StagePlan
 
@@ -28,21 +28,31 @@ def monitor(
     """The monitored loss at the weights at which `evaluate` computes.
 
     Rows that were held out judge by the losses alone. On the rows of training the best total is
-    that of what the steps of second order minimise, weight decay included.
+    that of everything that steps minimise: F + mse · (exp(Σ ((p − mean)/std)²/n) − 1) is least
+    where log mse + Σ ((p − mean)/std)²/n is, and second order counts weight decay.
     """
-    values = loss_values(plan, evaluate(data.watched))
+    sums = evaluate(data.watched)
+    values = loss_values(plan, sums)
     if plan.monitor != TOTAL:
         return entry_value(plan.rollout.program, plan.monitor, values)
     total = weighted_total(plan, values)
-    if data.watched_set == TRAIN and plan.optimizer.needs_squares and plan.weight_decay:
+    if data.watched_set != TRAIN:
+        return total
+    if plan.optimizer.needs_squares and plan.weight_decay:
         total += _decay(plan, weights())
+    if has_priors(plan):
+        found = residuals_of(plan, sums, data.watched)
+        if found.count:
+            with np.errstate(over="ignore"):
+                total += found.square * float(np.expm1(distance(plan, weights()) / found.count))
     return total
 
 
 def _decay(plan: StagePlan, weights: Weights) -> float:
     moved = (plan.rollout.program.parameter(name) for name in plan.trained)
     raws = [raw_value(p, weights[p.name])[0].ravel() for p in moved]
-    return quadratic_terms(np.concatenate(raws), plan.weight_decay).value
+    raw = np.concatenate(raws)
+    return 0.5 * plan.weight_decay * float(raw @ raw)
 
 
 def loss_values(plan: StagePlan, sums: LossSums) -> dict[str, float]:

@@ -17,12 +17,15 @@ from msnn.training.engines.devices import CPU, Device, on_device
 from msnn.training.engines.dropout_masks import factors_of
 from msnn.training.engines.engine import LossSums, batches_of
 from msnn.training.engines.native.kernel_or_not import try_natively
+from msnn.training.engines.torch.known_steps import prior_total
 from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
 from msnn.training.monitor import loss_values, monitor
 from msnn.training.plans.epoch_order import order_key, shuffled
+from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
 from msnn.training.plans.stage_data import StageData, stage_data
-from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from msnn.training.plans.stage_plan import StagePlan, plan_stages, with_slopes_alone
 from msnn.training.stage_starts import stage_starts
+from msnn.training.starts.data_scales import with_data_scales
 from msnn.training.starts.initial_weights_of_run import first_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.sections.training.training import Stage
@@ -48,7 +51,7 @@ def stage_loss(
     findings.raise_errors()
     assert runs is not None
     first = first_weights(program, data) if weights is None else weights
-    return StageLoss(plans[number], data, runs, first)
+    return StageLoss(with_data_scales(plans, data, first)[number], data, runs, first)
 
 
 class StageLoss(nn.Module):
@@ -63,7 +66,8 @@ class StageLoss(nn.Module):
         self, plan: StagePlan, data: Dataset, runs: StageData, weights: Mapping[str, FloatArray]
     ) -> None:
         super().__init__()
-        self.plan = plan
+        self.plan = plan = with_slopes_alone(plan)
+        self._spread: float | None = None
         self._data, self._runs = data, runs
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
         self.notes: tuple[Diagnostic, ...] = ()
@@ -102,6 +106,8 @@ class StageLoss(nn.Module):
         """The batches of an epoch, from 0, as the stage shuffles and draws them."""
         plan = self.plan
         self._objective.write(factors_of(plan, self._data.series, epoch))
+        if has_priors(plan):
+            self._spread = self._measured(epoch)
         runs = self._runs.in_epoch(epoch)
         if self._starts is not None:
             self._objective.write(self._starts.for_training(runs, self.weights()))
@@ -112,7 +118,20 @@ class StageLoss(nn.Module):
         """The weighted total of a batch, differentiable in `parameters()`."""
         found = self._objective.scored(batch)
         self._sums = found.losses
-        return found.total
+        return found.total + self._priors()
+
+    def _priors(self) -> Tensor | float:
+        if not has_priors(self.plan):
+            return 0.0
+        if self._spread is None:
+            self._spread = self._measured(0)
+        raws = {name: self._model.raw(name) for name in self.plan.trained}
+        return prior_total(self.plan, raws, self._spread)
+
+    def _measured(self, epoch: int) -> float:
+        """ŝ²/n of the rollouts of an epoch, by which priors count."""
+        runs = self._runs.in_epoch(epoch)
+        return residuals_of(self.plan, self._objective.measure(runs), runs).spread
 
     @property
     def losses(self) -> dict[str, float]:

@@ -14,10 +14,12 @@ from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError
 from msnn.training.monitor import loss_values, monitor, weighted_total
 from msnn.training.pace import Pace
 from msnn.training.plans.epoch_order import order_key
+from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
 from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.rate_search import searched_rate
 from msnn.training.records.checkpoint import TrainingPosition
 from msnn.training.records.progress import EpochEnd
 from msnn.training.stage_starts import StageStarts
@@ -49,6 +51,12 @@ class StageRun:
     sums: LossSums | None = None
     left_out: int = 0
     """Batches of the present epoch without a step."""
+    found_rate: float = 1.0
+    """The learning rate where it is searched, else 1."""
+    rate_found: Callable[[float], None] = lambda rate: None
+    """Hears of a rate that was searched."""
+    spread: float = 0.0
+    """ŝ²/n of the present epoch."""
     reductions: Reductions = NO_REDUCTIONS
     _began: float = field(init=False, default_factory=time.monotonic)
     _watching: float = field(init=False, default=0.0)
@@ -65,7 +73,8 @@ class StageRun:
         self.best_value, self.best_epoch = place.best_value, place.best_epoch
         self.best, self.sums, self.left_out = place.best, place.sums, place.left_out
         self.engine.has_left_out = place.left_out > 0  # is said when the epoch ends
-        self.reductions = place.reductions
+        self.reductions, self.spread = place.reductions, place.spread
+        self.found_rate = place.found_rate
         self._kept_starts = place.starts
         self._began = time.monotonic() - place.seconds
 
@@ -77,6 +86,7 @@ class StageRun:
         if self.best is None:
             self._began = time.monotonic()
             self._keep_if_best(self._monitor())
+            self._search_rate()
         pace = Pace(self.engine.batches_a_call)
         while (reason := self._reason_to_end()) is None:
             runs, rate = self.data.in_epoch(self.epoch), self._rate()
@@ -116,6 +126,8 @@ class StageRun:
             best=self.best,
             engine=self.engine.state(),
             reductions=self.reductions,
+            spread=self.spread,
+            found_rate=self.found_rate,
             seconds=self._seconds,
             starts={} if self.starts is None or not self.batch else self.starts.values(),
         )
@@ -141,7 +153,15 @@ class StageRun:
     def _rate(self) -> float:
         """What learning rates are multiplied by in the next epoch."""
         plan = self.plan
-        return rate_factor(plan.schedule, self.epoch, plan.epochs, self.reductions)
+        factor = rate_factor(plan.schedule, self.epoch, plan.epochs, self.reductions)
+        return self.found_rate * factor
+
+    def _search_rate(self) -> None:
+        if self.plan.searches_rate:
+            runs = self.data.in_epoch(0)
+            spread = self._spread(runs)
+            self.found_rate = searched_rate(self.plan, self.engine, runs, self.attempt, spread)
+            self.rate_found(self.found_rate)
 
     def _monitor(self) -> float:
         began = time.monotonic()
@@ -154,9 +174,11 @@ class StageRun:
     def _run_epoch(self, runs: Runs, rate: float, pace: Pace) -> LossSums:
         key = order_key(self.plan.seed, self.plan.index, self.epoch, self.attempt)
         order = self.engine.order(len(runs), key)
-        self.engine.begin_epoch(self.epoch, rate, self.attempt)
         if self.starts is not None:
             self._find_starts(self.starts, runs)
+        if self.batch == 0:
+            self.spread = self._spread(runs)
+        self.engine.begin_epoch(self.epoch, rate, self.attempt, self.spread)
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
         # a last batch that is smaller is the same as one filled up with members of weight 0
@@ -194,6 +216,12 @@ class StageRun:
         else:
             found = starts.for_watching(self.data.watched, self.engine.weights())
             self.engine.write(found, watched=True)
+
+    def _spread(self, runs: Runs) -> float:
+        """ŝ²/n as the epoch before has left it, by which priors count."""
+        if not has_priors(self.plan):
+            return 0.0
+        return residuals_of(self.plan, self.engine.measure(runs), runs).spread
 
     def _keep_if_best(self, value: float) -> None:
         first_finite = np.isfinite(value) and not np.isfinite(self.best_value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from msnn.training.divergence import explain_divergence
 from msnn.training.engines.devices import on_device
 from msnn.training.engines.engine import Engine, NonFiniteLossError
 from msnn.training.engines.open_engine import open_engine, try_optimizers
+from msnn.training.late_jumps import LateJumps
 from msnn.training.multi_start import StageAttempts
 from msnn.training.parameter_warnings import parameter_warnings
 from msnn.training.plans.stage_data import StageData, stage_data
@@ -37,8 +38,10 @@ from msnn.training.records.safekeeping import Safekeeping
 from msnn.training.records.standard_errors import standard_errors
 from msnn.training.records.tensorboard_curves import Curves, require_tensorboard
 from msnn.training.records.training_options import TrainingOptions
+from msnn.training.records.zero_slices import zero_slices
 from msnn.training.stage_run import Interrupted, StageRun
 from msnn.training.stage_starts import stage_starts
+from msnn.training.starts.data_scales import with_data_scales
 from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.training_result import (
     TrainingDivergedError,
@@ -71,8 +74,9 @@ def train(
     datas = [stage_data(plan, data, findings) for plan in plans]
     findings.raise_errors()
     try_optimizers(program, plans)
-    ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
     first = dict(first_weights(program, data) if weights is None else weights)
+    plans = with_data_scales(plans, data, first)
+    ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
     record = run_record(program, plans, data, options.parts)
     folder, checkpoint = open_run(program, options, record)
     path = None if folder is None else folder.path
@@ -116,6 +120,7 @@ class _Run:
     warnings: tuple[Diagnostic, ...]
     options: TrainingOptions
     safe: Safekeeping
+    jumps: LateJumps = field(default_factory=LateJumps)
 
     def through(self, now: Checkpoint, stop_asked: threading.Event) -> TrainingResult:
         """From where the run stands to its end."""
@@ -125,6 +130,9 @@ class _Run:
                 self.progress.warned(
                     run_ends.nothing_learned(plan.name, result.best_value, plan.span)
                 )
+            hint = self.jumps.hint(plan)
+            if hint is not None:
+                self.progress.warned(hint)
             self.progress.stage_ended(_stage_end(plan, result))
             now = Checkpoint(ended=(*now.ended, result), begin=result.best)
             if self.safe.is_stale:
@@ -135,7 +143,8 @@ class _Run:
         spread = standard_errors(self.stages[-1][0], self.data, now.begin)
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
         said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
-        self.progress.run_ended("finished", said)
+        zero = zero_slices(self.program, now.begin)
+        self.progress.run_ended("finished", said, zero)
         if self.options.folder is None:
             self.folder.checkpoint.unlink(missing_ok=True)
         return replace(self._result(now.begin, now), standard_errors=spread)
@@ -201,6 +210,7 @@ class _Run:
                 epoch_ended=lambda event: self._epoch_ended(event, engine, plan),
                 between=keep,
                 attempt=attempt,
+                rate_found=lambda rate: self.progress.rate_found(plan.name, attempt, rate),
             )
 
         def keep(ahead: float) -> None:
@@ -263,6 +273,7 @@ class _Run:
         if self.curves is not None:
             self.curves.epoch_ended(event, engine.weights())
         self.progress.epoch_ended(event)
+        self.jumps.epoch_ended(event)
         if engine.has_left_out:  # said once: it is the same warning every time
             self.progress.warned(second_order.left_out(plan.name, plan.span))
 

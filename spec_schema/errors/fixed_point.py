@@ -1,4 +1,4 @@
-"""E0960-E0969, W0746: models that cannot be exported in fixed point, or are others there."""
+"""E0960-E0963, W0746: models that cannot be exported in fixed point, or are others there."""
 
 from collections.abc import Sequence
 

@@ -62,8 +62,9 @@ LOSS_FUNCTIONS: dict[str, Signature] = {
     "rmse": Signature(1, 2, doc="Root of the mean of squared differences."),
     "mae": Signature(1, 2, doc="Mean of absolute differences."),
     "huber": Signature(1, 2, doc="Squares of small differences, magnitudes of large ones."),
-    "l1": Signature(1, 1, doc="Mean magnitude of parameters."),
+    "l1": Signature(1, 1, doc="Mean magnitude; takes numbers of learned arrays to exactly 0."),
     "l2": Signature(1, 1, doc="Mean square of parameters."),
+    "group": Signature(1, 1, ("over",), doc="Σ over a dim of the norm of each slice of an array."),
     "cross_entropy": Signature(2, 2, doc="How improbable the model finds the recorded class."),
 }
 """Functions that stand in the sum of a loss and nowhere else."""

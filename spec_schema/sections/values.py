@@ -1,14 +1,15 @@
 """The values a spec names: constants, parameters with their initial values, functions."""
 
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import ValidationInfo, model_validator
 
 from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import knowledge
 from spec_schema.errors import schema as errors
 from spec_schema.errors import units as unit_errors
 from spec_schema.expressions.tree import Expression
-from spec_schema.fields.entry import Entry, Variant, findings_of, single_key
+from spec_schema.fields.entry import Entry, RefusedError, Variant, findings_of, single_key
 from spec_schema.fields.formulas import ArrayField, ExpressionField
 from spec_schema.fields.located import Located
 from spec_schema.fields.plain import (
@@ -16,12 +17,13 @@ from spec_schema.fields.plain import (
     LocatedText,
     NewName,
     NonNegativeNumber,
-    PositiveNumber,
     Reference,
     References,
     Switch,
     Text,
     number,
+    read_number,
+    reads,
 )
 from spec_schema.fields.quantities import QuantityField, UnitField, split_quantity
 from spec_schema.yaml_tree.nodes import Node, Scalar, Table
@@ -156,6 +158,44 @@ class Constant(Entry):
         return _with_split_unit(super().canonical(node, findings), "value", findings)
 
 
+class Prior(Entry):
+    """What is known of a parameter before the data: the normal distribution of each number."""
+
+    noun: ClassVar[str] = "a prior"
+
+    mean: QuantityField
+    """Where it is expected."""
+    std: QuantityField
+    """How far from there it may well be: its standard deviation."""
+
+    @model_validator(mode="after")
+    def _is_spread(self, info: ValidationInfo) -> "Prior":
+        if self.std.value <= 0:
+            findings_of(info).report(knowledge.narrow_prior(self.std.text, self.std.span))
+        return self
+
+
+OfData: TypeAlias = Literal["data"]
+
+
+def _read_scale(node: Node, findings: Findings) -> float | OfData:
+    if isinstance(node, Scalar) and node.text == "data":
+        return "data"
+    value = read_number(node, findings)
+    if value <= 0:
+        findings.report(errors.out_of_range(f"{value:g}", node.span, "above 0, or `data`"))
+        raise RefusedError
+    return value
+
+
+_SCALE = {
+    "type": ["number", "string"],
+    "exclusiveMinimum": 0,
+    "pattern": "^data$",
+    "examples": ["data"],
+}
+
+
 class Parameter(Entry):
     """A learnable value; `scale` is what the optimiser divides it by."""
 
@@ -170,15 +210,23 @@ class Parameter(Entry):
     """Bound that training never goes above."""
     unit: UnitField | None = None
     dims: References = ()
-    scale: PositiveNumber | None = None
-    """Typical size; the optimiser works on the value divided by it."""
+    scale: Annotated[float | OfData, reads(_read_scale, _SCALE)] | None = None
+    """Typical size, or `data`; the optimiser works on the value divided by it."""
     learn: Switch = True
     """Whether training changes it."""
+    prior: Prior | None = None
+    """What is known of it before the data."""
     doc: Text | None = None
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
         return _with_split_unit(super().canonical(node, findings), "init", findings)
+
+    @model_validator(mode="after")
+    def _prior_is_learned(self, info: ValidationInfo) -> "Parameter":
+        if self.prior is not None and not self.learn:
+            findings_of(info).report(knowledge.prior_of_a_constant(self.prior.place.key))
+        return self
 
 
 def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:

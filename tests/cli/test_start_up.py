@@ -116,6 +116,8 @@ _NOT_WHOLE = {
         "curriculum",
         "fixed_starts",
         "learning_rate",
+        "penalties",
+        "second_order_checks",
         "stage_plan",
         "torch_optimizer_options",
     },

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.interpreter.interpreter import Interpreter
+from compiler.interpreter.interpreter import Interpreter, physical_weights
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.liveness import extents
 from compiler.ir.ops import Constant, ReadSignal
@@ -26,6 +26,7 @@ from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
 from compiler.passes.guard_untaken import guard_untaken
 from compiler.passes.limit_expected import limit_expected
 from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.prune_zero_slices import prune_zero_slices
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
 from compiler.passes.share_common import share_common
@@ -70,6 +71,13 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
             lambda: SAMPLES["preview_driver"]().program,
             lambda p: prune_outputs(p, ["command"]),
         ),
+    ],
+    "prune_zero_slices": [
+        (
+            "units_of_0",
+            PASS_PROGRAMS["units_of_0"],
+            lambda p: prune_zero_slices(p, physical_weights(p, {}), ["taps", "out"]).program,
+        )
     ],
     "expand_functions": [
         ("functions", PASS_PROGRAMS["functions"], lambda p: expand_functions(p, NATIVE))

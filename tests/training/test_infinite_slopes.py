@@ -317,6 +317,8 @@ def test_batches_without_a_step_are_counted_over_an_interruption(tmp_path: Path)
         best={},
         engine=EngineState({}, {}),
         reductions=NO_REDUCTIONS,
+        spread=0.0,
+        found_rate=1.0,
         seconds=0.0,
     )
     write_checkpoint(tmp_path / "checkpoint", Checkpoint(ended=(), begin={}, place=place))

@@ -259,7 +259,7 @@ def test_missing_targets_frozen_parameters_and_unequal_rollouts(engine: str) -> 
     [
         ("{}", "mae(x_next, x[t+1])", "E0930"),
         ("{}", "rmse(x_next, x[t+1])", "E0930"),
-        ("{}", "l1(a)", "E0930"),
+        ("{}", "l1(a * u)", "E0930"),
         ("{}", "exp(a)", "E0930"),
         ("{batch: 5}", "mse(x_next, x[t+1])", "E0931"),
         ("{lr: {a: 0.1}}", "mse(x_next, x[t+1])", "E0931"),

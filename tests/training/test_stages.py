@@ -196,8 +196,11 @@ class Counting:
     def weights(self) -> dict[str, np.ndarray]:
         return {}
 
-    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
-        del epoch, rate, attempt
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
+        del epoch, rate, attempt, spread
+
+    def measure(self, runs: Runs) -> dict[str, LossSum]:
+        return self.evaluate(runs)
 
     def write(self, series: Mapping[str, np.ndarray], *, watched: bool) -> None:
         raise AssertionError("no start is found here")

@@ -6,6 +6,7 @@ from collections import Counter
 
 from compiler.elaboration.losses.cross_entropy import lower_cross_entropy
 from compiler.elaboration.losses.loss_terms import terms_of
+from compiler.elaboration.losses.penalties import PENALTIES, lower_penalty
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.liveness import needed, reads_simulation
 from compiler.ir.ops import ReadParameter
@@ -28,7 +29,6 @@ _COMPARING = {
     "mae": Measure.MAE,
     "huber": Measure.HUBER,
 }
-_PENALTIES = ("l1", "l2")
 
 
 def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
@@ -41,18 +41,36 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
     losses: list[Loss] = []
     taken = Counter[str]()
     for term in terms:
-        if term.function is not None:
-            assert isinstance(term.expression, Call)
-            measure, prediction, target = _measured(context, term.function, term.expression)
-        else:
+        penalty = None
+        if term.function is None:
             cost = lower(context, term.expression, _LOSS)
             measure, prediction, target = Measure.MEAN, cost, None
+        else:
+            assert isinstance(term.expression, Call)
+            _check_arguments(context, term.function, term.expression)
+            if term.function in PENALTIES:
+                prediction, penalty = lower_penalty(context, term.function, term.expression)
+                measure, target = Measure.MEAN, None
+            else:
+                measure, prediction, target = _measured(context, term.function, term.expression)
         label = term.function or "cost"
         taken[label] += 1
         again = str(taken[label]) if taken[label] > 1 else ""
         own = name if len(terms) == 1 else f"{name}.{label}{again}"
         span = entry.place.key if len(terms) == 1 else term.expression.span
-        losses.append(Loss(own, measure, prediction, target, entry.weight, term.share, span, rows))
+        losses.append(
+            Loss(
+                name=own,
+                measure=measure,
+                prediction=prediction,
+                target=target,
+                weight=entry.weight,
+                share=term.share,
+                penalty=penalty,
+                span=span,
+                rows=rows if penalty is None else None,
+            )
+        )
     return losses
 
 
@@ -66,17 +84,19 @@ def default_loss(context: Context, output: Output) -> Loss:
     return Loss(output.name, Measure.MSE, output.node, target, span=output.span)
 
 
-def _measured(context: Context, function: str, call: Call) -> tuple[Measure, NodeId, NodeId | None]:
+def _check_arguments(context: Context, function: str, call: Call) -> None:
     signature = LOSS_FUNCTIONS[function]
-    if not signature.takes(len(call.arguments)) or call.keywords:
+    unknown = [keyword for keyword in call.keywords if keyword.name not in signature.keywords]
+    if not signature.takes(len(call.arguments)) or unknown:
         found = len(call.arguments) + len(call.keywords)
         context.findings.report(
             names.wrong_argument_count(function, signature.wanted, found, call.function.span)
         )
         raise LoweringFailed
+
+
+def _measured(context: Context, function: str, call: Call) -> tuple[Measure, NodeId, NodeId | None]:
     builder = context.builder(_LOSS)
-    if function in _PENALTIES:
-        return Measure.MEAN, _penalty(context, function, call.arguments[0]), None
     if function == "cross_entropy":
         cost, missing = lower_cross_entropy(context, call, _LOSS)
         # only what was recorded can be missing
@@ -130,9 +150,3 @@ def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[
     difference = builder.subtract(prediction, target)
     type = builder.type(difference)
     return difference, builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
-
-
-def _penalty(context: Context, function: str, argument: Expression) -> NodeId:
-    builder = context.builder(_LOSS)
-    value = lower(context, argument, _LOSS)
-    return builder.apply("abs", value) if function == "l1" else builder.power(value, 2)

@@ -93,7 +93,10 @@ def verify(program: Program) -> None:
         if predicts is not None:
             known = predicts.signal in sources.signals and predicts.ahead >= 0
             _require(known, f"output `{output.name}` predicts no signal")
+    arrays = {parameter.name for parameter in program.parameters}
     for loss in program.losses:
+        named = loss.penalty is None or loss.penalty.parameter in arrays
+        _require(named, f"loss `{loss.name}` is a penalty of no parameter")
         _check_loss(program.step, loss)
     for entry in program.expected:
         _check_expected(program.step, entry)
@@ -147,6 +150,9 @@ def _check_parameter(parameter: Parameter) -> None:
     high = math.inf if parameter.maximum is None else parameter.maximum
     inside = low < high and all(low <= value <= high for value in parameter.initial)
     _require(inside, f"{what} starts outside its bounds")
+    if parameter.prior is not None:
+        spread = 0.0 < parameter.prior.std < math.inf and math.isfinite(parameter.prior.mean)
+        _require(spread and parameter.learn, f"{what} has a prior that says nothing")
 
 
 def _check_graph(graph: Graph, sources: Sources) -> None:

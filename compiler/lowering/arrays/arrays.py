@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.program import NodeId, Parameter, Statistic
+from compiler.ir.program import NodeId, Parameter, Prior, Statistic
 from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis, Type
 from compiler.lowering.arrays.initial_values import initial_values
 from compiler.lowering.context import Context
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.ranges import limit_in
+from compiler.lowering.ranges import limit_in, width_in
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
 from spec_schema.sections.values import Parameter as ParameterEntry
+from spec_schema.sections.values import Prior as PriorEntry
 from spec_schema.units.unit import Unit
 
 
@@ -92,10 +93,19 @@ class Arrays:
             tuple(float(v) for v in initial.ravel()),
             low,
             high,
-            entry.scale or 1.0,
+            1.0 if entry.scale is None or entry.scale == "data" else entry.scale,
             entry.learn,
+            scales_by_data=entry.scale == "data",
+            prior=self._prior(entry.prior, unit),
             doc=entry.doc or "",
             span=entry.place.key,
+        )
+
+    def _prior(self, entry: PriorEntry | None, unit: Unit | None) -> Prior | None:
+        if entry is None:
+            return None
+        return Prior(
+            limit_in(self._context, entry.mean, unit), width_in(self._context, entry.std, unit)
         )
 
     def declare(

@@ -66,6 +66,7 @@ def export(
     """
     from msnn.cli.console import json_result, note, report, result
     from msnn.exports.export import plan_exports, target_names, write_export
+    from msnn.exports.left_out import left_out
     from msnn.exports.target import AnyPlan, Written
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
@@ -83,11 +84,12 @@ def export(
     if extras and not set(having) & set(targets):
         message = f"of all targets only {' and '.join(having)} has extras, and it is not among "
         raise typer.BadParameter(f"{message}those to be written", param_hint="'--with'")
-    plans = plan_exports(model, targets, findings, extras)
+    plan_exports(model, targets, findings, extras)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     report(findings.in_order, model.sources)
     chosen = choose_weights(model, weights, runs, initial=initial)
+    plans = plan_exports(model, targets, Findings(), extras, chosen.weights)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     exports: list[tuple[AnyPlan, Written]] = []
@@ -100,6 +102,8 @@ def export(
         exports.append((plan, written))
         if format is ResultFormat.TEXT:
             result(f"{target.name}: {count(len(written.files), 'file')} in {written.folder}")
+            if said := left_out(plan):
+                result(said)
             if said := target.tell(plan, written.folder):
                 result(said)
     record: dict[str, Any] = {

@@ -73,6 +73,7 @@ def train(
         parameters_table,
         stages_table,
         training_record,
+        zeros_note,
     )
     from msnn.training.black_boxes import black_boxes
     from msnn.training.parameter_warnings import parameter_warnings
@@ -126,9 +127,9 @@ def train(
     result(stages_table(progress.stages))
     result("")
     result(parameters_table(record))
-    said = errors_note(record)
-    if said is not None:
-        result(said)
+    for said in (errors_note(record), zeros_note(record)):
+        if said is not None:
+            result(said)
     result("")
     result(f"kept in {found.folder}")
 

@@ -27,10 +27,11 @@ def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
         request.findings.report(workflow.untimed_library(entry.place.key))
     if entry is not None and entry.is_fixed_point:
         return FIXED_POINT.prepare(request, entry)
-    step = step_program(request, entry, () if entry is None else entry.delay)
+    options = _options(request, entry)
+    delay = () if entry is None else entry.delay
+    step = step_program(request, entry, delay, keeps_arrays=options.params == "tunable")
     if step is None:
         return None
-    options = _options(request, entry)
     if options.extras:
         # its vector x holds samples of signals, not what retiming makes of them
         step = settle_zeros(step)

@@ -48,15 +48,20 @@ class Engine(Protocol):
         """Physical values of all parameters."""
         ...
 
-    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
         """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
 
-        The same however often it is asked; each `attempt` at the stage has its own.
+        Priors count by `spread`, ŝ²/n. The same however often it is asked; each `attempt` at the
+        stage has its own.
         """
         ...
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
         """Replaces series by which runs start: of those that are watched, or trained on."""
+        ...
+
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on at the current weights, nothing left out of them."""
         ...
 
     def order(self, count: int, key: int) -> IntArray:

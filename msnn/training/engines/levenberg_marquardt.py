@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from backends.gauss_newton_products import Products
+from backends.known_terms import corners
 from backends.raw_parameters import physical_slope, physical_value, raw_value
 from compiler.ir.program import Parameter
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
@@ -21,9 +22,10 @@ from msnn.data.starts import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
 from msnn.training.engines.joint_starts import JointStarts
 from msnn.training.engines.normal_equations import Model, in_raw_variables
-from msnn.training.engines.quadratic_terms import quadratic_terms
+from msnn.training.engines.quadratic_terms import QuadraticTerms, quadratic_terms
 from msnn.training.engines.squares import Squares, loss_sums_of
 from msnn.training.plans.epoch_order import shuffled
+from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.sections.training.optimizers import LevenbergMarquardt
 
@@ -66,6 +68,8 @@ class LevenbergMarquardtEngine:
         self._begun: Weights = {}  # series of the starts with which runs begin
         self._started: Runs | None = None  # whose starts are the last variables, in their order
         self._watches_training = True
+        self._known = known_of(plan, self._parameters)
+        self._spread = 0.0
         self._largest = np.zeros_like(self._raw)
         self._damping, self._growth = self._options.damping, 2.0
         self.finished: str | None = None
@@ -82,8 +86,15 @@ class LevenbergMarquardtEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return self._weights_at(self._raw)
 
-    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
-        """Nothing: it leaves nothing out, as its steps compare totals, and has no rate."""
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
+        """Takes how priors count; it leaves nothing out, as its steps compare totals."""
+        self._spread = spread
+
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on at the current weights."""
+        in_order = runs.take(np.argsort(runs.t0, kind="stable"))
+        self._begin(in_order)
+        return self._costs_at(in_order, self._raw)
 
     def write(self, series: Weights, *, watched: bool) -> None:
         """Replaces series by which runs start; those that are variables begin there."""
@@ -194,7 +205,8 @@ class LevenbergMarquardtEngine:
 
     def _is_model(self, products: Mapping[str, Products]) -> bool:
         """Whether a next step follows from these."""
-        nothing = all(one.is_left_out for one in self._counting(products))
+        counting = self._counting(products).values()
+        nothing = bool(counting) and all(one.is_left_out for one in counting)
         return self._is_finite(products) and not nothing
 
     def _is_finite(self, products: Mapping[str, Products]) -> bool:
@@ -204,17 +216,17 @@ class LevenbergMarquardtEngine:
             and np.isfinite(one.slope).all()
             and np.isfinite(one.curvature).all()
             and (one.starts is None or np.isfinite(one.starts.curvature).all())
-            for one in self._counting(products)
+            for one in self._counting(products).values()
         )
 
     def _note_left_out(self, products: Mapping[str, Products]) -> None:
-        counting = self._counting(products)
+        counting = list(self._counting(products).values())
         self.has_left_out = self.has_left_out or any(one.left_out for one in counting)
         self.left_out = int(bool(counting) and all(one.is_left_out for one in counting))
 
     def _without_slopes(self, products: Mapping[str, Products]) -> tuple[str, ...]:
         """The parameters in which a loss has no finite slope though its value is one."""
-        counting = self._counting(products)
+        counting = list(self._counting(products).values())
         if not all(np.isfinite(one.cost) for one in counting):
             return ()
         bad = np.zeros(self._learned, bool)
@@ -222,31 +234,36 @@ class LevenbergMarquardtEngine:
             bad |= ~np.isfinite(one.slope) | ~np.isfinite(np.diagonal(one.curvature))
         return tuple(p.name for p, part in self._parts(bad) if part.any())
 
-    def _counting(self, products: Mapping[str, Products]) -> list[Products]:
-        return [
-            products[name]
-            for name, weight in self._plan.loss_weights.items()
-            if weight and products[name].count
-        ]
+    def _counting(self, products: Mapping[str, Products]) -> dict[str, Products]:
+        """Those of the losses that count; penalties have none."""
+        return {
+            loss.name: products[loss.name]
+            for loss in self._plan.rollout.program.losses
+            if self._plan.loss_weights[loss.name]
+            and loss.penalty is None
+            and products[loss.name].count
+        }
 
     def _model(self, products: Mapping[str, Products]) -> Model:
         shares = {
-            name: weight / products[name].count
-            for name, weight in self._plan.loss_weights.items()
-            if weight and products[name].count
+            name: self._plan.loss_weights[name] / found.count
+            for name, found in self._counting(products).items()
         }
         losses = in_raw_variables(products, shares, self._slopes_of_physical())
-        found = losses.plus(quadratic_terms(self._raw[: self._learned], self._plan.weight_decay))
+        raw = self._raw[: self._learned]
+        found = losses.plus(self._quadratic_terms(raw), corners(self._known, raw))
         # D never shrinks, so that a variable which loses its influence does not run away (Moré
         # 1978)
         self._largest = np.maximum(self._largest, found.diagonal)
-        return found.model(self._scale())
+        return found.model(self._scale(), raw, self._known)
+
+    def _quadratic_terms(self, raw: FloatArray) -> QuadraticTerms:
+        return quadratic_terms(self._known, raw, self._plan.weight_decay, self._spread)
 
     def _descend(self, runs: Runs, model: Model) -> None:
         """Takes the first step that lowers the total, shorter ones until one does."""
         while self._damping < _MOST_DAMPING:
-            scaled, fall = model.step(self._damping)
-            step = scaled * self._scale()
+            step, fall = model.step(self._damping)
             # the model promises no more than rounding
             if fall <= np.finfo(float).eps * model.total or not step.any():
                 break
@@ -281,7 +298,7 @@ class LevenbergMarquardtEngine:
             for name, weight in self._plan.loss_weights.items()
             if weight and sums[name].count
         )
-        return losses + quadratic_terms(raw[: self._learned], self._plan.weight_decay).value
+        return losses + self._quadratic_terms(raw[: self._learned]).value
 
     def _scale(self) -> FloatArray:
         """1/√D; 1 in a variable that no residual depends on."""

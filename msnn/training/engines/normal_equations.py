@@ -9,7 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from backends.gauss_newton_products import Products, StartBlocks
+from backends.known_terms import KnownTerms
 from msnn.data.dataset import FloatArray
+from msnn.training.engines.damped_steps import DampedModel
 from msnn.training.engines.quadratic_terms import QuadraticTerms
 
 
@@ -22,7 +24,7 @@ class Model(Protocol):
         ...
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
-        """The scaled step at this damping, and how much the model of the total falls by it."""
+        """The step in raw variables at this damping, and how much the model of the total falls."""
         ...
 
 
@@ -44,21 +46,32 @@ class NormalEquations:
         own = np.diagonal(self.starts.curvature, axis1=1, axis2=2)
         return np.concatenate([of_parameters, own.ravel()])
 
-    def plus(self, known: QuadraticTerms) -> NormalEquations:
-        """With what is known of the parameters beside the data."""
+    def plus(self, known: QuadraticTerms, penalties: float) -> NormalEquations:
+        """With what is known of the parameters beside the data, and penalties in the total."""
         return replace(
             self,
-            total=self.total + known.value,
+            total=self.total + known.value + penalties,
             slope=self.slope + known.slope,
             curvature=self.curvature + np.diag(known.curvature),
         )
 
-    def model(self, scale: FloatArray) -> Model:
-        """In variables times 1/scale."""
-        if self.starts is not None:
-            return ArrowModel.of(self.total, self.slope, self.curvature, self.starts, scale)
-        values, vectors = np.linalg.eigh(self.curvature * np.outer(scale, scale))
-        return DenseModel(self.total, self.slope * scale, np.maximum(values, 0.0), vectors)
+    def model(self, scale: FloatArray, raw: FloatArray, known: KnownTerms) -> Model:
+        """In variables times 1/scale, at these raw variables of the parameters."""
+        n = len(self.curvature)
+        top = scale[:n]
+        values, vectors = np.linalg.eigh(self.curvature * np.outer(top, top))
+        parameters = DampedModel(
+            total=self.total,
+            raw=raw,
+            scale=top,
+            slope=self.slope * top,
+            curvatures=np.maximum(values, 0.0),
+            directions=vectors,
+            known=known,
+        )
+        if self.starts is None:
+            return parameters
+        return ArrowModel.of(parameters, self.curvature, self.starts, scale[n:])
 
 
 def in_raw_variables(
@@ -79,77 +92,70 @@ def in_raw_variables(
     return NormalEquations(total, slope, curvature, starts)
 
 
-@dataclass(frozen=True, slots=True)
-class DenseModel:
-    """The total near the raw variables: F + 2gᵀδ + δᵀAδ, in variables scaled by 1/√D."""
-
-    total: float
-    slope: FloatArray
-    curvatures: FloatArray
-    """Eigenvalues of A, none below 0."""
-    directions: FloatArray
-    """Their eigenvectors, in columns."""
-
-    def step(self, damping: float) -> tuple[FloatArray, float]:
-        """The scaled step at this damping, and how much the model of the total falls by it."""
-        along = -(self.directions.T @ self.slope) / (self.curvatures + damping)
-        fall = float(np.sum(along * along * (self.curvatures + 2.0 * damping)))
-        return self.directions @ along, fall
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ArrowModel:
-    """The total near the variables, F + 2gᵀδ + δᵀAδ, where A has a block a run beside a border.
+    """The total near the variables, F + 2gᵀδ + δᵀAδ + P, where A has a block a run beside a border.
 
-    Eliminating the starts leaves (S + μ)δ = −s for the parameters, the Schur complement
-    S = A − Σ B(C + μ)⁻¹Bᵀ of the blocks C of the runs (Golub, Pereyra 1973). All variables are
-    scaled by 1/√D.
+    Eliminating the starts leaves the damped model of the parameters, whose curvature is the Schur
+    complement S = A − Σ B(C + μ)⁻¹Bᵀ of the blocks C of the runs (Golub, Pereyra 1973); starts have
+    no penalties P. All variables are scaled by 1/√D.
     """
 
-    total: float
-    slope: FloatArray
-    """Of the parameters, then of the starts."""
+    parameters: DampedModel
+    """The model of the parameters while all starts stay."""
     curvature: FloatArray
+    """Of the parameters."""
+    slope: FloatArray
+    """Of the starts, (runs, starts)."""
+    scale: FloatArray
+    """1/√D of the starts, (runs, starts)."""
     cross: FloatArray
     values: FloatArray
     """Eigenvalues of the blocks of the runs, none below 0."""
     directions: FloatArray
 
+    @property
+    def total(self) -> float:
+        """F at the variables."""
+        return self.parameters.total
+
     @classmethod
     def of(
-        cls,
-        total: float,
-        slope: FloatArray,
-        curvature: FloatArray,
-        blocks: StartBlocks,
-        scale: FloatArray,
+        cls, parameters: DampedModel, curvature: FloatArray, blocks: StartBlocks, scale: FloatArray
     ) -> ArrowModel:
-        """The model of unscaled products; `scale` of the parameters, then of the starts."""
-        n = len(curvature)
-        top, own = scale[:n], scale[n:].reshape(blocks.slope.shape)
+        """The model of unscaled products of starts; `scale` is theirs."""
+        top, own = parameters.scale, scale.reshape(blocks.slope.shape)
         values, directions = np.linalg.eigh(blocks.curvature * own[:, :, None] * own[:, None, :])
         return cls(
-            total,
-            np.concatenate([slope, blocks.slope.ravel()]) * scale,
-            curvature * np.outer(top, top),
-            blocks.cross * top[None, :, None] * own[:, None, :],
-            np.maximum(values, 0.0),
-            directions,
+            parameters=parameters,
+            curvature=curvature * np.outer(top, top),
+            slope=blocks.slope * own,
+            scale=own,
+            cross=blocks.cross * top[None, :, None] * own[:, None, :],
+            values=np.maximum(values, 0.0),
+            directions=directions,
         )
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
-        """The scaled step at this damping, and how much the model of the total falls by it."""
-        n = len(self.curvature)
-        top, own = self.slope[:n], self.slope[n:].reshape(len(self.cross), -1)
+        """The step in raw variables, then starts, and how much the model of the total falls."""
         turned = self.cross @ self.directions
-        shares = np.einsum("rni,rn->ri", self.directions, own) / (self.values + damping)
+        shares = np.einsum("rni,rn->ri", self.directions, self.slope) / (self.values + damping)
         left = turned / (self.values + damping)[:, None, :]
         complement = self.curvature - np.einsum("rpi,rqi->pq", left, turned)
         values, vectors = np.linalg.eigh(complement)
-        reduced = top - np.einsum("rpi,ri->p", turned, shares)
-        along = -(vectors.T @ reduced) / (np.maximum(values, 0.0) + damping)
-        of_parameters = vectors @ along
+        reduced = replace(
+            self.parameters,
+            slope=self.parameters.slope - np.einsum("rpi,ri->p", turned, shares),
+            curvatures=np.maximum(values, 0.0),
+            directions=vectors,
+        )
+        moved, _ = reduced.step(damping)
+        of_parameters = moved / self.parameters.scale
         inside = -shares - np.einsum("rpi,p->ri", left, of_parameters)
         of_starts = np.einsum("rni,ri->rn", self.directions, inside)
-        step = np.concatenate([of_parameters, of_starts.ravel()])
-        return step, float(-(self.slope @ step) + damping * (step @ step))
+        step = np.concatenate([moved, (of_starts * self.scale).ravel()])
+        along = 2.0 * float(self.parameters.slope @ of_parameters + np.sum(self.slope * of_starts))
+        crossed = 2.0 * float(np.einsum("p,rpn,rn->", of_parameters, self.cross, of_starts))
+        bent = float(of_parameters @ self.curvature @ of_parameters)
+        bent += crossed + float(np.sum(self.values * inside * inside))
+        return step, self.parameters.lost_corners(moved) - along - bent

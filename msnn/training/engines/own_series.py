@@ -22,3 +22,9 @@ def own_series(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, F
     states = () if plan.rollout.starts is None else estimated_states(plan.rollout.starts.program)
     blank = {start_signal(s): np.zeros((rows, *Type(s.axes).shape)) for s in states}
     return {**with_all_kept(series, plan.masks), **blank}
+
+
+def without_masks(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Those that are no factors of dropout: what is measured leaves nothing out."""
+    masks = {mask.signal for mask in plan.masks}
+    return {name: values for name, values in series.items() if name not in masks}

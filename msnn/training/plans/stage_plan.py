@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Literal
 
-from compiler.differentiation.sums_of_squares import is_sum_of_squares
 from compiler.ir.program import Program
 from compiler.passes.draw_dropout import Mask, draw_dropout
-from msnn.errors import runs, second_order
+from msnn.errors import runs
 from msnn.errors import training as errors
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
 from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.curriculum import Phase, plan_curriculum
 from msnn.training.plans.learning_rate import Rule
+from msnn.training.plans.penalties import check_priors, with_reached_corners, without_corners
+from msnn.training.plans.second_order_checks import check_keys, check_losses
 from msnn.training.plans.torch_optimizer_options import check_torch_optimizer
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
@@ -47,7 +48,9 @@ class StagePlan:
     """None: all starts at once."""
     optimizer: OptimizerChoice
     lr: float | None
-    """None where the optimiser has none."""
+    """None where the optimiser has none; 1 where it is searched, as a factor of that."""
+    searches_rate: bool
+    """Whether the learning rate is found before the first epoch."""
     rollout: RolloutPlan
     program: Program
     """What engines train: that of the rollout with its dropout drawn."""
@@ -97,6 +100,13 @@ class StagePlan:
         return starts.skip if starts is not None and self.estimates_starts else self.rollout.skip
 
 
+def with_slopes_alone(plan: StagePlan) -> StagePlan:
+    """The stage for steps that are not its own: every loss has its slope."""
+    program = without_corners(plan.program)
+    rollout = replace(plan.rollout, program=without_corners(plan.rollout.program))
+    return replace(plan, program=program, rollout=rollout)
+
+
 def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -> list[StagePlan]:
     """The stages as they will run; what is wrong with them goes to `findings`."""
     plans = [
@@ -133,7 +143,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     if stage.reproducible:
         _check_reproducible(name, stage, findings)
     if optimizer.needs_squares:
-        _check_keys(stage, findings)
+        check_keys(stage, findings)
     known = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
     weights = {loss.name: loss.weight * loss.share for loss in program.losses}
     for entry, weight in stage.losses.items():
@@ -141,8 +151,13 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         weights |= {term.name: weight.value * term.share for term in terms}
         if not terms:
             findings.report(errors.unknown_loss(entry, weight.key or weight.span, known))
-    if optimizer.needs_squares and rollout is not None:
-        _check_losses(name, rollout.program, weights, findings)
+    if rollout is not None:
+        reached = with_reached_corners(rollout.program, optimizer, weights, name, findings)
+        rollout = replace(rollout, program=reached)
+        moved = [program.parameter(parameter) for parameter in trained]
+        check_priors(reached, moved, weights, name, span, findings)
+        if optimizer.needs_squares:
+            check_losses(name, reached, weights, findings)
     if not any(weights.values()):
         findings.report(errors.no_objective(name, span))
     elif rollout is not None and trained and not concerns(rollout.program, weights, trained):
@@ -162,8 +177,8 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         phases = plan_curriculum(program, stage.rollout, rollout, stage.epochs, findings)
     all_at_once = optimizer.takes_all_starts and "batch" not in stage.model_fields_set
     layers = {parameter.rpartition(".")[0] for parameter in learned}
-    moved = {parameter.rpartition(".")[0] for parameter in trained}
-    drawn = draw_dropout(rollout.program, layers - moved - {""})
+    changing = {parameter.rpartition(".")[0] for parameter in trained}
+    drawn = draw_dropout(rollout.program, layers - changing - {""})
     return StagePlan(
         index=index,
         name=name,
@@ -171,6 +186,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         batch=None if all_at_once else stage.batch,
         optimizer=optimizer,
         lr=_rate(program, stage, trained, findings),
+        searches_rate=getattr(optimizer, "lr", None) == "auto",
         rollout=rollout,
         program=drawn.program,
         masks=drawn.masks,
@@ -197,34 +213,15 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
 def _rate(
     program: Program, stage: Stage, trained: Sequence[str], findings: Findings
 ) -> float | None:
-    """The learning rate of the optimiser; None where each step has its own length."""
+    """The learning rate, 1 where it is searched; None where each step has its own length."""
     match stage.optimizer.choice:
         case Adam(lr=lr) | AdamW(lr=lr) | Sgd(lr=lr) | Lbfgs(lr=lr):
-            return lr
+            return 1.0 if lr == "auto" else lr
         case TorchOptimizer() as optimizer:
             moved = [program.parameter(name) for name in trained]
             return check_torch_optimizer(optimizer, stage.weight_decay, moved, findings)
         case LevenbergMarquardt():
             return None
-
-
-_NOT_OF_SECOND_ORDER: Mapping[str, str] = {
-    "batch": "each step takes all starts",
-    "lr": "each step has its own length",
-    "schedule": "each step has its own length",
-    "clip": "the damping limits each step",
-}
-
-
-def _check_keys(stage: Stage, findings: Findings) -> None:
-    """Keys of other optimisers that say nothing to levenberg_marquardt."""
-    place = stage.optimizer.choice.place.key
-    for key, reason in _NOT_OF_SECOND_ORDER.items():
-        if key in stage.model_fields_set:
-            findings.report(second_order.not_of_second_order(key, reason, place))
-    if "dtype" in stage.model_fields_set and stage.dtype != "float64":
-        reason = "its products lose half of the digits, so that it always runs in float64"
-        findings.report(second_order.not_of_second_order("dtype", reason, place))
 
 
 def _check_reproducible(name: str, stage: Stage, findings: Findings) -> None:
@@ -240,20 +237,6 @@ def _check_reproducible(name: str, stage: Stage, findings: Findings) -> None:
             findings.report(runs.not_reproducible(name, "it asks for torch", stage.place.key))
         case "kernel":
             pass
-
-
-def _check_losses(
-    stage: str,
-    program: Program,
-    weights: Mapping[str, float],
-    findings: Findings,
-) -> None:
-    for loss in program.losses:
-        weight = weights[loss.name]
-        if weight < 0 or (weight and not is_sum_of_squares(program.step, loss)):
-            measure = loss.measure.value
-            found = second_order.no_sum_of_squares(loss.name, measure, weight, loss.span, stage)
-            findings.report(found)
 
 
 def _matching(

@@ -21,7 +21,7 @@ from msnn.training.plans.learning_rate import Reductions
 from msnn.training.plans.stage_result import StageResult
 from spec_schema.diagnostics.diagnostic import SpecError
 
-_FORMAT = 3
+_FORMAT = 4
 _RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 
@@ -43,6 +43,10 @@ class TrainingPosition:
     engine: EngineState
     reductions: Reductions
     """Of the learning rate so far."""
+    spread: float
+    """By which priors count in the present epoch."""
+    found_rate: float
+    """The learning rate where it was searched, else 1."""
     seconds: float
     """Since the attempt began, without the time between an end and going on."""
     starts: Mapping[str, FloatArray] = field(default_factory=dict[str, FloatArray])
@@ -94,6 +98,8 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
             "best_value": place.best_value,
             "best_epoch": place.best_epoch,
             "engine": place.engine.structure,
+            "spread": place.spread,
+            "found_rate": place.found_rate,
             "reductions": [place.reductions.count, place.reductions.epoch],
             "seconds": place.seconds,
         }
@@ -136,6 +142,8 @@ def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Train
         best_epoch=int(record["best_epoch"]),
         best=_below("best", arrays),
         engine=EngineState(_below("engine", arrays), record["engine"]),
+        spread=float(record["spread"]),
+        found_rate=float(record["found_rate"]),
         reductions=Reductions(*map(int, record["reductions"])),
         seconds=float(record["seconds"]),
         starts=_below("starts", arrays),

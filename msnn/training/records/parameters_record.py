@@ -9,6 +9,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.training.records.run_folder import finite
 from msnn.training.records.standard_errors import StandardErrors, at_bound
+from msnn.training.records.zero_slices import zero_slices
 
 
 def parameters_record(
@@ -38,6 +39,9 @@ def parameters_record(
             for parameter in program.parameters
         ]
     }
+    zero = zero_slices(program, weights)
+    if zero:
+        record["zero_slices"] = zero
     if found is not None:
         record["standard_errors"] = {
             "residuals": found.residuals,

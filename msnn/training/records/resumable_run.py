@@ -67,6 +67,7 @@ class NotedProgress:
         before = {} if folder is None else folder.end()
         self._said: list[Diagnostic] = []
         self._reasons: dict[str, str] = before.get("stages", {})
+        self._rates: dict[str, float] = before.get("rates", {})
         self._warnings: list[str] = before.get("warnings", [])
         self._kept = self._lines()
 
@@ -80,6 +81,10 @@ class NotedProgress:
         self._reasons[event.stage] = event.reason
         self._shown.stage_ended(event)
 
+    def rate_found(self, stage: str, attempt: int, rate: float) -> None:
+        """Keeps the learning rate that was searched for a stage."""
+        self._rates[stage if attempt == 0 else f"{stage}, run {attempt + 1}"] = rate
+
     def warned(self, diagnostic: Diagnostic) -> None:
         if diagnostic in self._said:  # of what is no stage's own every stage warns
             return
@@ -91,12 +96,14 @@ class NotedProgress:
         self,
         state: Literal["finished", "interrupted", "diverged"],
         said: Sequence[Diagnostic] = (),
+        zero: Sequence[Mapping[str, Any]] = (),
     ) -> None:
-        """Keeps how the run ended, and what is said of it at the end."""
+        """Keeps how the run ended, what is said of it at the end, and which slices are 0."""
         for diagnostic in said:
             self._note(diagnostic)
         if self._folder is not None:
-            self._folder.write_end({"state": state, **self._lines()})
+            found = {"zero_slices": list(zero)} if zero else {}
+            self._folder.write_end({"state": state, **self._lines(), **found})
 
     def keep(self) -> None:
         """Keeps what was said so far, for a run that may be killed."""
@@ -105,7 +112,8 @@ class NotedProgress:
             self._folder.write_end(self._kept)
 
     def _lines(self) -> dict[str, Any]:
-        return {"stages": dict(self._reasons), "warnings": list(self._warnings)}
+        rates = {"rates": dict(self._rates)} if self._rates else {}
+        return {"stages": dict(self._reasons), **rates, "warnings": list(self._warnings)}
 
     def _note(self, diagnostic: Diagnostic) -> None:
         line = describe(diagnostic)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from compiler.differentiation.estimated_starts import estimated_states
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.fields.entry import Entry
@@ -27,6 +29,8 @@ def stage_record(plan: StagePlan) -> dict[str, object]:
         "skip_rows": plan.rollout.skip_rows,
         "losses": dict(plan.loss_weights),
         "trained": list(plan.trained),
+        "priors": _priors(plan),
+        "scales": _scales(plan),
         "lr": dict(plan.lr_factors),
         "schedule": None if plan.schedule is None else _variant(plan.schedule),
         "clip": plan.clip,
@@ -41,6 +45,16 @@ def stage_record(plan: StagePlan) -> dict[str, object]:
         "reproducible": plan.reproducible,
         "starts": plan.attempts,
     }
+
+
+def _scales(plan: StagePlan) -> dict[str, object]:
+    moved = (plan.program.parameter(name) for name in plan.trained)
+    return {p.name: p.scale for p in moved if p.scales_by_data}
+
+
+def _priors(plan: StagePlan) -> dict[str, object]:
+    moved = (plan.program.parameter(name) for name in plan.trained)
+    return {p.name: asdict(p.prior) for p in moved if p.prior is not None}
 
 
 def _starts(plan: StagePlan) -> dict[str, object] | None:

@@ -3,7 +3,9 @@
 Near the minimum of the total F = Σ cₗ rₗᵀrₗ the estimate is linear in the noise of the residuals:
 cov θ = H⁻¹ (Σ cₗ² σₗ² JₗᵀJₗ) H⁻¹ with H = Σ cₗ JₗᵀJₗ and σₗ² = rₗᵀrₗ / (nₗ − pₗ), where
 pₗ = tr(H⁻¹ cₗ JₗᵀJₗ) are the parameters that loss l determines. With one loss this is
-σ²(JᵀJ)⁻¹, σ² = rᵀr / (n − p) (Ljung, System Identification, 1999, ch. 9). The residuals are taken
+σ²(JᵀJ)⁻¹, σ² = rᵀr / (n − p) (Ljung, System Identification, 1999, ch. 9). A prior is one more
+residual, (p − mean)/std of variance 1 with c = ŝ²/n, which makes it the posterior covariance.
+Numbers that a penalty holds at 0 have no errors, nor have those at bounds. The residuals are taken
 as white: rows that are correlated say less than they seem to, and the errors come out too small.
 Where a row has a factor w, r and J are √w times what they are, as if its noise were σ/√w; n counts
 every row with w > 0 once. Starts that were estimated with the parameters are eliminated from H and
@@ -19,19 +21,19 @@ import numpy as np
 
 from backends.files.c_compiler import CompilerMissingError
 from backends.gauss_newton_products import Products
-from compiler.differentiation.sums_of_squares import is_sum_of_squares
-from compiler.differentiation.training_step import element_factors
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import Relation
-from compiler.ir.program import Loss, Measure, Parameter, Program
+from backends.known_terms import KnownTerms, in_corners
+from compiler.ir.program import Measure, Parameter
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.rollout import LossSum
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.simulation.start_fit import StartFit
 from msnn.training.engines.joint_starts import JointStarts, without_starts
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.squares import Squares
+from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
+from msnn.training.plans.squared_losses import NUMBER_OF, squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
@@ -44,9 +46,6 @@ AT_BOUND = 1e-3
 
 _NOTHING = 1e-10
 """Curvature, relative to that of single parameters, below which a direction changes nothing."""
-
-_NUMBER_OF = "number of "
-"""Before the name of a loss: one that counts its residuals."""
 
 _SHARE = 1e-3
 """Part of a direction that changes nothing from which on a number is named as a part of it."""
@@ -77,7 +76,7 @@ def standard_errors(
     Rollouts are those of the stage, a horizon apart, so that each row counts once. `huber` and
     `rmse` count as mse; losses that are no sums of squares are left out.
     """
-    program = _squared(plan.rollout.program, plan)
+    program = squared(plan.rollout.program, plan.loss_weights)
     parameters = [program.parameter(name) for name in plan.trained]
     numbers = sum(weights[p.name].size for p in parameters)
     if not any(loss.target is not None for loss in program.losses):
@@ -113,34 +112,10 @@ def _none(reason: str) -> StandardErrors:
     return StandardErrors(errors={}, unidentified=(), noise={}, residuals=0, reason=reason)
 
 
-def _squared(program: Program, plan: StagePlan) -> Program:
-    """The program with the losses that count, each as mse."""
-    losses: list[Loss] = []
-    for loss in program.losses:
-        if loss.measure is Measure.RMSE or is_sum_of_squares(program.step, loss):
-            compared = loss.target is not None
-            measure = Measure.MSE if compared else loss.measure
-            if plan.loss_weights[loss.name]:
-                losses.append(replace(loss, measure=measure))
-    builder = GraphBuilder(program.step)
-    counted = [_counted(builder, one) for one in losses if one.rows is not None]
-    return replace(program, losses=(*losses, *counted), step=builder.graph())
-
-
-def _counted(builder: GraphBuilder, loss: Loss) -> Loss:
-    """Counts the residuals of a loss whose rows have factors: none below 0, whatever they are."""
-    assert loss.rows is not None
-    factors = element_factors(builder, loss, loss.rows)
-    axes = builder.type(factors).axes
-    one, zero = (builder.broadcast(builder.constant(value), axes) for value in (1.0, 0.0))
-    number = builder.select(builder.compare(Relation.LESS, zero, factors), one, zero)
-    return Loss(f"{_NUMBER_OF}{loss.name}", Measure.MEAN, number, None, weight=0.0)
-
-
 def _numbers(products: Mapping[str, Products], name: str) -> float:
     """Residuals of a loss that have a share in its products."""
     one = products[name]
-    counted = products.get(f"{_NUMBER_OF}{name}")
+    counted = products.get(f"{NUMBER_OF}{name}")
     number = one.count if counted is None else counted.cost
     return number * (1.0 - one.left_out / one.count)
 
@@ -212,19 +187,23 @@ def _estimated(
     products: Mapping[str, Products],
     used_up: Mapping[str, float],
 ) -> StandardErrors:
+    known = known_of(plan, parameters)
     held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
+    held |= in_corners(known, np.concatenate([weights[p.name].ravel() for p in parameters]))
     free = np.flatnonzero(~held)
     names = [n for p in parameters for n in _number_names(p.name, weights[p.name].shape)]
     shares = _shares(plan, products)
     curvatures = {
         name: share * products[name].curvature[np.ix_(free, free)] for name, share in shares.items()
     }
-    total = sum(curvatures.values(), np.zeros((len(free), len(free))))
+    prior = _prior_curvature(plan, known, products)[free]
+    total = sum(curvatures.values(), np.diag(prior[:, 0]))
     inverse, nothing = _inverted(total)
     # the residuals of a penalty such as l2(w) are no measurements: it has no noise
     measured = {loss.name for loss in plan.rollout.program.losses if loss.target is not None}
     noise: dict[str, float] = {}
-    spread = np.zeros_like(total)
+    # the deviation from a prior is one more residual, whose variance is known: 1
+    spread = np.diag(prior[:, 1])
     for name in measured & curvatures.keys():
         one, curvature = products[name], curvatures[name]
         freedom = _numbers(products, name) - float(np.sum(inverse * curvature))
@@ -253,6 +232,17 @@ def _shares(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, floa
     """Of the losses that score something."""
     names = [name for name in plan.loss_weights if name in products and products[name].count]
     return {name: _share(plan, name, products[name]) for name in names}
+
+
+def _prior_curvature(
+    plan: StagePlan, known: KnownTerms, products: Mapping[str, Products]
+) -> FloatArray:
+    """What the prior of each number adds to H, and to the variance of the slope."""
+    residuals = [one for one in products.values() if one.count]
+    sums = {name: LossSum(one.cost, one.count) for name, one in products.items()}
+    weight = square_by_count(plan, sums) if residuals else 0.0
+    slope = np.where(known.std > 0, 1.0 / np.where(known.std > 0, known.std, 1.0), 0.0)
+    return np.stack([weight * slope**2, (weight * slope) ** 2], axis=1)
 
 
 def _share(plan: StagePlan, name: str, found: Products) -> float:

@@ -14,12 +14,34 @@ from spec_schema.fields.plain import (
     PositiveCount,
     PositiveNumber,
     number,
+    read_number,
     reads,
     scalar,
 )
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, kind
 
 _BelowOne = Annotated[float, number(least=0.0, most=1.0)]
+
+FromSearch: TypeAlias = Literal["auto"]
+
+
+def _read_rate(node: Node, findings: Findings) -> float | FromSearch:
+    if isinstance(node, Scalar) and node.text == "auto":
+        return "auto"
+    value = read_number(node, findings)
+    if value <= 0:
+        findings.report(errors.out_of_range(f"{value:g}", node.span, "above 0, or `auto`"))
+        raise RefusedError
+    return value
+
+
+_RATE = {
+    "type": ["number", "string"],
+    "exclusiveMinimum": 0,
+    "pattern": "^auto$",
+    "examples": ["auto"],
+}
+_Rate = Annotated[float | FromSearch, reads(_read_rate, _RATE)]
 
 
 class OptimizerOptions(Entry):
@@ -31,6 +53,8 @@ class OptimizerOptions(Entry):
     """Whether each step takes all starts, unless a stage gives its `batch`."""
     takes_factors: ClassVar[bool] = True
     """Whether single parameters can have steps of another length."""
+    reaches_corners: ClassVar[bool] = True
+    """Whether its steps can end exactly where a penalty has a corner: at 0 (decision 0215)."""
     needs_squares: ClassVar[bool] = False
     """Whether it takes the residuals of losses that are sums of squares, in float64."""
 
@@ -40,8 +64,8 @@ class Adam(OptimizerOptions):
 
     noun: ClassVar[str] = "the adam optimizer"
 
-    lr: PositiveNumber = 1e-3
-    """Step length of the optimiser."""
+    lr: _Rate = 1e-3
+    """Step length of the optimiser; `auto` tries many before the first epoch."""
     beta1: _BelowOne = 0.9
     """Decay of the mean."""
     beta2: _BelowOne = 0.999
@@ -55,8 +79,8 @@ class AdamW(OptimizerOptions):
 
     noun: ClassVar[str] = "the adamw optimizer"
 
-    lr: PositiveNumber = 1e-3
-    """Step length of the optimiser."""
+    lr: _Rate = 1e-3
+    """Step length of the optimiser; `auto` tries many before the first epoch."""
     beta1: _BelowOne = 0.9
     """Decay of the mean."""
     beta2: _BelowOne = 0.999
@@ -70,8 +94,8 @@ class Sgd(OptimizerOptions):
 
     noun: ClassVar[str] = "the sgd optimizer"
 
-    lr: PositiveNumber = 1e-2
-    """Step length of the optimiser."""
+    lr: _Rate = 1e-2
+    """Step length of the optimiser; `auto` tries many before the first epoch."""
     momentum: _BelowOne = 0.0
     """How much of the last step is kept."""
 
@@ -83,6 +107,7 @@ class Lbfgs(OptimizerOptions):
     steps_by = "torch"
     takes_all_starts = True
     takes_factors = False
+    reaches_corners = False
 
     lr: PositiveNumber = 1.0
     """Step length of the optimiser."""
@@ -122,6 +147,7 @@ class TorchOptimizer(OptimizerOptions):
     noun: ClassVar[str] = "the torch optimizer"
     shorthand: ClassVar[str | None] = "name"
     steps_by = "torch"
+    reaches_corners = False
 
     name: LocatedText
     """Class of torch.optim, such as `RAdam`."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from backends.native.kernel import Kernel
+from backends.native.kernel_data import KernelData
 from backends.native.lanes.lane_groups import Groups
 from backends.native.variables import Method, Rule
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
@@ -17,6 +18,7 @@ from msnn.training.engines.dropout_masks import factors_of
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
 from msnn.training.engines.native.kernel_check import check_kernel
 from msnn.training.engines.own_series import own_series
+from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.sections.training.optimizers import (
     Adam,
@@ -60,14 +62,16 @@ class NativeEngine:
         )
         rule, rate = _rule(plan)
         rates = {name: rate * plan.lr_factors.get(name, 1.0) for name in plan.trained}
-        self._variables = self._kernel.variables(rule, weights, rates)
+        known = known_of(plan, plan.program.parameters)
+        self._variables = self._kernel.variables(rule, weights, rates, known)
         self.moved = self._variables.moved
         series = own_series(plan, series)
         self._train = self._kernel.data(own_series(plan, series), plan.rollout.skip, train_rows)
         self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
         names = self._kernel.source.losses
         self._loss_weights = [plan.loss_weights[name] for name in names]
-        self._series = series
+        self._series, self._train_rows = series, train_rows
+        self._measured: KernelData | None = None
         self._evaluated: tuple[Runs, Groups] | None = None
         """The rollouts of the last evaluation in their groups: mostly those of the next."""
 
@@ -80,17 +84,26 @@ class NativeEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._variables.weights(), **self._fixed}
 
-    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
-        """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
-
-        The same however often it is asked; each `attempt` at the stage has its own.
-        """
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
+        """As `Engine.begin_epoch`."""
         self._train.write(factors_of(self._plan, self._series, epoch, attempt))
         self._variables.scale_rates(rate)
+        self._variables.set_spread(spread)
+
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on at the current weights, nothing left out of them."""
+        if self._measured is None:
+            series, skip = self._series, self._plan.rollout.skip
+            self._measured = self._kernel.data(series, skip, self._train_rows)
+        return self._losses(self._measured, self._kernel.groups(runs.t0, runs.steps))
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
         """Replaces series by which runs start: of those that are watched, or trained on."""
         (self._evaluation if watched else self._train).write(series)
+        if not watched:
+            self._series |= series
+            if self._measured is not None:
+                self._measured.write(series)
 
     def train_batches(
         self,
@@ -125,14 +138,7 @@ class NativeEngine:
         """The losses of these rollouts at the current weights, on the rows that count."""
         if self._evaluated is None or self._evaluated[0] is not runs:
             self._evaluated = runs, self._kernel.groups(runs.t0, runs.steps)
-        found = self._kernel.losses(
-            self._evaluation,
-            self._evaluated[1],
-            self._variables.physical,
-            self._loss_weights,
-            gradient=False,
-        )
-        return self._named(found.sums, found.counts)
+        return self._losses(self._evaluation, self._evaluated[1])
 
     def state(self) -> EngineState:
         """Raw variables and optimiser as they are now."""
@@ -153,6 +159,11 @@ class NativeEngine:
             setattr(self._variables.optimizer, name, state.structure[name])
         self._kernel.fill_in_physical(self._variables)
 
+    def _losses(self, data: KernelData, groups: Groups) -> LossSums:
+        physical, weights = self._variables.physical, self._loss_weights
+        found = self._kernel.losses(data, groups, physical, weights, gradient=False)
+        return self._named(found.sums, found.counts)
+
     def _named(self, sums: FloatArray, counts: FloatArray) -> LossSums:
         return {
             name: LossSum(float(total), float(count))
@@ -162,13 +173,14 @@ class NativeEngine:
 
 def _rule(plan: StagePlan) -> tuple[Rule, float]:
     """The optimiser of the stage and its learning rate."""
-    decay, clip = plan.weight_decay, plan.clip or 0.0
+    decay, clip, lr = plan.weight_decay, plan.clip or 0.0, plan.lr
+    assert lr is not None, "what steps inside of a kernel has a rate"
     match plan.optimizer:
-        case Adam(lr=lr, beta1=b1, beta2=b2, eps=eps):
+        case Adam(beta1=b1, beta2=b2, eps=eps):
             return Rule(Method.ADAM, b1, b2, eps, decay, clip), lr
-        case AdamW(lr=lr, beta1=b1, beta2=b2, eps=eps):
+        case AdamW(beta1=b1, beta2=b2, eps=eps):
             return Rule(Method.ADAMW, b1, b2, eps, decay, clip), lr
-        case Sgd(lr=lr, momentum=momentum):
+        case Sgd(momentum=momentum):
             return Rule(Method.SGD, momentum, decay=decay, clip=clip), lr
         case Lbfgs() | TorchOptimizer() | LevenbergMarquardt():
             raise AssertionError("these take the slopes of a kernel and step outside of it")

@@ -20,8 +20,13 @@ from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import LossSums
 from msnn.training.engines.native.kernel_check import check_kernel
-from msnn.training.engines.own_series import own_series
-from msnn.training.engines.torch.torch_losses import batch_losses, evaluated, scoring
+from msnn.training.engines.own_series import own_series, without_masks
+from msnn.training.engines.torch.torch_losses import (
+    TorchScoring,
+    batch_losses,
+    evaluated,
+    scoring,
+)
 from msnn.training.plans.stage_plan import StagePlan
 
 RowsByLoss = Mapping[str, BoolArray]
@@ -57,6 +62,10 @@ class Objective(Protocol):
         """The losses of rollouts on the rows that are watched, without slopes."""
         ...
 
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on, nothing left out of them, without slopes."""
+        ...
+
 
 class TorchObjective:
     """Unrolls the program's module."""
@@ -72,6 +81,8 @@ class TorchObjective:
         self._model, self._plan = model, plan
         self.has_infinite_slopes = training_step(plan.program).has_infinite_slopes
         series = own_series(plan, series)
+        self._series, self._train_rows = series, train_rows
+        self._measured: TorchScoring | None = None
         self._train = scoring(model, own_series(plan, series), plan.rollout.skip, train_rows)
         self._evaluation = scoring(model, series, plan.rollout.skip, evaluation_rows)
 
@@ -80,18 +91,21 @@ class TorchObjective:
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
         """Replaces series that rollouts to train on, or those watched, read (`own_series`)."""
-        into = self._evaluation if watched else self._train
-        for name, values in series.items():
-            into.series[name].copy_(torch.from_numpy(values))
+        _write(self._evaluation if watched else self._train, series)
+        if not watched:
+            measured = without_masks(self._plan, series)
+            self._series |= measured
+            if self._measured is not None:
+                _write(self._measured, measured)
 
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""
         sums = batch_losses(self._model, self._train, runs)
-        measures = _measures(self._plan)
         terms = [
-            weight * sums[name].value(measures[name])
-            for name, weight in self._plan.loss_weights.items()
-            if weight
+            weight * (value if loss.penalty is None else value.detach())
+            for loss in self._plan.program.losses
+            if (weight := self._plan.loss_weights[loss.name])
+            for value in (sums[loss.name].value(loss.measure),)
         ]
         numbers = {name: found.numbers() for name, found in sums.items()}
         return Scored(torch.stack(terms).sum(), numbers)
@@ -99,6 +113,18 @@ class TorchObjective:
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of rollouts on the rows that are watched, without slopes."""
         return evaluated(self._model, self._evaluation, runs)
+
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on, nothing left out of them, without slopes."""
+        if self._measured is None:
+            skip, rows = self._plan.rollout.skip, self._train_rows
+            self._measured = scoring(self._model, self._series, skip, rows)
+        return evaluated(self._model, self._measured, runs)
+
+
+def _write(into: TorchScoring, series: Mapping[str, FloatArray]) -> None:
+    for name, values in series.items():
+        into.series[name].copy_(torch.from_numpy(values))
 
 
 class KernelObjective:
@@ -114,6 +140,8 @@ class KernelObjective:
     ) -> None:
         series = own_series(plan, series)
         self._model, self._plan, self._series = model, plan, series
+        self._train_rows = train_rows
+        self._measured: KernelData | None = None
         self._kernel = Kernel(plan.program, plan.dtype, plan.threads)
         self.has_infinite_slopes = self._kernel.source.has_infinite_slopes
         self._train = self._kernel.data(own_series(plan, series), plan.rollout.skip, train_rows)
@@ -128,6 +156,11 @@ class KernelObjective:
     def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
         """Replaces series that rollouts to train on, or those watched, read (`own_series`)."""
         (self._evaluation if watched else self._train).write(series)
+        if not watched:
+            measured = without_masks(self._plan, series)
+            self._series |= measured
+            if self._measured is not None:
+                self._measured.write(measured)
 
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""
@@ -139,9 +172,19 @@ class KernelObjective:
 
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of rollouts on the rows that are watched, without slopes."""
+        return self._evaluated(self._evaluation, runs)
+
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on, nothing left out of them, without slopes."""
+        if self._measured is None:
+            skip, rows = self._plan.rollout.skip, self._train_rows
+            self._measured = self._kernel.data(self._series, skip, rows)
+        return self._evaluated(self._measured, runs)
+
+    def _evaluated(self, data: KernelData, runs: Runs) -> LossSums:
         losses: LossSums = {}
         with torch.no_grad():
-            self.value_and_slope(self._physical(), self._evaluation, runs, losses, slope=False)
+            self.value_and_slope(self._physical(), data, runs, losses, slope=False)
         return losses
 
     def value_and_slope(

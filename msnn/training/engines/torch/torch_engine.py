@@ -17,6 +17,7 @@ from msnn.data.starts import Runs
 from msnn.training.engines.dropout_masks import factors_of
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError, batches_of
 from msnn.training.engines.optimizer_state import flattened, placed_like, rebuilt
+from msnn.training.engines.torch.known_steps import KnownSteps
 from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
 from msnn.training.engines.torch.torch_optimizers import torch_optimizer
 from msnn.training.plans.epoch_order import shuffled
@@ -65,6 +66,9 @@ class TorchEngine:
         self._optimizer = _optimizer(plan, self._variables)
         self._series = series
         self._rates = [float(group["lr"]) for group in self._optimizer.param_groups]
+        parameters = plan.program.parameters
+        self._known = KnownSteps(plan, [p for p in parameters if p.name in plan.trained])
+        self._spread = 0.0
         self._objective = objective(self._model, plan, series, train_rows, evaluation_rows)
 
     def _select(self) -> dict[str, Tensor]:
@@ -85,11 +89,9 @@ class TorchEngine:
         """Physical values; parameters that are not trained are exactly those given."""
         return {**self._model.weights(), **self._fixed}
 
-    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
-        """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
-
-        The same however often it is asked; each `attempt` at the stage has its own.
-        """
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
+        """As `Engine.begin_epoch`."""
+        self._spread = spread
         self._objective.write(factors_of(self._plan, self._series, epoch, attempt))
         for group, usual in zip(self._optimizer.param_groups, self._rates, strict=True):
             group["lr"] = rate * usual
@@ -122,7 +124,7 @@ class TorchEngine:
             nonlocal before, height
             self._optimizer.zero_grad()
             found = self._objective.scored(runs)
-            total = found.total
+            total = found.total + self._known.priors(self._variables, self._spread)
             finite = math.isfinite(total.item())
             is_first = not before
             if is_first:
@@ -147,6 +149,7 @@ class TorchEngine:
             try:
                 # its annotation says float, its code takes the tensor
                 self._optimizer.step(closure)  # pyright: ignore[reportArgumentType, reportCallIssue]
+                self._known.follow(self._variables, self._optimizer, self._spread)
             except _NoStep:  # an optimiser asks for slopes before it changes anything
                 self.left_out += 1
                 self.has_left_out = True
@@ -179,6 +182,11 @@ class TorchEngine:
         with _one_thread():
             return self._objective.evaluate(runs)
 
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on at the current weights, nothing left out of them."""
+        with _one_thread():
+            return self._objective.measure(runs)
+
     def state(self) -> EngineState:
         """Raw variables and optimiser as they are now."""
         variables = {name: raw.detach() for name, raw in self._variables.items()}
@@ -199,25 +207,25 @@ class TorchEngine:
 
 
 def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.Optimizer:
-    decay = plan.weight_decay
+    decay, lr = plan.weight_decay, plan.lr
+    assert lr is not None, "an optimiser of torch has a rate"
     match plan.optimizer:
-        case Adam(lr=lr, beta1=b1, beta2=b2, eps=eps):
+        case Adam(beta1=b1, beta2=b2, eps=eps):
             groups = _groups(plan, variables, lr)
             return torch.optim.Adam(
                 groups, lr=lr, betas=(b1, b2), eps=eps, weight_decay=decay, foreach=False
             )
-        case AdamW(lr=lr, beta1=b1, beta2=b2, eps=eps):
+        case AdamW(beta1=b1, beta2=b2, eps=eps):
             groups = _groups(plan, variables, lr)
             return torch.optim.AdamW(
                 groups, lr=lr, betas=(b1, b2), eps=eps, weight_decay=decay, foreach=False
             )
-        case Sgd(lr=lr, momentum=momentum):
+        case Sgd(momentum=momentum):
             groups = _groups(plan, variables, lr)
             return torch.optim.SGD(groups, lr=lr, momentum=momentum, weight_decay=decay)
         case TorchOptimizer():
-            assert plan.lr is not None, "an optimiser of torch has a rate"
-            return torch_optimizer(plan.optimizer, _groups(plan, variables, plan.lr), decay)
-        case Lbfgs(lr=lr, history=history, iterations=iterations):
+            return torch_optimizer(plan.optimizer, _groups(plan, variables, lr), decay)
+        case Lbfgs(history=history, iterations=iterations):
             return torch.optim.LBFGS(
                 list(variables.values()),
                 lr=lr,

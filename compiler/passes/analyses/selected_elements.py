@@ -1,0 +1,299 @@
+"""Builds a graph again with those elements of its values that somebody needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.ir import ops
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Expected, Graph, Node, NodeId
+from compiler.ir.types import WINDOW, Axis
+from compiler.passes.analyses.zero_slices import contracted_zeros, renamed, zero_slices
+
+Kept = tuple[int, ...]
+"""Indices along an axis, in order."""
+
+Selection = frozenset[tuple[str, Kept]]
+"""What is needed of the axes that it names; all of the others."""
+
+Asked = dict[tuple[str, int], set[Kept | None]]
+"""What of each axis of a parameter is needed at all places; None for the whole of it."""
+
+WHOLE: Selection = frozenset()
+
+
+class SelectedElements:
+    """One graph, from its roots: which selections of each node are needed, and their nodes."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        zeros: Mapping[str, NDArray[np.float64]],
+        roots: Iterable[NodeId],
+        asked: Asked,
+    ) -> None:
+        self._graph = graph
+        self._zeros = zero_slices(graph, zeros)
+        self._needed: list[dict[Selection, None]] = [{} for _ in graph.nodes]
+        for root in roots:
+            self._needed[root][WHOLE] = None
+        for index in reversed(range(len(graph))):
+            for selection in self._needed[index]:
+                self._ask(index, selection, asked)
+        self._copies: dict[NodeId, NodeId] = {}
+
+    def rebuilt(self, cuts: Mapping[tuple[str, int], Kept]) -> tuple[Graph, dict[NodeId, NodeId]]:
+        """The graph, parameters with the cuts, and where the whole values are in it."""
+        builder = GraphBuilder()
+        made: dict[tuple[NodeId, Selection], NodeId] = {}
+        for index, node in self._graph:
+            for selection in self._needed[index]:
+                operands = self._operands(index, selection)
+                args = [made[key] for key in zip(node.args, operands, strict=False)]
+                with builder.at(node.span):
+                    found = self._built(builder, index, selection, args, cuts)
+                if selection == WHOLE and node.label and builder.type(found) == node.type:
+                    builder.name(found, node.label)
+                made[index, selection] = found
+        self._copies = {index: found for (index, s), found in made.items() if s == WHOLE}
+        return builder.graph(), self._copies
+
+    def expected(self, entries: Iterable[Expected]) -> tuple[Expected, ...]:
+        """Ranges of values that are there as a whole."""
+        return tuple(
+            replace(entry, node=self._copies[entry.node])
+            for entry in entries
+            if entry.node in self._copies
+        )
+
+    # ---- what is needed
+
+    def _ask(self, index: NodeId, selection: Selection, asked: Asked) -> None:
+        node = self._graph[index]
+        if isinstance(node.op, ops.ReadParameter):
+            wanted = dict(selection)
+            for at, axis in enumerate(node.type.axes):
+                asked.setdefault((node.op.name, at), set()).add(wanted.get(axis.name))
+        for arg, operand in zip(node.args, self._operands(index, selection), strict=False):
+            self._needed[arg][operand] = None
+
+    def _operands(self, index: NodeId, selection: Selection) -> list[Selection]:
+        """What a selection of a node needs of each operand; nothing where it is 0."""
+        node, graph = self._graph[index], self._graph
+        match node.op:
+            case ops.Reduction(axis):
+                terms = self._terms(index)
+                if terms == ():
+                    return []
+                rows = self._rows(index, selection)
+                inner = rows if terms is None else rows | {(axis, terms)}
+                return [_within(graph[arg], inner) for arg in node.args]
+            case ops.Elementwise() | ops.Broadcast():
+                return [_within(graph[arg], selection) for arg in node.args]
+            case ops.Reshape():
+                names = renamed(graph, node)
+                if names is None:
+                    return [WHOLE]
+                old = {new: name for name, new in names.items()}
+                return [frozenset((old[axis], kept) for axis, kept in selection)]
+            case ops.Slice(axis, start, _):
+                moved = {a: _moved(kept, start) if a == axis else kept for a, kept in selection}
+                return [frozenset(moved.items())]
+            case ops.Concat(axis):
+                return self._parts(node, axis, selection)
+            case _:
+                return [WHOLE for _ in node.args]
+
+    def _terms(self, index: NodeId) -> Kept | None:
+        """The terms of a sum that are not 0; None where all count."""
+        zero = contracted_zeros(self._graph, index, self._zeros)
+        return None if zero is None else tuple(np.flatnonzero(~zero).tolist())
+
+    def _rows(self, index: NodeId, selection: Selection) -> Selection:
+        """The elements of a sum that are wanted and not 0, where none of them is left None."""
+        chosen = dict(selection)
+        for axis, zero in self._zeros[index].items():
+            before = chosen.get(axis, tuple(range(len(zero))))
+            chosen[axis] = tuple(element for element in before if not zero[element])
+        return frozenset(chosen.items())
+
+    def _parts(self, node: Node, axis: str, selection: Selection) -> list[Selection]:
+        chosen = dict(selection)
+        kept = chosen.pop(axis, None)
+        rest = frozenset(chosen.items())
+        if kept is None:
+            return [rest for _ in node.args]
+        found: list[Selection] = []
+        begin = 0
+        for arg in node.args:
+            size = _size(self._graph[arg], axis)
+            own = tuple(i - begin for i in kept if begin <= i < begin + size)
+            whole = len(own) in (0, size)
+            found.append(rest if whole else rest | {(axis, own)})
+            begin += size
+        return found
+
+    # ---- its nodes
+
+    def _built(
+        self,
+        builder: GraphBuilder,
+        index: NodeId,
+        selection: Selection,
+        args: Sequence[NodeId],
+        cuts: Mapping[tuple[str, int], Kept],
+    ) -> NodeId:
+        node, chosen = self._graph[index], dict(selection)
+        axes = _axes(node, chosen)
+        match node.op:
+            case ops.ReadParameter(name):
+                return _parameter(builder, node, name, chosen, cuts)
+            case ops.ReadSignal() | ops.ReadLog() if WINDOW in chosen:
+                return _samples(builder, node, node.op, chosen)
+            case ops.Reduction():
+                return self._reduced(builder, index, selection, args)
+            case ops.Elementwise():
+                return builder.emit(node.op, tuple(args), node.type.with_axes(axes), node.span)
+            case ops.Broadcast():
+                return builder.broadcast(args[0], axes)
+            case ops.Reshape() if renamed(self._graph, node) is not None:
+                return builder.reshape(args[0], axes)
+            case ops.Slice(axis, start, stop):
+                if axis in chosen:
+                    return args[0]
+                return builder.slice(args[0], axis, start, stop)
+            case ops.Concat(axis):
+                return self._joined(builder, node, axis, chosen, args)
+            case _:
+                found = builder.emit(node.op, tuple(args), node.type, node.span)
+                return _gathered(builder, found, chosen)
+
+    def _reduced(
+        self, builder: GraphBuilder, index: NodeId, selection: Selection, args: Sequence[NodeId]
+    ) -> NodeId:
+        """A sum of the terms that are not 0, with zeros where all of its terms are."""
+        node, chosen = self._graph[index], dict(selection)
+        axes = _axes(node, chosen)
+        zero = builder.constant(0.0, unit=node.type.unit)
+        rows = dict(self._rows(index, selection))
+        if not args or not all(rows.values()):
+            return builder.broadcast(zero, axes)
+        found = builder.emit(
+            node.op, tuple(args), node.type.with_axes(_axes(node, rows)), node.span
+        )
+        for axis, kept in rows.items():
+            wanted = chosen.get(axis, tuple(range(_size(node, axis))))
+            found = _spread(builder, found, axis, wanted, kept)
+        return found
+
+    def _joined(
+        self,
+        builder: GraphBuilder,
+        node: Node,
+        axis: str,
+        chosen: Mapping[str, Kept],
+        args: Sequence[NodeId],
+    ) -> NodeId:
+        kept = chosen.get(axis)
+        if kept is None:
+            return builder.concat(args, axis) if len(args) > 1 else args[0]
+        begin = 0
+        used: list[NodeId] = []
+        for arg, made in zip(node.args, args, strict=True):
+            size = _size(self._graph[arg], axis)
+            if any(begin <= i < begin + size for i in kept):
+                used.append(made)
+            begin += size
+        return builder.concat(used, axis) if len(used) > 1 else used[0]
+
+
+def _size(node: Node, axis: str) -> int:
+    return node.type.axes[node.type.position(axis)].size
+
+
+def _axes(node: Node, chosen: Mapping[str, Kept]) -> tuple[Axis, ...]:
+    return tuple(
+        Axis(axis.name, len(chosen[axis.name])) if axis.name in chosen else axis
+        for axis in node.type.axes
+    )
+
+
+def _within(node: Node, selection: Selection) -> Selection:
+    return frozenset((axis, kept) for axis, kept in selection if node.type.axis(axis))
+
+
+def _moved(kept: Kept, distance: int) -> Kept:
+    return tuple(index + distance for index in kept)
+
+
+def _parameter(
+    builder: GraphBuilder,
+    node: Node,
+    name: str,
+    chosen: Mapping[str, Kept],
+    cuts: Mapping[tuple[str, int], Kept],
+) -> NodeId:
+    named = [axis.name for axis in node.type.axes]
+    cut = {axis: cuts[name, at] for at, axis in enumerate(named) if (name, at) in cuts}
+    found = builder.parameter(name, node.type.with_axes(_axes(node, cut)))
+    return _gathered(builder, found, {a: kept for a, kept in chosen.items() if a not in cut})
+
+
+def _samples(
+    builder: GraphBuilder,
+    node: Node,
+    op: ops.ReadSignal | ops.ReadLog,
+    chosen: Mapping[str, Kept],
+) -> NodeId:
+    """Samples of a signal, read no farther back than they are needed."""
+    oldest, newest = chosen[WINDOW][0], chosen[WINDOW][-1]
+    near = {WINDOW: tuple(range(oldest, newest + 1))}
+    read = replace(op, first=op.first + oldest, last=op.first + newest)
+    found = builder.emit(read, (), node.type.with_axes(_axes(node, near)), node.span)
+    return _gathered(builder, found, {**chosen, WINDOW: _moved(chosen[WINDOW], -oldest)})
+
+
+def _gathered(builder: GraphBuilder, value: NodeId, chosen: Mapping[str, Kept]) -> NodeId:
+    for axis, kept in chosen.items():
+        parts = [builder.slice(value, axis, *run) for run in _runs(kept)]
+        value = builder.concat(parts, axis) if len(parts) > 1 else parts[0]
+    return value
+
+
+def _spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: Kept) -> NodeId:
+    """The kept elements at their places among the wanted ones, zeros at the others."""
+    if wanted == kept:
+        return value
+    type = builder.type(value)
+    places = {element: place for place, element in enumerate(kept)}
+    parts: list[NodeId] = []
+    begin = 0
+    while begin < len(wanted):
+        there = wanted[begin] in places
+        end = begin
+        while end < len(wanted) and (wanted[end] in places) == there:
+            end += 1
+        if there:
+            first = places[wanted[begin]]
+            parts.append(builder.slice(value, axis, first, first + end - begin))
+        else:
+            axes = tuple(Axis(a.name, end - begin) if a.name == axis else a for a in type.axes)
+            zero = builder.constant(0.0, unit=type.unit)
+            parts.append(builder.broadcast(zero, axes))
+        begin = end
+    return builder.concat(parts, axis) if len(parts) > 1 else parts[0]
+
+
+def _runs(kept: Kept) -> list[tuple[int, int]]:
+    """Indices that follow each other, as the first of them and the end."""
+    runs: list[tuple[int, int]] = []
+    for index in kept:
+        if runs and runs[-1][1] == index:
+            runs[-1] = (runs[-1][0], index + 1)
+        else:
+            runs.append((index, index + 1))
+    return runs

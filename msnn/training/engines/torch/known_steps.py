@@ -1,0 +1,83 @@
+"""Takes raw tensors to what is known of them beside the slopes of the losses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from backends.known_terms import approached
+from backends.torch_module.parameters import physical_value
+from compiler.ir.program import Parameter
+from msnn.data.dataset import FloatArray
+from msnn.training.plans.known_terms_of_stage import known_of
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.sections.training.optimizers import Adam, AdamW, Sgd
+
+
+def prior_total(plan: StagePlan, raws: Mapping[str, Tensor], spread: float) -> Tensor:
+    """ŝ²/n · Σ ((p − mean)/std)² of the parameters that move, differentiable."""
+    found: list[Tensor] = []
+    for name, raw in raws.items():
+        parameter = plan.program.parameter(name)
+        if parameter.prior is not None:
+            value = physical_value(parameter, raw)
+            found.append((((value - parameter.prior.mean) / parameter.prior.std) ** 2).sum())
+    return spread * torch.stack(found).sum()
+
+
+class KnownSteps:
+    """The proximal steps of optimisers whose own steps are known, for others slopes of priors."""
+
+    def __init__(self, plan: StagePlan, parameters: Sequence[Parameter]) -> None:
+        self._terms = known_of(plan, parameters)
+        self._plan, self._choice = plan, plan.optimizer
+        self._takes_steps = plan.optimizer.reaches_corners and not self._terms.is_empty
+
+    def priors(self, raws: Mapping[str, Tensor], spread: float) -> Tensor | float:
+        """ŝ²/n · Σ ((p − mean)/std)², differentiable; 0 where steps follow instead."""
+        if self._takes_steps or not self._terms.has_priors:
+            return 0.0
+        return prior_total(self._plan, raws, spread)
+
+    def follow(
+        self, raws: Mapping[str, Tensor], optimizer: torch.optim.Optimizer, spread: float
+    ) -> None:
+        """The proximal step after one of the optimiser, in float64 as kernels take it."""
+        if not self._takes_steps:
+            return
+        tensors = [raws[parameter.name] for parameter in self._terms.parameters]
+        lengths = self._lengths(optimizer)
+        steps = [lengths[tensor] for tensor in tensors]
+        raw = np.concatenate([_numbers(tensor) for tensor in tensors])
+        reached = approached(self._terms, raw, np.concatenate(steps), spread)
+        parts = np.split(reached, np.cumsum([tensor.numel() for tensor in tensors])[:-1])
+        with torch.no_grad():
+            for tensor, part in zip(tensors, parts, strict=True):
+                tensor.copy_(torch.from_numpy(part.reshape(tensor.shape)))
+
+    def _lengths(self, optimizer: torch.optim.Optimizer) -> dict[Tensor, FloatArray]:
+        """How far each number moves along a slope that lasts, by this step."""
+        found: dict[Tensor, FloatArray] = {}
+        for group in optimizer.param_groups:
+            rate = float(group["lr"])
+            for tensor in group["params"]:
+                state = optimizer.state[tensor]
+                match self._choice:
+                    case Adam(beta2=beta2, eps=eps) | AdamW(beta2=beta2, eps=eps):
+                        count = float(state["step"])
+                        size = np.sqrt(_numbers(state["exp_avg_sq"]) / (1.0 - beta2**count)) + eps
+                        found[tensor] = rate / size
+                    case Sgd(momentum=momentum):
+                        kept = 1.0 - momentum
+                        share = 1.0 / kept if kept else 1.0
+                        found[tensor] = np.full(tensor.numel(), rate * share)
+                    case _:
+                        raise AssertionError("others follow the slopes of priors")
+        return found
+
+
+def _numbers(tensor: Tensor) -> FloatArray:
+    return tensor.detach().to("cpu", torch.float64).numpy().ravel()

@@ -1,0 +1,58 @@
+"""Checks penalties and priors of a stage: which of them its optimiser can take to a corner."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from compiler.ir.program import Parameter, Program
+from msnn.errors import knowledge
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.sections.training.optimizers import OptimizerChoice
+
+
+def with_reached_corners(
+    program: Program,
+    optimizer: OptimizerChoice,
+    weights: Mapping[str, float],
+    stage: str,
+    findings: Findings,
+) -> Program:
+    """The program whose penalties are those that steps of this optimiser take to their corners.
+
+    The others are losses like any other, with slopes: those of a negative weight, which have no
+    corner to come to, and with a warning all of an optimiser that knows nothing but slopes.
+    """
+    left = [loss for loss in program.losses if loss.penalty is not None and weights[loss.name]]
+    if left and not optimizer.reaches_corners:
+        for loss in left:
+            findings.report(knowledge.no_corner(loss.name, optimizer.noun, stage, loss.span))
+    losses = [
+        loss
+        if optimizer.reaches_corners and weights[loss.name] >= 0
+        else replace(loss, penalty=None)
+        for loss in program.losses
+    ]
+    return replace(program, losses=tuple(losses))
+
+
+def without_corners(program: Program) -> Program:
+    """The program whose penalties are losses like any other."""
+    losses = [replace(loss, penalty=None) for loss in program.losses]
+    return replace(program, losses=tuple(losses))
+
+
+def check_priors(
+    program: Program,
+    trained: Sequence[Parameter],
+    weights: Mapping[str, float],
+    stage: str,
+    span: Span | None,
+    findings: Findings,
+) -> None:
+    """Reports priors where no loss compares with what was measured: nothing is their measure."""
+    measured = any(weights[loss.name] and loss.target is not None for loss in program.losses)
+    known = [parameter.name for parameter in trained if parameter.prior is not None]
+    if known and not measured:
+        findings.report(knowledge.nothing_beside_priors(known, stage, span))

@@ -1,0 +1,46 @@
+"""Checks what a stage asks of levenberg_marquardt that it cannot do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from compiler.differentiation.sums_of_squares import is_sum_of_squares
+from compiler.ir.program import Program
+from msnn.errors import second_order
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.sections.training.training import Stage
+
+_NOT_OF_SECOND_ORDER: Mapping[str, str] = {
+    "batch": "each step takes all starts",
+    "lr": "each step has its own length",
+    "schedule": "each step has its own length",
+    "clip": "the damping limits each step",
+}
+
+
+def check_keys(stage: Stage, findings: Findings) -> None:
+    """Keys of other optimisers that say nothing to levenberg_marquardt."""
+    place = stage.optimizer.choice.place.key
+    for key, reason in _NOT_OF_SECOND_ORDER.items():
+        if key in stage.model_fields_set:
+            findings.report(second_order.not_of_second_order(key, reason, place))
+    if "dtype" in stage.model_fields_set and stage.dtype != "float64":
+        reason = "its products lose half of the digits, so that it always runs in float64"
+        findings.report(second_order.not_of_second_order("dtype", reason, place))
+
+
+def check_losses(
+    stage: str,
+    program: Program,
+    weights: Mapping[str, float],
+    findings: Findings,
+) -> None:
+    """Losses that are neither sums of squares nor penalties with corners."""
+    for loss in program.losses:
+        weight = weights[loss.name]
+        if loss.penalty is not None:
+            continue
+        if weight < 0 or (weight and not is_sum_of_squares(program.step, loss)):
+            measure = loss.measure.value
+            found = second_order.no_sum_of_squares(loss.name, measure, weight, loss.span, stage)
+            findings.report(found)

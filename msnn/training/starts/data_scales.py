@@ -1,0 +1,120 @@
+"""Finds the scales of parameters that are scaled by the data, before the first stage.
+
+A parameter is as large as the change of it that moves what is compared by the deviation of the
+target: 1/√(Σ over losses of ⟨(∂prediction/∂p)²⟩ / σ²), the slopes at the weights of the start along
+rollouts of the stage, σ the deviation of the target's signal over the rows of training. Steps of
+one length in raw variables then change the predictions alike, whatever the units. Of an array the
+largest of its elements counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from compiler.differentiation.interpreted_products import interpreted_products
+from compiler.differentiation.sensitivities import sensitivities
+from compiler.interpreter.bounded_rollouts import Rollouts
+from compiler.ir import ops
+from compiler.ir.program import Loss, Program
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.errors import knowledge
+from msnn.simulation.rollout_plan import set_rollouts
+from msnn.training.plans.squared_losses import squared
+from msnn.training.plans.stage_data import TRAIN
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+
+MOST_ROLLOUTS = 32
+MOST_STEPS = 100
+"""Of rollouts that are looked at, spread over the record: slopes by the interpreter take long."""
+
+
+def with_data_scales(
+    plans: Sequence[StagePlan], data: Dataset, weights: Mapping[str, FloatArray]
+) -> list[StagePlan]:
+    """The stages with the scales that are taken from the data, each by the first that trains it.
+
+    Raises SpecError for a parameter that moves nothing which is compared.
+    """
+    scales: dict[str, float] = {}
+    for plan in plans:
+        asked = [
+            name
+            for name in plan.trained
+            if plan.program.parameter(name).scales_by_data and name not in scales
+        ]
+        if asked:
+            scales |= _scales(plan, asked, data, weights)
+    return [_scaled(plan, scales) for plan in plans] if scales else list(plans)
+
+
+def _scales(
+    plan: StagePlan, names: Sequence[str], data: Dataset, weights: Mapping[str, FloatArray]
+) -> dict[str, float]:
+    program = squared(plan.rollout.program, plan.loss_weights)
+    rollout = replace(plan.rollout, program=program)
+    runs = set_rollouts(rollout, data, TRAIN, None, "scales", plan.span, Findings())
+    assert runs is not None, "the stage has rollouts"
+    steps = min(MOST_STEPS, int(runs.steps.max()))
+    starts = runs.t0[runs.steps >= steps]
+    few = starts[np.unique(np.linspace(0, len(starts) - 1, MOST_ROLLOUTS).round().astype(int))]
+    skip = min(plan.rollout.skip, steps - 1)
+    log = Rollouts(data.series, few, steps, skip)
+    found = interpreted_products(sensitivities(program, names), weights, log)
+    total = np.zeros(sum(weights[name].size for name in names))
+    for loss in program.losses:
+        if loss.name not in found:
+            continue
+        products = np.asarray(found[loss.name].products.value, float)
+        if products.ndim == 3:
+            products = products.sum(axis=0)
+        square = np.diagonal(products)
+        size = _deviation(program, loss, data)
+        scored = len(few) * (steps - skip) * _elements(program, loss)
+        wanted = square[-1] / scored if size is None else size * size
+        if wanted > 0:
+            total += square[:-1] / scored / wanted
+    scales: dict[str, float] = {}
+    for name, part in zip(names, np.split(total, _ends(names, weights)), strict=True):
+        largest = float(part.max())
+        if not (np.isfinite(largest) and largest > 0):
+            place = program.parameter(name).span
+            raise SpecError((knowledge.no_scale_of_data(name, place),))
+        scales[name] = 1.0 / float(np.sqrt(largest))
+    return scales
+
+
+def _ends(names: Sequence[str], weights: Mapping[str, FloatArray]) -> list[int]:
+    return np.cumsum([weights[name].size for name in names])[:-1].tolist()
+
+
+def _elements(program: Program, loss: Loss) -> int:
+    return program.step[loss.prediction].type.size
+
+
+def _deviation(program: Program, loss: Loss, data: Dataset) -> float | None:
+    """Of the signal that a loss compares with; None where it is an expression or constant."""
+    node = None if loss.target is None else program.step[loss.target]
+    while node is not None and isinstance(node.op, ops.Broadcast | ops.Reshape | ops.Slice):
+        node = program.step[node.args[0]]
+    if node is None or not isinstance(node.op, ops.ReadSamples):
+        return None
+    rows = data.series[node.op.signal][data.in_set(TRAIN)]
+    known = rows[np.isfinite(rows)]
+    return float(np.std(known)) or None
+
+
+def _scaled(plan: StagePlan, scales: Mapping[str, float]) -> StagePlan:
+    rollout = replace(plan.rollout, program=with_scales(plan.rollout.program, scales))
+    return replace(plan, program=with_scales(plan.program, scales), rollout=rollout)
+
+
+def with_scales(program: Program, scales: Mapping[str, float]) -> Program:
+    """The program with these scales of parameters."""
+    parameters = tuple(
+        replace(p, scale=scales[p.name]) if p.name in scales else p for p in program.parameters
+    )
+    return replace(program, parameters=parameters)
