@@ -3,8 +3,8 @@
     python benchmarks/identification/validate_rows.py [--rows 1000000] [--engines native]
 
 A record of three measured states is simulated freely from its first row to its last. Each command
-runs in a process of its own, twice: the first time with an empty folder of kernels. Prints seconds
-and the peak of resident memory.
+runs in a process of its own, twice: the first time with an empty folder of kernels. Prints seconds,
+those of a processor, which do not depend on what else runs, and the peak of resident memory.
 """
 
 from __future__ import annotations
@@ -65,10 +65,10 @@ def main() -> None:
         for engine in chosen.engines:
             for verb in ("validate", "simulate"):
                 for times in ("first", "again"):
-                    seconds, megabytes = measured(folder, verb, engine)
+                    seconds, computed, megabytes = measured(folder, verb, engine)
                     print(
-                        f"{verb} --engine {engine}, {times}: {chosen.rows} rows in "
-                        f"{seconds:.1f} s, at most {megabytes:.0f} MB",
+                        f"{verb} --engine {engine}, {times}: {chosen.rows} rows in {seconds:.1f} s "
+                        f"({computed:.1f} s of a processor), at most {megabytes:.0f} MB",
                         flush=True,
                     )
                     if engine == "interpreter":
@@ -92,8 +92,8 @@ def write_record(path: Path, rows: int) -> None:
         np.savetxt(file, np.column_stack([force, states]), fmt="%.6g", delimiter=",")
 
 
-def measured(folder: Path, verb: str, engine: str) -> tuple[float, float]:
-    """Seconds and the peak of memory in MB of one command."""
+def measured(folder: Path, verb: str, engine: str) -> tuple[float, float, float]:
+    """Seconds, those of a processor, and the peak of memory in MB of one command."""
     command = [sys.executable, "-m", "msnn", verb, "spring.msnn.yaml", "--initial"]
     command += ["--engine", engine] if engine != "today" else []
     command += ["--out", "simulation.csv"] if verb == "simulate" else []
@@ -105,7 +105,7 @@ def measured(folder: Path, verb: str, engine: str) -> tuple[float, float]:
     _, status, usage = os.wait4(process.pid, 0)
     seconds = time.perf_counter() - began
     assert os.waitstatus_to_exitcode(status) == 0, command
-    return seconds, usage.ru_maxrss / 1024
+    return seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Spec → Program: lowers every entry, reports every mistake of the stage, verifies the result."""
+"""Compiles a spec: lowers every entry, reports every mistake of the stage, verifies the program."""
 
 from __future__ import annotations
 

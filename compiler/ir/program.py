@@ -1,4 +1,4 @@
-"""The typed intermediate representation: a synchronous stream program in SSA form."""
+"""Defines the typed intermediate representation: a synchronous stream program in SSA form."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ from msnn.simulation.engines.stepwise import interpreted_rollouts
 from msnn.simulation.rollout import LossSum, entry_value
 from msnn.simulation.rollout_plan import counted_rows
 from msnn.validation.doubt import loss_in_doubt, metric_in_doubt
+from msnn.validation.judged_errors import judged_errors
 from msnn.validation.measurement import Measurement, error_curve, error_trace, scores_of
 from msnn.validation.predictions import predictions
 from msnn.validation.ready_check import ReadyCheck
@@ -94,12 +95,11 @@ class Simulator:
         opened = self._opened(program, check)
         answer = found(opened.engine)
         if answer.is_doubtful and opened.name != "interpreter":
-            answer = found(interpreted_rollouts(program, self._weights, check.data.series))
+            answer = found(interpreted_rollouts(program, self._weights, check.series))
         return answer.outcomes
 
     def _opened(self, program: Program, check: ReadyCheck) -> OpenedRollouts:
-        series = check.data.series
-        opened = open_rollouts(self._engine, program, self._weights, series, check.runs)
+        opened = open_rollouts(self._engine, program, self._weights, check.series, check.runs)
         self.notes |= dict.fromkeys(opened.notes)
         return opened
 
@@ -166,6 +166,7 @@ def _measured(checks: list[ReadyCheck], outputs: Mapping[str, FloatArray]) -> Fo
                 metrics=metrics,
                 curve=error_curve(kept.prediction, kept.target, kept.number, few=few),
                 trace=error_trace(kept.prediction, kept.target),
+                judged=judged_errors(check, kept),
             )
         )
     return Found([*found], doubtful)

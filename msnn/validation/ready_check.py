@@ -24,6 +24,8 @@ class ReadyCheck:
     """The set."""
     runs: Runs
     data: Dataset
+    series: Mapping[str, FloatArray]
+    """What the rollouts read: the data."""
 
     def is_simulated_as(self, other: ReadyCheck) -> bool:
         """Whether the same rollouts answer both."""
@@ -57,7 +59,7 @@ def ready_check(
     if plan.metric is None:
         counted = counted_rows(plan.rollout, measured, name)
         check_row_factors(plan.rollout.program, measured, runs, counted, findings)
-    return ReadyCheck(plan, name, runs, measured)
+    return ReadyCheck(plan, name, runs, measured, measured.series)
 
 
 def with_found_starts(
@@ -76,5 +78,5 @@ def with_found_starts(
             wanted_by = f"the metric of `{check.plan.of}`"
             rollout = check.plan.rollout
             data = with_starts(rollout, check.data, check.runs, weights, wanted_by, findings)
-        found.append(replace(check, data=data))
+        found.append(replace(check, data=data, series=data.series))
     return found

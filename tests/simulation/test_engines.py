@@ -115,7 +115,7 @@ def test_little_work_is_done_by_the_interpreter(monkeypatch: pytest.MonkeyPatch)
     with counted_kernels(monkeypatch) as made:
         validated("\n  - {of: x_next, rollout: record}\n")
         assert made == []
-        monkeypatch.setattr(opening, "_WORTH_A_KERNEL", 0.0)
+        monkeypatch.setattr(opening, "kernel_seconds", lambda _: 0.0)
         validated("\n  - {of: x_next, rollout: record}\n")
         assert len(made) == 1
 
@@ -136,7 +136,7 @@ def test_without_a_compiler_the_interpreter_runs_and_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CC", "no-such-compiler")
-    monkeypatch.setattr(opening, "_WORTH_A_KERNEL", 0.0)
+    monkeypatch.setattr(opening, "kernel_seconds", lambda _: 0.0)
     check = "\n  - {of: x_next, rollout: record}\n"
     found = validated(check)
     assert [warning.code for warning in found.warnings if warning.code != "W0805"] == ["W1003"]
@@ -156,7 +156,7 @@ def test_a_wrong_kernel_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
         return replace(made, source=replace(made.source, text=text))
 
     monkeypatch.setattr(rollout_kernel, "rollout_source", wrong)
-    monkeypatch.setattr(opening, "_WORTH_A_KERNEL", 0.0)
+    monkeypatch.setattr(opening, "kernel_seconds", lambda _: 0.0)
     check = "\n  - {of: x_next, rollout: record}\n"
     found = validated(check)
     (warning,) = [warning for warning in found.warnings if warning.code == "W1003"]

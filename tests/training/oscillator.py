@@ -49,7 +49,7 @@ def positions(k: float, d: float, state: FloatArray, u: FloatArray) -> FloatArra
     for t, force in enumerate(u):
         found[t] = state[0]
         state = step(k, d, state, force)
-    return found
+    return np.asarray(found, np.float64)
 
 
 def records(count: int, rows: int, seed: int, noise: float = NOISE) -> dict[str, FloatArray]:
@@ -68,4 +68,4 @@ def best_start(k: float, d: float, u: FloatArray, q: FloatArray) -> FloatArray:
     there = ~np.isnan(q)
     design = np.stack(columns, axis=1)[there]
     found, *_ = np.linalg.lstsq(design, (q - nothing)[there], rcond=None)
-    return found
+    return np.asarray(found, np.float64)

@@ -1,4 +1,4 @@
-"""What the generated C shows to its user: its structs and their fields."""
+"""Plans what the generated C shows to its user: its structs and their fields."""
 
 from __future__ import annotations
 

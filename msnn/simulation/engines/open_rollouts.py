@@ -22,9 +22,11 @@ AUTO = "auto"
 ENGINES: tuple[str, ...] = (AUTO, *get_args(EngineName))
 """What may be asked for."""
 
-_WORTH_A_KERNEL = 1.0
-"""Seconds of the interpreter from which on a kernel is quicker: to compile one takes 0.4 to 1.3 s,
-to load it again 0.1 (the gallery's models; decision 0218)."""
+_TO_COMPILE = 0.7
+"""Seconds to load the emitter and to compile a kernel (decision 0218)."""
+
+_TO_COMPILE_A_NODE = 1.5e-3
+"""And for each operation of the step."""
 
 _SECONDS_A_NODE = 0.8e-6
 """That numpy takes to call one operation, 0.4 to 0.9 µs there."""
@@ -64,7 +66,7 @@ def open_rollouts(
                 judge = interpreted_rollouts(program, weights, series)
                 return OpenedRollouts(judge, "interpreter", (note,))
 
-            if interpreter_seconds(program, runs) < _WORTH_A_KERNEL:
+            if interpreter_seconds(program, runs) < kernel_seconds(program):
                 return open_rollouts("interpreter", program, weights, series, runs)
             return _native(program, weights, series, runs, interpreted)
         case _:
@@ -76,6 +78,11 @@ def known_engine(name: str) -> str:
     if name not in ENGINES:
         raise SpecError([kernels.unknown_engine(name, ENGINES)])
     return name
+
+
+def kernel_seconds(program: Program) -> float:
+    """About how long it takes to have a kernel that must be compiled first."""
+    return _TO_COMPILE + len(program.step) * _TO_COMPILE_A_NODE
 
 
 def interpreter_seconds(program: Program, runs: Runs) -> float:

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: damped Gauss-Newton steps on all rollouts of a stage at once.
+"""Steps by Levenberg-Marquardt: damped Gauss-Newton on all rollouts of a stage at once.
 
 A step δ of the raw variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F
 and 2A its curvature without second derivatives of residuals. D is the largest diagonal of A so far
@@ -237,6 +237,8 @@ class LevenbergMarquardtEngine:
         }
         losses = in_raw_variables(products, shares, self._slopes_of_physical())
         found = losses.plus(quadratic_terms(self._raw[: self._learned], self._plan.weight_decay))
+        # D never shrinks, so that a variable which loses its influence does not run away (Moré
+        # 1978)
         self._largest = np.maximum(self._largest, found.diagonal)
         return found.model(self._scale())
 
@@ -245,12 +247,16 @@ class LevenbergMarquardtEngine:
         while self._damping < _MOST_DAMPING:
             scaled, fall = model.step(self._damping)
             step = scaled * self._scale()
+            # the model promises no more than rounding
             if fall <= np.finfo(float).eps * model.total or not step.any():
                 break
             trial = self._raw + step
+            # the cost alone first: slopes take as many times longer as there are learned numbers
             total = self._total_at(runs, trial)
             ahead = self._products_at(runs, trial) if total < model.total else None
             if ahead is not None and self._is_model(ahead):
+                # 1 where the model was right: the damping falls to a third; Nielsen's rule is
+                # smooth between
                 gain = (model.total - total) / fall
                 self._raw, self._ahead = trial, (runs, ahead)
                 self._damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
@@ -258,6 +264,7 @@ class LevenbergMarquardtEngine:
                 if max(model.total - total, fall) <= self._options.tolerance * model.total:
                     self.finished = "converged"
                 return
+            # rejected: doubled, then times 4, 8, …, so that a bad start takes few trials
             self._damping *= self._growth
             self._growth *= 2.0
         else:
