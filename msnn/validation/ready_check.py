@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from compiler.ir.liveness import Extent
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.simulation.row_factors import check_row_factors
+from msnn.simulation.start_fit import with_starts
 from msnn.validation.plan import CheckPlan, default_set
 from spec_schema.diagnostics.diagnostic import Findings
 
@@ -59,3 +60,23 @@ def ready_check(
         counted = counted_rows(plan.rollout, measured, name)
         check_row_factors(plan.rollout.program, measured, runs, counted, findings)
     return ReadyCheck(plan, name, runs, measured, measured.series)
+
+
+def with_found_starts(
+    checks: Sequence[ReadyCheck], weights: Mapping[str, FloatArray] | None, findings: Findings
+) -> list[ReadyCheck]:
+    """The entries with data that say where their rollouts start, where that is to be found.
+
+    Entries that are simulated alike share what is found; what is uncertain goes to `findings`.
+    """
+    found: list[ReadyCheck] = []
+    for index, check in enumerate(checks):
+        alike = next((i for i in range(index) if check.is_simulated_as(checks[i])), None)
+        if alike is not None:
+            data = found[alike].data
+        else:
+            wanted_by = f"the metric of `{check.plan.of}`"
+            rollout = check.plan.rollout
+            data = with_starts(rollout, check.data, check.runs, weights, wanted_by, findings)
+        found.append(replace(check, data=data, series=data.series))
+    return found

@@ -14,7 +14,7 @@ from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.validation.measurement import Measurement
 from msnn.validation.outcomes import LossValue, Outcome, Simulator, simulated_together
 from msnn.validation.plan import plan_checks
-from msnn.validation.ready_check import ReadyCheck, ready_check
+from msnn.validation.ready_check import ReadyCheck, ready_check, with_found_starts
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.sections.validation import Validation
@@ -95,6 +95,7 @@ def validate(
     tried = [ready_check(plan, data, on, files or {}, findings) for plan in plans]
     ready = [check for check in tried if check is not None]
     findings.raise_errors()
+    ready = with_found_starts(ready, weights, findings)
     together = simulated_together(ready)
     count = Count(progress, sum(int(ready[group[0]].runs.steps.sum()) for group in together))
     simulator = Simulator(engine, weights or {}, count.advance)

@@ -55,6 +55,10 @@ class Engine(Protocol):
         """
         ...
 
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
+        """Replaces series by which runs start: of those that are watched, or trained on."""
+        ...
+
     def order(self, count: int, key: int) -> IntArray:
         """The order of an epoch of `count` rollouts: that of `epoch_order.shuffled`."""
         ...

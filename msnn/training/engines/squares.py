@@ -30,6 +30,10 @@ class Squares(Protocol):
         """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
         ...
 
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
+        """Replaces series by which runs start: of those that are watched, or trained on."""
+        ...
+
     def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:
         """Of every loss: products of its residuals and slopes in the numbers of `plan.trained`."""
         ...

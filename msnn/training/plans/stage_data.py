@@ -38,6 +38,11 @@ class StageData:
     watched_set: str
     lessons: tuple[Lesson, ...] = ()
 
+    @property
+    def watches_training(self) -> bool:
+        """Whether the rows to train on decide which weights are best."""
+        return self.watched_set == TRAIN
+
     def in_epoch(self, epoch: int) -> Runs:
         """What is trained on after `epoch` complete epochs."""
         return next((each.runs for each in self.lessons if epoch < each.until), self.train)

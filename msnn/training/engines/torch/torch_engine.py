@@ -94,6 +94,10 @@ class TorchEngine:
         for group, usual in zip(self._optimizer.param_groups, self._rates, strict=True):
             group["lr"] = rate * usual
 
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
+        """Replaces series by which runs start: of those that are watched, or trained on."""
+        self._objective.write(series, watched=watched)
+
     def train_batches(
         self,
         runs: Runs,
