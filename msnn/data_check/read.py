@@ -13,7 +13,7 @@ from msnn.data.reading.load import load_data
 from msnn.data.reading.row_filter import row_filters
 from msnn.errors.commands import no_data_section
 from msnn.model.model import Model
-from msnn.model.model_data import data_folder, sources_of
+from msnn.model.model_data import data_folder, sources_of, told_where_they_were
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.sections.data.data import Data
 
@@ -35,7 +35,7 @@ def read_as_recorded(
         sections |= file_sections(model.spec)
     if not sections:
         raise SpecError([no_data_section("a check of data")])
-    with sources_of(model):
+    with sources_of(model), told_where_they_were(model, data_root):
         return {
             name: _read(model, _as_recorded(section, model), data_root)
             for name, section in sections.items()

@@ -36,16 +36,20 @@ def read_data(
     if model.spec.data is None:
         raise SpecError([no_data_section(purpose)])
     folder = data_folder(model, data_root)
-    with sources_of(model):
+    with sources_of(model), told_where_they_were(model, data_root):
         signals = program or model.program
-        try:
-            return load_data(signals, model.spec.data, folder, row_filters(model.spec), beside)
-        except SpecError as error:
-            if model.trained_in is None or data_root is not None:
-                raise
-            raise SpecError(
-                _elsewhere(error.diagnostics, model.trained_in), error.sources
-            ) from None
+        return load_data(signals, model.spec.data, folder, row_filters(model.spec), beside)
+
+
+@contextmanager
+def told_where_they_were(model: Model, data_root: str | Path | None) -> Generator[None]:
+    """What is wrong with data that a run has not kept says where the run has read them."""
+    try:
+        yield
+    except SpecError as error:
+        if model.trained_in is None or data_root is not None:
+            raise
+        raise SpecError(_elsewhere(error.diagnostics, model.trained_in), error.sources) from None
 
 
 def _elsewhere(found: Sequence[Diagnostic], trained_in: str) -> list[Diagnostic]:

@@ -303,3 +303,17 @@ def test_check_warns_of_data_when_asked(msnn: CommandLine, tmp_path: Path):
     done = msnn("check", path, "--data")
     assert done.code == 0
     assert "W0812" in done.err
+
+
+def test_a_run_that_was_moved_says_where_it_had_its_data(
+    msnn: CommandLine, project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    assert msnn("train", "plant.msnn.yaml", "--set", "train.0.epochs=1").code == 0
+    assert msnn("data", "runs/plant/latest").code == 0
+    (project / "runs/plant/latest").resolve().rename(tmp_path / "run")
+    project.rename(tmp_path / "elsewhere")
+    monkeypatch.chdir(tmp_path)
+    said = msnn("data", "run")
+    assert said.code == 1
+    assert "the run does not keep its data" in said.err
+    assert msnn("data", "run", "--data-root", "elsewhere").code == 0

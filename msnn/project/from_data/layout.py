@@ -45,8 +45,9 @@ def layout_of(path: Path) -> TextLayout:
     delimiter, decimal = max(_DIALECTS, key=lambda signs: _fits(texts, *signs))
     rows = [tuple(cell.strip() for cell in split_cells(text, delimiter)) for text in texts]
     width = Counter(map(len, rows[len(rows) // 2 :])).most_common(1)[0][0]
-    first = next((i for i, row in enumerate(rows) if _is_data(row, width, decimal)), None)
-    if first is None:
+    numeric = _numeric([row for row in rows[len(rows) // 2 :] if len(row) == width], decimal)
+    first = next((i for i, row in enumerate(rows) if _is_data(row, width, numeric, decimal)), None)
+    if first is None or not numeric:
         raise SpecError([no_table(path.name)])
     above = [i for i in range(first) if len(rows[i]) == width]
     header = above[-1] if above else None
@@ -118,7 +119,19 @@ def _fits(texts: Sequence[str], delimiter: str, decimal: str) -> tuple[float, in
     return (round(share, 2) if width == 1 else share + 0.5 if numbers else 0.0, width)
 
 
-def _is_data(row: Sequence[str], width: int, decimal: str) -> bool:
-    measured = [cell for cell in row if cell.lower() not in _NOT_MEASURED]
-    numbers = sum(is_number(cell.replace(decimal, ".")) for cell in measured)
-    return len(row) == width and numbers > 0 and 2 * numbers >= len(measured)
+def _numeric(rows: Sequence[Sequence[str]], decimal: str) -> tuple[int, ...]:
+    """The columns that hold numbers in most rows."""
+    found: list[int] = []
+    for index in range(len(rows[0]) if rows else 0):
+        cells = [row[index] for row in rows if row[index].lower() not in _NOT_MEASURED]
+        numbers = sum(is_number(cell.replace(decimal, ".")) for cell in cells)
+        if numbers and 2 * numbers >= len(cells):
+            found.append(index)
+    return tuple(found)
+
+
+def _is_data(row: Sequence[str], width: int, numeric: Sequence[int], decimal: str) -> bool:
+    """Whether a line has a number, or a word for none, wherever the lines after it have numbers."""
+    if len(row) != width or not all(number(row[index], decimal) for index in numeric):
+        return False
+    return any(row[index].lower() not in _NOT_MEASURED for index in numeric)
