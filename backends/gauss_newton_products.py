@@ -1,4 +1,4 @@
-"""What Gauss-Newton methods need of a loss, summed over rollouts."""
+"""Sums over rollouts what Gauss-Newton methods need of a loss."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The text of every file of a folder with C in fixed point."""
+"""Writes the text of every file of a folder with C in fixed point."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from backends.fixed_point.names import FixedNames, fixed_names
 from backends.fixed_point.port_facts import port_facts, real_type
 from backends.fixed_point.structs import structs
 from compiler.fixed_point.deviation import OutputError
+from compiler.fixed_point.equalities import golden_equalities
 from compiler.fixed_point.golden import GoldenRun, IntegerGoldenStart, golden_run, golden_starts
 from compiler.fixed_point.integers.interpret import FixedStatus
 from compiler.fixed_point.integers.program import IntegerProgram, StepError, WordPort
@@ -86,6 +87,7 @@ def step_texts(
             prototypes={name: printer.prototype(made) for name, made in functions.items()},
             selftest_steps=SELFTEST_STEPS,
             selftest_checks="",
+            late=program.late,
         ),
         f"include/{prefix}_real.h": _filled(
             "real.h", names, "Physical numbers", ports=ports, **real_type(program)
@@ -129,6 +131,7 @@ def _readme(
         ],
         outputs=[_shown(names, port) for port, _ in program.outputs],
         dtype=program.width.name,
+        late=program.late,
         ports=port_facts(program, names),
         errors=[_error_row(error) for error in errors],
         error_steps=errors[0].steps if errors else 0,
@@ -152,7 +155,9 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
     """`test/<prefix>_sil.c`, the vectors that it replays, and the words that it must answer."""
     prefix = names.prefix
     runs = [
-        golden_run(program, _STEPS, _SEED + run, from_init=run == _RUNS - 1) for run in range(_RUNS)
+        *(golden_run(program, _STEPS, _SEED + run) for run in range(_RUNS - 1)),
+        *golden_equalities(program, _STEPS, _SEED),
+        golden_run(program, _STEPS, _SEED + _RUNS - 1, from_init=True),
     ]
     starts = golden_starts(program, _STARTS_SEED)
     vectors = render(
@@ -161,16 +166,16 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
         "Golden vectors",
         guard=f"{names.macro}_VECTORS_H",
         functions=_golden(program, names, runs, starts),
-        runs=_RUNS,
+        runs=len(runs),
         from_init=1,
-        starts=_RUNS + len(starts),
+        starts=len(runs) + len(starts),
         written=0,
         hashes=False,
     )
     return {
         f"test/{prefix}_vectors.h": vectors,
         f"test/{prefix}_sil.c": render(
-            "main.c.j2", names, "Test program", runs=_RUNS, from_init=1, steps=_STEPS, lag=_LAG
+            "main.c.j2", names, "Test program", runs=len(runs), from_init=1, steps=_STEPS, lag=_LAG
         ),
         f"test/{prefix}_expected.txt": expected_text(program, runs),
     }
@@ -239,6 +244,7 @@ def _metadata(
         "doc": program.doc,
         "spec_sha256": program.spec_hash,
         "sample_time": program.sample_time,
+        **({"late": program.late} if program.late else {}),
         "c": {
             "prefix": names.prefix,
             "dtype": program.width.name,

@@ -1,9 +1,10 @@
-"""The functions `init`, `reset` and `step` in fixed point."""
+"""Writes the functions `init`, `reset` and `step` in fixed point."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from backends.c.interface.structs import step_text
 from backends.c_language.places import Index
 from backends.c_language.scope import LocalNames, Scope
 from backends.c_language.tree import (
@@ -159,7 +160,7 @@ class FixedFunctions:
         scope.add(Return(Name("status")))
         prefix = names.prefix
         arguments = (Argument(f"const {prefix}_in_t *", "u"), Argument(f"{prefix}_out_t *", "y"))
-        doc = "Computes the outputs of sample t, then the states of sample t+1."
+        doc = step_text(self._program.late)
         return self._function("step", f"{prefix}_status_t", arguments, scope, doc)
 
     def _first_step(self, scope: Scope) -> None:

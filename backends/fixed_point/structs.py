@@ -1,4 +1,4 @@
-"""The structs of the header in fixed point, with what a reader must know of each field."""
+"""Lays out the structs of the header in fixed point, and comments each field for its reader."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from backends.c.interface.structs import READY
+from backends.c.interface.structs import READY, outputs_text
 from backends.c_language.layout import comment
 from backends.c_lowering.spec_notes import span_text
 from backends.fixed_point.names import FixedNames
@@ -31,7 +31,7 @@ def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
     starts = [_field(port, names.windows[port.name], word) for port in program.windows]
     return [
         _struct("in", "Inputs of a step.", inputs),
-        _struct("out", "Outputs of a step.", outputs),
+        _struct("out", outputs_text(program.late), outputs),
         _struct("init", "What reset takes: samples around the first step t0.", starts),
         _struct("state", "The memory of one instance: plain data.", state),
     ]

@@ -1,4 +1,4 @@
-"""The logs as a kernel reads them."""
+"""Lays out the logs as a kernel reads them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The C source of a kernel that simulates sensitivities and sums products of slopes."""
+"""Writes the C of a kernel that simulates sensitivities and sums products of slopes."""
 
 from __future__ import annotations
 

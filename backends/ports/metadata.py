@@ -38,7 +38,9 @@ def interface_metadata(
 ) -> dict[str, Any]:
     """Data for `json.dumps`. `name` is the spec's name of a thing, `port` its name in the export.
 
-    Numbers are physical, in the unit beside them; `unit` is null where the spec gives none.
+    Numbers are physical, in the unit beside them; `unit` is null where the spec gives none. Of a
+    step that is `late` the outputs are those of so many samples before t, and its samples, those of
+    the start too, are counted from the t at which it is called.
     """
     arrays = physical_weights(program, weights or {})
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
@@ -49,6 +51,7 @@ def interface_metadata(
         "doc": program.doc,
         "spec_sha256": program.spec_hash,
         "sample_time": program.sample_time,
+        **({"late": program.late} if program.late else {}),
         "inputs": [_port(p, names.inputs[p.signal.name]) for p in interface.inputs],
         "outputs": [_output(program, o, names.outputs[o.name]) for o in interface.outputs],
         "states": [_state(state, names) for state in interface.states],
@@ -87,7 +90,8 @@ def _output(program: Program, output: Output, name: str) -> dict[str, Any]:
     return {
         **_value(output.name, name, type.axes, type.unit, output.doc),
         "range": json_range(program.expected_range(output.name)),
-        "predicts": predicts and {"signal": predicts.signal, "ahead": predicts.ahead},
+        "predicts": predicts
+        and {"signal": predicts.signal, "ahead": predicts.ahead - program.late},
     }
 
 

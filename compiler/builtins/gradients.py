@@ -1,4 +1,4 @@
-"""`grad(y, x)`: the gradient of a value within one sample, as operations of the graph (R8)."""
+"""Expands `grad(y, x)`, the gradient of a value within one sample, into operations (R8)."""
 
 from __future__ import annotations
 
@@ -106,7 +106,9 @@ def _of_signal(
     node = lower(context, expression, environment)
     builder = context.builder(environment)
     op = builder.node(node).op
-    assert isinstance(op, ReadSamples)
+    if not isinstance(op, ReadSamples):  # between two samples, at a stage of the integrator
+        whole = _Read(node, 0, 0)
+        return whole, [whole]
     whole = _Read(node, op.first, op.last)
     reads: list[_Read] = []
     for index, other in builder.graph():

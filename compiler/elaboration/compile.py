@@ -1,10 +1,11 @@
-"""Spec → Program: lowers every entry, reports every mistake of the stage, verifies the result."""
+"""Compiles a spec: lowers every entry, reports every mistake of the stage, verifies the program."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from compiler.elaboration.between_samples import report_between
 from compiler.elaboration.deep_recursion import room_for
 from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.gradient_variables import gradient_variables
@@ -180,6 +181,7 @@ def _lowered(linked: Linked, draw: int) -> _Lowered:
     lowered.states.extend(context.memories.states)
     context.given.report(lowered.elaborated.arrays.all_names)
     _report_log_reads(context, lowered.outputs, lowered.states)
+    report_between(context)
     if not context.findings.failed:  # what is left unused by a mistake is no news
         report_unused(context)
     return lowered

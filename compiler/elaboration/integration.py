@@ -1,11 +1,13 @@
-"""Integrators: the continuous states of a model one sample later, all of them together (R6)."""
+"""Integrates the continuous states of a model over one sample, all of them together (R6)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import assert_never
 
+from compiler.elaboration.between_samples import inputs_at
 from compiler.elaboration.linear_implicit import increments
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Add
@@ -70,8 +72,9 @@ def integrated(context: Context, owner: str, integrator: Integrator | None) -> M
     if integrator is not None and isinstance(method, LinearImplicit):
         _check_size(context, vector_field, integrator.place.key)
     substeps = method.substeps if method else 1
-    steps = _Steps(context, owner, vector_field, dt / substeps)
     for number in range(1, substeps + 1):
+        begin, end = Fraction(number - 1, substeps), Fraction(number, substeps)
+        steps = _Steps(context, owner, vector_field, dt / substeps, begin, end)
         values = steps.step(method, values)
         if number < substeps:
             steps.name(values, str(number))
@@ -87,24 +90,31 @@ def _check_size(context: Context, vector_field: Mapping[str, RightHandSide], pla
 
 @dataclass(frozen=True)
 class _Steps:
-    """One step of length `step`, h in the formulas, of x' = f(x), by each of the methods."""
+    """One step of length `step`, h in the formulas, of x' = f(x, τ), by each of the methods.
+
+    τ is the part of the sample time that is over: inputs may move with it.
+    """
 
     context: Context
     owner: str
     vector_field: Mapping[str, RightHandSide]
     step_length: float
+    begin: Fraction
+    """τ at the beginning of the step."""
+    end: Fraction
 
     def step(self, method: Method | None, values: Values) -> Values:
         match method:
             case Euler():
-                return self._moved(values, self._slopes(values), self.step_length)
+                return self._moved(values, self._slopes(values, self.begin), self.step_length)
             case SemiImplicit():
                 return self._semi_implicit(values)
             case LinearImplicit():
                 return self._linear_implicit(values)
             case Midpoint():
-                half = self._point("k2", values, self._slopes(values), self.step_length / 2)
-                return self._moved(values, self._slopes(half), self.step_length)
+                k1 = self._slopes(values, self.begin)
+                half = self._point("k2", values, k1, self.step_length / 2)
+                return self._moved(values, self._slopes(half, self._middle), self.step_length)
             case RungeKutta4() | None:  # the default without `integrator:`
                 return self._runge_kutta(values)
             case _:
@@ -124,28 +134,26 @@ class _Steps:
             builder.name(node, label)
 
     def _semi_implicit(self, values: Values) -> Values:
-        """xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ … xₙ), in the order of `states:`; order 1.
+        """xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ … xₙ, τ), in the order of `states:`; order 1.
 
         With a position and a velocity this is the symplectic Euler method, whichever comes first
         (Hairer, Lubich, Wanner: Geometric Numerical Integration, 2006, I.1.2, equation 1.9).
         """
         moved = dict(values)
         for name in values:
-            slope = self._slope(
-                name,
-                Environment(EnvironmentPart.STEP, stage=IntegratorStage(dict(moved), self.owner)),
-            )
+            slope = self._slope(name, self._stage(dict(moved), self.begin))
             moved |= self._moved({name: moved[name]}, {name: slope}, self.step_length)
         return moved
 
     def _linear_implicit(self, values: Values) -> Values:
-        """x + Δ with (I − h J) Δ = h f(x), J = ∂f/∂x at x; order 1, L-stable.
+        """x + Δ with (I − h J) Δ = h f(x, τ), J = ∂f/∂x at x and τ, the end; order 1, L-stable.
 
         The linearly implicit Euler method (Hairer, Wanner: Solving Ordinary Differential Equations
-        II, 1996, IV.7, s = 1 and γ = 1).
+        II, 1996, IV.7, s = 1 and γ = 1). What moves with time counts at the end of the step, as in
+        the implicit Euler method: (7.4a) adds h² ∂f/∂t there, and a stiff state follows its input.
         """
         builder = self.context.builder(_STEP)
-        slopes = self._slopes(values)
+        slopes = self._slopes(values, self.end)
         moved: Values = {}
         for name, increment in increments(builder, values, slopes, self.step_length).items():
             moved[name] = self._sum(builder, name, values[name], increment)
@@ -156,10 +164,10 @@ class _Steps:
         """x + h/6 · (k₁ + 2(k₂ + k₃) + k₄), the classical method (Kutta 1901)."""
         builder = self.context.builder(_STEP)
         h = self.step_length
-        k1 = self._slopes(values)
-        k2 = self._slopes(self._point("k2", values, k1, h / 2))
-        k3 = self._slopes(self._point("k3", values, k2, h / 2))
-        k4 = self._slopes(self._point("k4", values, k3, h))
+        k1 = self._slopes(values, self.begin)
+        k2 = self._slopes(self._point("k2", values, k1, h / 2), self._middle)
+        k3 = self._slopes(self._point("k3", values, k2, h / 2), self._middle)
+        k4 = self._slopes(self._point("k4", values, k3, h), self.end)
         two = builder.constant(2.0)
         total: Values = {}
         for name in values:
@@ -173,9 +181,23 @@ class _Steps:
         self.name(moved, f"for_{slope}")
         return moved
 
-    def _slopes(self, values: Values) -> Values:
-        """f(x), every memoryless equation between states and `der` evaluated anew."""
-        stage = Environment(EnvironmentPart.STEP, stage=IntegratorStage(values, self.owner))
+    @property
+    def _middle(self) -> Fraction:
+        return (self.begin + self.end) / 2
+
+    def _stage(self, values: Values, fraction: Fraction) -> Environment:
+        """Where right-hand sides are evaluated: at these values of the states, at that time."""
+        stage = IntegratorStage(
+            values=values,
+            inputs=inputs_at(self.context, fraction),
+            fraction=fraction,
+            owner=self.owner,
+        )
+        return Environment(EnvironmentPart.STEP, stage=stage)
+
+    def _slopes(self, values: Values, fraction: Fraction) -> Values:
+        """f(x, τ), every memoryless equation between states and `der` evaluated anew."""
+        stage = self._stage(values, fraction)
         slopes: Values = {}
         failed = False
         for name in self.vector_field:

@@ -31,7 +31,7 @@ from spec_schema.expressions.language import ELSEWHERE, LOSS_FUNCTIONS, NUMBERS,
 from spec_schema.expressions.tree import Call, LanguageName, Member, Name
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers.layer import Layer
-from spec_schema.sections.signals import Equation, Output, Signal, State
+from spec_schema.sections.signals import Equation, Input, Output, Signal, State
 from spec_schema.sections.submodels import Use
 from spec_schema.sections.values import Constant, Function, Parameter
 from spec_schema.units.parser import parse_unit
@@ -85,6 +85,8 @@ class Elaboration:
             return builder.constant(self.context.sampling.required("`dt`", name.span), unit=_SECOND)
         declared = self.declared(name.name, name.span)
         match declared.entry:
+            case Input() if (moving := self._between_samples(name.name, environment)) is not None:
+                return moving
             case Signal() as signal:
                 logged = (
                     declared.kind is Kind.TARGET or environment.part is not EnvironmentPart.STEP
@@ -96,6 +98,8 @@ class Elaboration:
             case Parameter() as parameter:
                 self._forbid_in_constant(name.name, name.span, environment)
                 self.arrays.parameter(name.name, parameter)
+                if environment.stage is not None:
+                    self.context.stage_reads.parameters.add((environment.stage.owner, name.name))
                 return self.arrays.read(builder, name.name)
             case State() as state:
                 return self.states.value(name.name, state, name.span, environment)
@@ -217,6 +221,15 @@ class Elaboration:
         return self.entries.tried(lower_it)
 
     # ---- inside
+
+    def _between_samples(self, name: str, environment: Environment) -> NodeId | None:
+        """An input at a stage of the integrator; None where it is its sample there."""
+        stage = environment.stage
+        if stage is None or environment.is_elsewhere:
+            return None
+        if stage.fraction:
+            self.context.stage_reads.inputs.add((stage.owner, name))
+        return stage.inputs.get(name)
 
     def _signal(
         self,

@@ -1,4 +1,4 @@
-"""States: their value, the integrator's result, and what they become after the step (R4, R6)."""
+"""Lowers states: their value, the integrator's result, what follows after the step (R4, R6)."""
 
 from __future__ import annotations
 

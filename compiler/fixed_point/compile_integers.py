@@ -112,6 +112,7 @@ class _Compilation:
             program.doc,
             program.spec_hash,
             program.sample_time,
+            program.late,
         )
 
     # ---- what is read

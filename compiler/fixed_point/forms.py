@@ -1,4 +1,4 @@
-"""Real values before they are rounded: polynomials of degree at most 2 over integer nodes.
+"""Holds real values before they are rounded: polynomials of degree ≤ 2 over integer nodes.
 
 A value stays a form as long as it is linear, so that a filter, a linear layer or an Euler step
 becomes one sum with one rounding, and Σ μᵢ(x) · (wᵢ c + bᵢ) becomes c · Σ μᵢ wᵢ + Σ μᵢ bᵢ.

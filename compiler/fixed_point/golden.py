@@ -1,4 +1,4 @@
-"""Golden steps of an integer program: drawn words and what the integer interpreter answers."""
+"""Draws the words of golden steps, and answers them by the integer interpreter."""
 
 from __future__ import annotations
 
@@ -40,13 +40,7 @@ def golden_run(
     """
     random = np.random.Generator(np.random.Philox(seed))
     windows = {port.name: drawn(port, random) for port in program.windows}
-    state = reset(program, windows)
-    start = IntegerGoldenStart(windows, int(state.said))
-    if from_init:
-        state = initial(program)
     inputs: list[dict[str, list[int]]] = []
-    outputs: list[dict[str, list[int]]] = []
-    status: list[int] = []
     limit = program.width.largest_word
     for k in range(steps):
         words = {entry.port.name: drawn(entry.port, random) for entry in program.inputs}
@@ -54,10 +48,28 @@ def golden_run(
             for values in words.values():
                 values[0] = limit if k % 2 else -limit
         inputs.append(words)
-        answer = step(program, state, words)
-        outputs.append(answer.outputs)
-        status.append(int(answer.status))
-    return GoldenRun(start, inputs, outputs, status)
+    return answered(program, windows, inputs, from_init=from_init)
+
+
+def answered(
+    program: IntegerProgram,
+    windows: dict[str, list[int]],
+    inputs: list[dict[str, list[int]]],
+    *,
+    from_init: bool = False,
+) -> GoldenRun:
+    """The run from samples around the first step, or from none, with these inputs."""
+    state = reset(program, windows)
+    start = IntegerGoldenStart(windows, int(state.said))
+    if from_init:
+        state = initial(program)
+    answers = [step(program, state, words) for words in inputs]
+    return GoldenRun(
+        start,
+        inputs,
+        [answer.outputs for answer in answers],
+        [int(answer.status) for answer in answers],
+    )
 
 
 def golden_starts(program: IntegerProgram, seed: int) -> list[IntegerGoldenStart]:

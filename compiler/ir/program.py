@@ -1,4 +1,4 @@
-"""The typed intermediate representation: a synchronous stream program in SSA form."""
+"""Defines the typed intermediate representation: a synchronous stream program in SSA form."""
 
 from __future__ import annotations
 
@@ -290,6 +290,8 @@ class Program:
     doc: str = ""
     spec_hash: str = ""
     """sha256 of the spec's text, so that weights and generated files can name their source."""
+    late: int = 0
+    """Samples by which a step form lags: its step at t is that of the model at t-late."""
 
     def signal(self, name: str) -> Signal:
         return next(signal for signal in self.signals if signal.name == name)

@@ -1,4 +1,4 @@
-"""What lowering has at hand everywhere: the spec, the graphs that grow, and what was found."""
+"""Carries what lowering needs everywhere: the spec, the growing graphs, and what was found."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from compiler.lowering.gradient_sources import GradientSources
 from compiler.lowering.memories import Memories
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declaration, Scope
+from compiler.lowering.stage_reads import StageReads
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes
@@ -88,6 +89,7 @@ class Context:
     graphs: Graphs = field(default_factory=Graphs)
     memories: Memories = field(default_factory=Memories)
     gradients: GradientSources = field(default_factory=GradientSources)
+    stage_reads: StageReads = field(default_factory=StageReads)
     used: set[str] = field(default_factory=set[str])
     """Names that something refers to."""
     measured: dict[str, State] = field(default_factory=dict[str, State])

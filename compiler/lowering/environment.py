@@ -1,10 +1,11 @@
-"""Where an expression stands: the part of the program, the time, the call around it."""
+"""Says where an expression stands: the part of the program, the time, the call around it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from fractions import Fraction
 
 from compiler.ir.program import NodeId
 from spec_schema.expressions.tree import Expression
@@ -26,11 +27,16 @@ class EnvironmentPart(Enum):
     """Evaluated by the compiler: nothing may be read."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class IntegratorStage:
-    """Values of the continuous states at one stage of the integrator (R6); equal only to itself."""
+    """Where a right-hand side is evaluated within a step (R6); equal only to itself."""
 
     values: Mapping[str, NodeId]
+    """Of the continuous states that are integrated."""
+    inputs: Mapping[str, NodeId]
+    """Of the inputs that move between their samples."""
+    fraction: Fraction
+    """The part of the step that is over: 0 at sample t, 1 at sample t+1."""
     owner: str = ""
     """The sub-model whose states are integrated; "" for those of the model itself."""
 

@@ -5,22 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, samples, with_step
+from compiler.ir.graph_copy import copy_node, samples, with_start, with_step
 from compiler.ir.liveness import Extent, extents
-from compiler.ir.ops import ReadSignal, Window
+from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import History, Node, NodeId, Program, Signal, State
 from compiler.ir.types import WINDOW, Axis, Type
 
 
-def to_step_form(program: Program) -> Program:
+def to_step_form(program: Program, late: int = 0) -> Program:
     """The program in step form: inputs are ports, their past is in buffer states.
 
     An input read at t+a … t+b becomes one read of t+newest … t+max(b, newest), newest = min(b, 0):
     the current sample, a preview, or (b < 0) one late sample. The newest − a samples before it are
     the state `<input>.history`, whose start is read from the log.
 
+    With `late` = d the step at t is that of the sample t-d: everything is read d samples earlier,
+    the newest sample of a port stays the one it would be, and a preview is d samples shorter.
+
     Before: any reads; unused nodes are dropped (a read that nobody needs would widen a buffer).
-    After: one `ReadSignal` a signal. Losses and `ReadLog` are as they were.
+    After: one `ReadSignal` a signal. Losses and `ReadLog` are as they were, but for `late`.
 
         %0: [t=3] = signal(x, -2, 0)
 
@@ -28,7 +31,7 @@ def to_step_form(program: Program) -> Program:
         %1: [t=3] = window(x.history, %0)
     """
     reads = extents(program.step, log=False)
-    ports = {name: _Port.of(program.signal(name), extent) for name, extent in reads.items()}
+    ports = {name: _Port.of(program.signal(name), extent, late) for name, extent in reads.items()}
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     for index, node in program.step:
@@ -38,12 +41,34 @@ def to_step_form(program: Program) -> Program:
             if node.label is not None and builder.type(copy) == node.type:
                 builder.name(copy, node.label)
         else:
-            copy = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+            args = tuple(copies[arg] for arg in node.args)
+            copy = copy_node(builder, _earlier(node, late), args)
         copies[index] = copy
+    if late:
+        program = _started(program, late)
     starts = GraphBuilder(program.start)
     buffers = [port.state(builder, starts) for port in ports.values() if port.length]
     program = with_step(program, builder.graph(), copies)
-    return replace(program, states=(*program.states, *buffers), start=starts.graph())
+    states = (*program.states, *buffers)
+    return replace(program, states=states, start=starts.graph(), late=late)
+
+
+def _started(program: Program, late: int) -> Program:
+    """The program that begins as it did so many samples before."""
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index, node in program.start:
+        args = tuple(copies[arg] for arg in node.args)
+        copies[index] = copy_node(builder, _earlier(node, late), args)
+    return with_start(program, builder.graph(), copies)
+
+
+def _earlier(node: Node, late: int) -> Node:
+    """A node that reads the log so many samples before; any other as it is."""
+    if not isinstance(node.op, ReadLog):
+        return node
+    op = node.op
+    return replace(node, op=ReadLog(op.signal, op.first - late, op.last - late))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +78,14 @@ class _Port:
     last: int
     length: int
     """Samples in the buffer, 0 for none."""
+    late: int
+    """Samples by which the step form reads earlier than the window form."""
 
     @staticmethod
-    def of(signal: Signal, extent: Extent) -> _Port:
+    def of(signal: Signal, extent: Extent, late: int) -> _Port:
         newest = min(extent.last, 0)
-        return _Port(signal, newest, max(extent.last, newest), max(newest - extent.first, 0))
+        first, last = extent.first - late, extent.last - late
+        return _Port(signal, newest, max(last, newest), max(newest - first, 0), late)
 
     @property
     def _sample(self) -> Type:
@@ -72,17 +100,18 @@ class _Port:
 
     def read(self, builder: GraphBuilder, op: ReadSignal, node: Node) -> NodeId:
         """The samples of one read of the window form."""
-        if op.first == op.last == self.newest:
+        first, last = op.first - self.late, op.last - self.late
+        if first == last == self.newest:
             return builder.reshape(self._newest(builder), node.type.axes)
-        if op.last <= self.newest:
+        if last <= self.newest:
             value, oldest = self._past(builder), self.newest - self.length
-        elif op.first >= self.newest:
+        elif first >= self.newest:
             value, oldest = self._preview(builder), self.newest
         else:
             coming = builder.slice(self._preview(builder), WINDOW, 1, self.last + 1)
             value = builder.concat([self._past(builder), coming], WINDOW)
             oldest = self.newest - self.length
-        return samples(builder, value, oldest, (op.first, op.last), node)
+        return samples(builder, value, oldest, (first, last), node)
 
     def _preview(self, builder: GraphBuilder) -> NodeId:
         size = self.last - self.newest + 1

@@ -45,16 +45,22 @@ class BeyondProof:
     """An output or state in fixed point of which a step is off by more than is proved."""
 
     of: str
-    step: int
-    """Along the record, from 0; the worst."""
+    step: int | None
+    """Along the record, from 0; the worst. None for one of the steps beside it at which words are
+    chosen so that comparisons are equal."""
     error: float
     """In the unit of the value."""
     bound: float
 
     @property
     def difference(self) -> str:
+        where = (
+            "a step beside the record, with equal sides of a comparison,"
+            if self.step is None
+            else (f"step {self.step}")
+        )
         return (
-            f"step {self.step} is off by {self.error:.3g} from the same step in real numbers, "
+            f"{where} is off by {self.error:.3g} from the same step in real numbers, "
             f"where at most {self.bound:.3g} is proved"
         )
 
@@ -98,5 +104,6 @@ def beyond_proof(proof: Proof | None) -> tuple[Fault, ...]:
         errors = errors.reshape(len(errors), -1).max(axis=1, initial=0.0)
         worst = int(np.argmax(errors))  # NaN counts as the largest
         if not errors[worst] <= bound:
-            found.append(BeyondProof(name, worst, float(errors[worst]), bound))
+            step = worst if worst < proof.steps[name] else None
+            found.append(BeyondProof(name, step, float(errors[worst]), bound))
     return tuple(found)

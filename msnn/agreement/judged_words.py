@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from backends.fixed_point.write_fixed_c import WIDTHS
 from compiler.fixed_point.compile_integers import integer_program
+from compiler.fixed_point.equalities import golden_equalities
 from compiler.fixed_point.exact_steps import LOST, ExactStepper
-from compiler.fixed_point.integers.interpret import reset, step
+from compiler.fixed_point.integers.interpret import Words, reset, step
 from compiler.fixed_point.integers.program import (
     IntegerMemory,
     IntegerProgram,
@@ -31,6 +32,9 @@ from msnn.agreement.judgement import (
     labelled_first,
 )
 from msnn.data.dataset import FloatArray
+
+_EQUAL_STEPS, _SEED = 25, 3
+"""Of each run in which comparisons meet equality."""
 
 
 def judged_words(
@@ -56,12 +60,11 @@ def judged_words(
     inputs = {
         name: _words(port, judged.inputs[name][:steps], steps) for name, port in ports.items()
     }
-    state = reset(integers, {name: words.ravel().tolist() for name, words in windows.items()})
-    memories, outputs = [state.memories], list[dict[str, list[int]]]()
-    for k in range(steps):
-        words = {name: given[k].ravel().tolist() for name, given in inputs.items()}
-        outputs.append(step(integers, state, words).outputs)
-        memories.append(state.memories)
+    first = {name: words.ravel().tolist() for name, words in windows.items()}
+    along = [
+        {name: given[k].ravel().tolist() for name, given in inputs.items()} for k in range(steps)
+    ]
+    run = _Run.of(integers, first, along)
     found = Judgement(
         beginning=Beginning(
             windows={port.name: _numbers(port, windows[port.name]) for port in integers.windows},
@@ -70,34 +73,74 @@ def judged_words(
         ),
         inputs={name: _numbers(ports[name], words) for name, words in inputs.items()},
         states={},
-        outputs={port.name: _run(port, outputs) for port, _ in integers.outputs},
+        outputs=run.outputs,
         next_states={},
     )
-    states = {memory.name: _run(memory, memories) for memory in integers.memories}
-    return replace(found, proof=_proof(ExactStepper(program, numbers), integers, found, states))
+    return replace(found, proof=_proof(ExactStepper(program, numbers), integers, run))
 
 
-def _proof(
-    stepper: ExactStepper, integers: IntegerProgram, judged: Judgement, states: Arrays
-) -> Proof:
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """A run of the integer interpreter: what its words stand for, (steps, *shape) each."""
+
+    windows: Arrays
+    inputs: Arrays
+    states: Arrays
+    """Before each step and after the last."""
+    outputs: Arrays
+
+    @staticmethod
+    def of(integers: IntegerProgram, windows: Words, inputs: Sequence[Words]) -> _Run:
+        """From words around the first step, flat as those of each step."""
+        state = reset(integers, windows)
+        memories, outputs = [state.memories], list[Words]()
+        for words in inputs:
+            outputs.append(step(integers, state, words).outputs)
+            memories.append(state.memories)
+        return _Run(
+            {port.name: _run(port, [windows])[0] for port in integers.windows},
+            {entry.port.name: _run(entry.port, inputs) for entry in integers.inputs},
+            {memory.name: _run(memory, memories) for memory in integers.memories},
+            {port.name: _run(port, outputs) for port, _ in integers.outputs},
+        )
+
+
+def _proof(stepper: ExactStepper, integers: IntegerProgram, along: _Run) -> Proof:
     """The same steps in real numbers, and the first states, which both keep within their range.
 
-    `states` are those before each step and after the last.
+    Behind the run stand others in which comparisons meet equality: along a record they seldom do,
+    and `<` in place of `<=` is no other program elsewhere.
     """
-    steps = judged.steps
-    begun = {name: values[:1] for name, values in states.items()}
-    before = {name: values[:steps] for name, values in states.items()}
-    exact = stepper.steps(judged.inputs, before, steps)
-    first = stepper.start(judged.beginning.windows, integers.first_samples)
+    runs = [along]
+    for golden in golden_equalities(integers, _EQUAL_STEPS, _SEED):
+        runs.append(_Run.of(integers, golden.start.windows, golden.inputs))
+    pairs = [_both(stepper, integers, run) for run in runs]
+    of_record = {name: len(values) for name, values in pairs[0][0].items()}
+    values, exact = (_joined(parts) for parts in zip(*pairs, strict=True))
+    return Proof(values, exact, _bounds(integers), of_record)
+
+
+def _both(
+    stepper: ExactStepper, integers: IntegerProgram, run: _Run
+) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
+    """What a run and the same steps in real numbers give, by the names that messages give them."""
+    count = len(next(iter(run.outputs.values())))
+    begun = {name: values[:1] for name, values in run.states.items()}
+    before = {name: values[:count] for name, values in run.states.items()}
+    after = {name: values[1:] for name, values in run.states.items()}
+    exact = stepper.steps(run.inputs, before, count)
+    first = stepper.start(run.windows, integers.first_samples)
     ends = {memory.name: _ends(memory) for memory in integers.memories}
     firsts = {name: np.clip(first[name], *ends[name]) for name in begun}
-    return Proof(
-        values=labelled(judged.outputs, {name: values[1:] for name, values in states.items()})
-        | labelled_first(begun),
-        exact=labelled(exact.outputs, {name: exact.next_states[name] for name in states})
-        | labelled_first(firsts),
-        bounds=_bounds(integers),
+    following = {name: exact.next_states[name] for name in after}
+    return (
+        labelled(run.outputs, after) | labelled_first(begun),
+        labelled(exact.outputs, following) | labelled_first(firsts),
     )
+
+
+def _joined(parts: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _bounds(integers: IntegerProgram) -> dict[str, float]:

@@ -53,6 +53,8 @@ class Proof:
     exact: Arrays
     bounds: Mapping[str, float]
     """inf where nothing is proved."""
+    steps: Mapping[str, int]
+    """How many are of the record; others stand behind them."""
 
 
 @dataclass(frozen=True, slots=True)

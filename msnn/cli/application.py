@@ -15,6 +15,7 @@ from msnn.cli.verbs import (
     check,
     compare,
     compile,
+    data,
     diff,
     doctor,
     explain,
@@ -45,6 +46,7 @@ app = typer.Typer(
 for _verb in (
     init.init,
     check.check,
+    data.data,
     compile.compile_,
     train.train,
     validate.validate,

@@ -1,4 +1,4 @@
-"""What a command says and where: results to stdout, all else to stderr, colour where wanted."""
+"""Prints what a command says: results to stdout, all else to stderr, colour where wanted."""
 
 from __future__ import annotations
 
@@ -26,9 +26,14 @@ def result(text: str) -> None:
 
 
 def json_result(command: str, content: dict[str, Any]) -> None:
-    """The result as JSON with its version; NaN and infinity are null, as JSON has neither."""
+    """The result as JSON with its version."""
+    result(json_text(command, content))
+
+
+def json_text(command: str, content: dict[str, Any]) -> str:
+    """A result as JSON with its version; NaN and infinity are null, as JSON has neither."""
     record = {"version": JSON_VERSION, "command": command, **content}
-    result(json.dumps(plain(record), ensure_ascii=False, indent=2, allow_nan=False))
+    return json.dumps(plain(record), ensure_ascii=False, indent=2, allow_nan=False)
 
 
 def note(text: str) -> None:

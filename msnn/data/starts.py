@@ -1,4 +1,4 @@
-"""Where rollouts may start, so that no window, target or rollout leaves its episode (rule R2)."""
+"""Finds where rollouts may start, so that nothing they read leaves its episode (R2)."""
 
 from __future__ import annotations
 

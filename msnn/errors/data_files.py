@@ -115,16 +115,19 @@ def time_gap(
 
 def wrong_sample_time(file: str, found: float, expected: float, place: Span | None) -> Diagnostic:
     """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
+    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
+    return error("E0812", place, message, "the second row", help=repair_of_step(found, expected))
+
+
+def repair_of_step(found: float, expected: float) -> str:
+    """What to write where rows are `found` seconds apart and `sample_time` says otherwise."""
     ratio = expected / found if found > 0 else 0.0
     every = round(ratio)
     if every > 1 and abs(ratio - every) < 0.01 * every:
-        repair = f"`every: {every}` takes one row in {every}"
-    elif unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
-        repair = f"if the time is in {unit}, write `time: {{column: …, unit: {unit}}}`"
-    else:
-        repair = f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
-    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    return error("E0812", place, message, "the second row", help=repair)
+        return f"`every: {every}` takes one row in {every}"
+    if unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
+        return f"if the time is in {unit}, write `time: {{column: …, unit: {unit}}}`"
+    return f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
 
 
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}

@@ -65,7 +65,8 @@ def _when(port: Port) -> str:
 
 def _predicted(program: Program, name: str) -> str:
     prediction = program.output(name).predicts
-    if prediction is None:
-        return ""
-    ahead = f"t+{prediction.ahead}" if prediction.ahead else "t"
-    return f"predicts {prediction.signal}[{ahead}]"
+    facts = [f"{count(program.late, 'step')} late"] if program.late else []
+    if prediction is not None:
+        ahead = prediction.ahead - program.late
+        facts.append(f"predicts {prediction.signal}[t{f'{ahead:+d}' if ahead else ''}]")
+    return ", ".join(facts)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from backends.ports.identifiers import c_identifier
+from compiler.ir.liveness import extents
 from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError, close_loop
 from compiler.passes.prune_outputs import prune_outputs
@@ -11,6 +14,7 @@ from msnn.errors import workflow
 from msnn.exports.target import ExportPlan, Options, OwnEntry, Request, Target
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
+from spec_schema.errors import between
 from spec_schema.errors.states import not_closable
 from spec_schema.fields.located import Located
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
@@ -43,15 +47,31 @@ def name_prefix(request: Request, given: Located[str] | None) -> str:
     return c_identifier(request.model.name if given is None else given.value, set())
 
 
-def step_program(request: Request, entry: TargetEntry | None) -> Program | None:
+def step_program(
+    request: Request, entry: TargetEntry | None, delay: Sequence[Located[str]] = ()
+) -> Program | None:
     """The model's program with its loops closed and pruned to the outputs of the entry.
 
+    It is late by as many samples as it reads the inputs of `delay` ahead.
     None where a loop cannot be closed; what is wrong with the entry is reported.
     """
     program = _closed(request, entry)
-    return (
-        None if program is None else to_step_form(prune_outputs(program, _outputs(request, entry)))
-    )
+    if program is None:
+        return None
+    program = prune_outputs(program, _outputs(request, entry))
+    return to_step_form(program, _late(request, program, delay))
+
+
+def _late(request: Request, program: Program, delay: Sequence[Located[str]]) -> int:
+    """The most samples after t that the step reads of an input that it is to wait for."""
+    if not delay:
+        return 0
+    ahead = {n: e.last for n, e in extents(program.step, log=False).items() if e.last > 0}
+    for name in delay:
+        if name.value not in ahead:
+            fault = between.needless_delay(name.value, name.span, tuple(ahead))
+            request.findings.report(fault)
+    return max((ahead.get(name.value, 0) for name in delay), default=0)
 
 
 def loop_fault(error: LoopError, place: Span | None) -> Diagnostic:

@@ -1,4 +1,4 @@
-"""A model from the file that a command is given: a spec, or what `msnn compile` wrote."""
+"""Loads a model from the file of a command: a spec, or what `msnn compile` wrote."""
 
 from __future__ import annotations
 
@@ -93,14 +93,15 @@ def _compiled(
     except SpecError as error:
         findings.report(*error.diagnostics)
         raise SpecError(findings.in_order, sources) from None
-    warnings = (*findings.in_order, *compiled.warnings)
+    said = (*findings.in_order, *compiled.warnings)
     return Model(
         program=compiled.program,
         spec=compiled.spec,
         path=path,
         text=text,
         sources=sources,
-        warnings=warnings,
+        warnings=tuple(found for found in said if found.severity == "warning"),
+        remarks=tuple(found for found in said if found.severity == "note"),
         read=read,
         parts=parts,
         part_weights=weights.arrays,

@@ -1,4 +1,4 @@
-"""A model: a program with the spec that says what to do with it."""
+"""Joins a program to the spec that says what to do with it."""
 
 from __future__ import annotations
 
@@ -36,6 +36,8 @@ class Model:
     warnings: tuple[Diagnostic, ...]
     read: ReadResult
     """The spec and its sub-models as their files have them; `spec` is both in one."""
+    remarks: tuple[Diagnostic, ...] = ()
+    """What compiling found worth a thought: `msnn check` says it, no other command does."""
     parts: tuple[SubmodelFile, ...] = ()
     """Its sub-models, those of sub-models too."""
     part_weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, FloatArray]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import jinja2
@@ -11,12 +12,14 @@ import templates
 from backends.files.atomic_write import naming
 from backends.ports.identifiers import c_identifier
 from msnn.errors.commands import folder_exists, unusable_name
+from msnn.project.from_data.new_spec import NewSpec, spec_from_data
 from msnn.project.sample_data import sample_records
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.json_schema import json_schema_text
 from spec_schema.names import is_name, why_reserved
 
 SCHEMA_FILE = "msnn.schema.json"
+_IGNORED = "build/\nruns/\n"
 
 
 def new_project(folder: Path) -> Path:
@@ -24,16 +27,42 @@ def new_project(folder: Path) -> Path:
 
     Raises SpecError where something is there already or the name is not one, OSError.
     """
+    name = _name_of(folder)
+    return _written(folder, _texts(name))
+
+
+def new_project_from(folder: Path, data: Path, predict: str | None) -> tuple[Path, NewSpec]:
+    """Makes the folder of a spec of measured data, which stay where they are.
+
+    Raises as `new_project`, and what `spec_from_data` raises.
+    """
+    name = _name_of(folder)
+    spec = spec_from_data(name, data, folder, predict)
+    texts = {
+        f"{name}.msnn.yaml": spec.text,
+        "README.md": _environment().get_template("README_data.md.j2").render(name=name),
+        ".gitignore": _IGNORED,
+        SCHEMA_FILE: json_schema_text(),
+    }
+    return _written(folder, texts), spec
+
+
+def _name_of(folder: Path) -> str:
+    """The name of the model; SpecError where it is none, or something is there already."""
     name = folder.name
     reason = "it is not a word of letters and digits" if not is_name(name) else why_reserved(name)
     if reason is not None:
         raise SpecError([unusable_name(name or str(folder), reason)])
     if folder.exists():
         raise SpecError([folder_exists(str(folder))])
+    return name
+
+
+def _written(folder: Path, texts: Mapping[str, str]) -> Path:
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{name}.") as place:
-        made = Path(place) / name
-        for file, text in _texts(name).items():
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:
+        made = Path(place) / folder.name
+        for file, text in texts.items():
             path = made / file
             path.parent.mkdir(parents=True, exist_ok=True)
             with naming(folder / file):
@@ -43,17 +72,21 @@ def new_project(folder: Path) -> Path:
 
 
 def _texts(name: str) -> dict[str, str]:
-    environment = jinja2.Environment(
+    environment = _environment()
+    facts = {"name": name, "prefix": c_identifier(name, set())}
+    return {
+        f"{name}.msnn.yaml": environment.get_template("spec.yaml.j2").render(facts),
+        "README.md": environment.get_template("README.md.j2").render(facts),
+        ".gitignore": _IGNORED,
+        SCHEMA_FILE: json_schema_text(),
+        **{f"data/{file}": text for file, text in sample_records().items()},
+    }
+
+
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(templates.__path__[0]) / "project"),
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
         autoescape=False,  # noqa: S701  (YAML and Markdown, not HTML)
     )
-    facts = {"name": name, "prefix": c_identifier(name, set())}
-    return {
-        f"{name}.msnn.yaml": environment.get_template("spec.yaml.j2").render(facts),
-        "README.md": environment.get_template("README.md.j2").render(facts),
-        ".gitignore": "build/\nruns/\n",
-        SCHEMA_FILE: json_schema_text(),
-        **{f"data/{file}": text for file, text in sample_records().items()},
-    }

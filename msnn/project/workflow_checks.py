@@ -26,10 +26,10 @@ def checked_model(
 ) -> Model:
     """The model in a file, with all that `msnn check` finds; raises SpecError if any is an error.
 
-    Its `warnings` are those of reading, compiling and of the workflow.
+    Its `warnings` are those of reading, compiling and of the workflow, and remarks.
     """
     model = load_model(path, settings, strict_units=strict_units)
-    diagnostics = (*model.warnings, *check_workflow(model))
+    diagnostics = (*model.warnings, *model.remarks, *check_workflow(model))
     if any(diagnostic.severity == "error" for diagnostic in diagnostics):
         raise SpecError(diagnostics, model.sources)
     return replace(model, warnings=diagnostics)

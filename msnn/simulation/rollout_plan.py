@@ -1,4 +1,4 @@
-"""Where rollouts run: horizons in samples, loops closed, starts in the episodes of a set."""
+"""Plans where rollouts run: horizons in samples, loops closed, starts in a set's episodes."""
 
 from __future__ import annotations
 

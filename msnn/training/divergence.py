@@ -71,7 +71,8 @@ def _without_slope(
     few = Rollouts(dataset.series, t0, steps, min(plan.rollout.skip, steps - 1))
     training = InterpretedTraining(training_step(plan.program), weights, np.dtype(plan.dtype))
     gradient = training.losses(few, plan.loss_weights).gradient
-    return tuple(name for name in plan.trained if not np.isfinite(gradient[name].value).all())
+    moving = [name for name in plan.trained if plan.lr_factors.get(name) != 0]
+    return tuple(name for name in moving if not np.isfinite(gradient[name].value).all())
 
 
 def _results(program: Program) -> list[NodeId]:

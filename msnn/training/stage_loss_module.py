@@ -1,4 +1,4 @@
-"""A stage's loss as a torch module, for training loops that people write themselves."""
+"""Gives a stage's loss as a torch module to training loops that people write themselves."""
 
 from __future__ import annotations
 

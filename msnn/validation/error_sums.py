@@ -6,7 +6,7 @@ from math import prod
 
 import numpy as np
 
-from msnn.data.dataset import BoolArray, FloatArray, IntArray
+from msnn.data.dataset import FloatArray, IntArray
 from msnn.validation.measurement import ErrorCurve, ErrorTrace, bounds
 
 _SAMPLES = 20
@@ -43,17 +43,41 @@ class CurveSums:
         return ErrorCurve(self._first[kept] + 1, last[kept], rmse, self._scored[kept])
 
 
+class RowErrors:
+    """The errors of each row of the data, as its first rollout predicts it."""
+
+    def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
+        self._errors = np.zeros((rows, *shape))
+        self._seen = np.zeros(rows, np.bool_)
+
+    def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
+        """Adds predictions by the rows that they are for, in the order of rollouts."""
+        new = np.flatnonzero(~self._seen[rows])
+        found, first = np.unique(rows[new], return_index=True)
+        with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such
+            self._errors[found] = prediction[new[first]] - target[new[first]]
+        self._seen[found] = True
+
+    @property
+    def rows(self) -> IntArray:
+        """The rows that predictions were for, in their order."""
+        return np.flatnonzero(self._seen)
+
+    @property
+    def errors(self) -> FloatArray:
+        """(rows, *shape) of these."""
+        return self._errors if self._seen.all() else self._errors[self._seen]
+
+
 class ErrorRange:
     """The smallest and the largest finite error of any element in each row of the data."""
 
     def __init__(self, rows: int) -> None:
         self._low, self._high = np.full(rows, np.inf), np.full(rows, -np.inf)
         self._samples = np.zeros(rows, np.int32)
-        self._seen = np.zeros(rows, np.bool_)
 
     def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
         """Adds predictions by the rows that they are for."""
-        self._seen[rows] = True
         with np.errstate(all="ignore"):
             error = (prediction - target).reshape(len(rows), prod(target.shape[1:]))
         finite = np.isfinite(error)
@@ -62,11 +86,6 @@ class ErrorRange:
         np.minimum.at(self._low, rows, np.where(finite, error, np.inf).min(axis=1))
         np.maximum.at(self._high, rows, np.where(finite, error, -np.inf).max(axis=1))
         np.add.at(self._samples, rows, 1)
-
-    @property
-    def scored(self) -> BoolArray:
-        """The rows that predictions were for."""
-        return self._seen
 
     def trace(self) -> ErrorTrace:
         """The range around each sample."""

@@ -1,4 +1,4 @@
-"""What is found of an output that was simulated one way: every metric, and where it errs."""
+"""Measures an output that was simulated one way: every metric, and where it errs."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray, IntArray
+from msnn.validation.judged_errors import JudgedErrors
 from msnn.validation.metrics import Scores
 from spec_schema.sections.validation import Metric
 from spec_schema.units.unit import Unit
@@ -61,6 +62,8 @@ class Measurement:
     curve: ErrorCurve | None
     """None where every rollout is one step."""
     trace: ErrorTrace
+    judged: JudgedErrors
+    """What the errors tell of the model."""
 
 
 def bounds(count: int, most: int = _POINTS) -> IntArray:

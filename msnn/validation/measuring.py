@@ -11,7 +11,8 @@ from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.validation.counting import Counted
 from msnn.validation.doubt import metric_in_doubt
-from msnn.validation.error_sums import CurveSums, ErrorRange
+from msnn.validation.error_sums import CurveSums, ErrorRange, RowErrors
+from msnn.validation.judged_errors import judged_errors
 from msnn.validation.measurement import METRICS, Measurement
 from msnn.validation.metrics import Errors, Scores, score
 from msnn.validation.plan import CheckPlan
@@ -40,20 +41,25 @@ class Measuring:
             samples += len(number)
         few = isinstance(check.plan.rollout.horizon, str)
         self._curve = CurveSums(min(begin, steps), steps, samples, few=few)
-        self._range = ErrorRange(check.data.rows)
+        self._along: tuple[ErrorRange, RowErrors] | None = None
+        """From the first rollouts to the last: only who is measured now takes memory."""
         self._errors = Errors.of(self._target[:0], self._target[:0])
         self._largest = 0.0
 
     def add(self, part: Runs, output: FloatArray) -> None:
         """Adds what was simulated of some rollouts."""
-        counting = self._counted.among(part)
+        if self._along is None:
+            rows = self._check.data.rows
+            self._along = ErrorRange(rows), RowErrors(rows, self._target.shape[1:])
+        along, counting = self._along, self._counted.among(part)
         for begin in range(0, len(counting.rows), _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
             rows = counting.rows[some]
             prediction, target = output[counting.steps[some]], self._target[rows]
             self._errors = self._errors + Errors.of(prediction, target)
             self._curve.add(prediction, target, counting.number[some])
-            self._range.add(prediction, target, rows)
+            for each in along:
+                each.add(prediction, target, rows)
             size = np.abs(prediction[np.isfinite(prediction)])
             self._largest = max(self._largest, float(size.max(initial=0.0)))
 
@@ -63,21 +69,25 @@ class Measuring:
         return metric_in_doubt(plan, self._errors, self._largest, learned)
 
     def measurement(self) -> Measurement:
-        """What was found."""
+        """What was found, when all parts were added."""
+        assert self._along is not None, "there are rollouts"
+        (extremes, by_row), self._along = self._along, None
         check, rollout = self._check, self._check.plan.rollout
         learned = learned_numbers(rollout.program)
         metrics: dict[Metric, Scores] = {
             metric: score(metric, self._errors, learned) for metric in METRICS
         }
+        rows = by_row.rows
         return Measurement(
             of=check.plan.of,
             unit=check.plan.output_unit,
             horizon=str(rollout.horizon),
             closed=rollout.closed,
             data=check.name,
-            rows=rows_text(check.data, np.flatnonzero(self._range.scored)),
+            rows=rows_text(check.data, rows),
             scored=metrics["rmse"].count,
             metrics=metrics,
             curve=self._curve.curve(),
-            trace=self._range.trace(),
+            trace=extremes.trace(),
+            judged=judged_errors(check, rows, by_row.errors),
         )

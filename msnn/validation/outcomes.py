@@ -73,12 +73,14 @@ class Simulator:
 
         def found(engine: RolloutEngine) -> Found:
             each = _measured_by(checks, parts)
+            results: dict[Measuring, Measurement] = {}
             for part in parts:
                 outputs = engine.outputs(part, self._advance)
-                for measuring in set(each):
+                for measuring in dict.fromkeys(each):
                     measuring.add(part, outputs[measuring.of])
+                    if part is parts[-1]:
+                        results[measuring] = measuring.measurement()
             doubtful = any(m.is_in_doubt(c.plan) for m, c in zip(each, checks, strict=True))
-            results = {measuring: measuring.measurement() for measuring in set(each)}
             return Found([results[measuring] for measuring in each], doubtful)
 
         return self._judged(program, first, found)

@@ -1,4 +1,4 @@
-"""What a `validate` entry asks for: names resolved, lengths in samples, limits in its unit."""
+"""Plans a `validate` entry: names resolved, lengths in samples, limits in its unit."""
 
 from __future__ import annotations
 

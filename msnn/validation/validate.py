@@ -9,6 +9,7 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
+from msnn.errors.validation import extrapolates
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.validation.measurement import Measurement
 from msnn.validation.outcomes import LossValue, Outcome, Simulator, simulated_together
@@ -20,6 +21,8 @@ from spec_schema.sections.validation import Validation
 from spec_schema.units.unit import Unit
 
 Weights = Mapping[str, FloatArray]
+_TOLD = 0.01
+"""Share of the scored rows from which on leaving the range of the training rows is told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,10 +100,16 @@ def validate(
     simulator = Simulator(engine, weights or {}, count.advance)
     outcomes = simulator.outcomes(ready)
     measurements = {id(found): found for found in outcomes if isinstance(found, Measurement)}
+    far = [
+        extrapolates(found.data, each.signal, each.share, each.low, each.high)
+        for found in measurements.values()
+        for each in found.judged.extrapolations
+        if each.share >= _TOLD
+    ]
     return ValidationReport(
         tuple(_row(check, found) for check, found in zip(ready, outcomes, strict=True)),
         tuple(measurements.values()),
-        (*findings.in_order, *simulator.notes),
+        (*findings.in_order, *simulator.notes, *dict.fromkeys(far)),
     )
 
 

@@ -1,4 +1,4 @@
-"""What is said to a user about a spec: messages as data, apart from how they are printed."""
+"""Holds what a user is told about a spec as data, apart from how it is printed."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -16,8 +16,8 @@ class Diagnostic:
 
     `span` is the smallest place at fault and `label` stands under its underline; `secondary` are
     further places with their labels. Notes are facts, `help` is the repair. Only the constructors
-    in `spec_schema.errors` and `msnn.errors` build diagnostics, by `error` and `warning`, so that
-    each sentence is written once.
+    in `spec_schema.errors` and `msnn.errors` build diagnostics, by `error`, `warning` and `remark`,
+    so that each sentence is written once.
     """
 
     code: str
@@ -76,6 +76,29 @@ def warning(
     return Diagnostic(
         code=code,
         severity="warning",
+        message=message,
+        span=span,
+        label=label,
+        secondary=secondary,
+        notes=notes,
+        help=help,
+    )
+
+
+def remark(
+    code: str,
+    span: Span | None,
+    message: str,
+    label: str = "",
+    *,
+    secondary: Secondary = (),
+    notes: tuple[str, ...] = (),
+    help: str | None = None,
+) -> Diagnostic:
+    """Builds the diagnostic of what is worth a thought and may well be meant: a note."""
+    return Diagnostic(
+        code=code,
+        severity="note",
         message=message,
         span=span,
         label=label,

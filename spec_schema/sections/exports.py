@@ -62,6 +62,7 @@ class CExport(TargetEntry):
     `params: inline` writes parameters into the code, the others give the step a pointer to them.
     `ring` says how windows move, `unroll` up to how many elements loops are written out.
     `constant_time` makes every step take the same instructions, whatever its numbers are.
+    `delay` makes ports of the newest samples where the step reads inputs ahead, and outputs late.
     With the `dtype` q15 or q31 the C computes in integers. `with: jacobian` adds a function that
     linearises a step in all that it remembers and its inputs, `with: state_jacobian` in declared
     states instead, `with: parameter_jacobian` in parameters too.
@@ -84,6 +85,8 @@ class CExport(TargetEntry):
     """Loops of up to so many passes are written out."""
     constant_time: Switch = False
     """Every step takes the same instructions, whatever its numbers are."""
+    delay: References = ()
+    """Inputs whose samples after t a step waits for: outputs are as many samples late."""
     extras: DifferentOf[
         Annotated[Extra, choice("jacobian", "state_jacobian", "parameter_jacobian")]
     ] = Field(default=(), alias="with")

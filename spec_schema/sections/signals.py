@@ -13,6 +13,7 @@ from spec_schema.fields.quantities import RangeField, UnitField
 
 InvalidPolicy: TypeAlias = Literal["clamp", "hold", "flag", "trust"]
 RangePolicy: TypeAlias = Literal["flag", "saturate", "reset"]
+BetweenSamples: TypeAlias = Literal["hold", "linear"]
 
 
 class Signal(Entry):
@@ -30,6 +31,23 @@ class Signal(Entry):
     on_invalid: Annotated[InvalidPolicy, choice("clamp", "hold", "flag", "trust")] = "flag"
     """What generated code does with a sample that is NaN or out of range."""
     doc: Text | None = None
+
+
+class Input(Signal):
+    """An input, which right-hand sides can read between its samples too.
+
+    There `between: linear` is the straight line from one sample to the next, `hold` the sample.
+    """
+
+    noun: ClassVar[str] = "an input"
+
+    between: Annotated[Choice[BetweenSamples], located_choice("hold", "linear")] | None = None
+    """What right-hand sides read between samples: the last one held, or the line to the next."""
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether it goes on a straight line from sample to sample."""
+        return self.between is not None and self.between.value == "linear"
 
 
 class State(Entry):

@@ -13,7 +13,7 @@ from spec_schema.sections.dimensions import Dimension, DimensionField
 from spec_schema.sections.exports import Export
 from spec_schema.sections.integrators import Integrator
 from spec_schema.sections.layers.layer import Layer
-from spec_schema.sections.signals import Equation, Loss, Output, Signal, State
+from spec_schema.sections.signals import Equation, Input, Loss, Output, Signal, State
 from spec_schema.sections.submodels import Connection, Connections, Use
 from spec_schema.sections.training.training import Stage
 from spec_schema.sections.validation import Validation
@@ -40,7 +40,7 @@ class Spec(Entry):
     """Named dimensions: their size, or the labels of their elements."""
     use: Named[Use] = Field(default_factory=dict[str, Use])
     """Other specs that are parts of this one, by the names they have here."""
-    inputs: Named[Signal]
+    inputs: Named[Input]
     """Signals that the model reads, logged and deployed."""
     targets: Named[Signal] = Field(default_factory=dict[str, Signal])
     """Signals that only training and metrics read."""

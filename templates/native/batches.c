@@ -167,7 +167,8 @@ void msnn_losses(const struct problem *p, const struct group *groups, int64_t n,
 }
 
 /* A step along the gradient of one batch; 0 if its losses or slopes are not finite. Where slopes of
-   the model can be infinite, the batches in which they are take no step. */
+   the model can be infinite, the batches in which they are take no step. Numbers of rate 0 have no
+   slope, and where all rates are 0 there is no step. */
 static int train_batch(struct team *team, struct batch *b, struct variables *v, struct optimizer *o,
                        const double *weights, double *sums, double *counts)
 {
@@ -181,9 +182,12 @@ static int train_batch(struct team *team, struct batch *b, struct variables *v, 
         total += weights[l] * (IS_ROOT[l] ? sqrt(mean) : mean);
     }
     double squares = 0;
+    int moves = 0;
     for (int i = 0; i < PARAMETERS; i++) {
-        gradient[i] *= v->rate[i] == 0 ? 0 : (real)slope(v, i);
-        squares += v->rate[i] == 0 ? 0.0 : (double)gradient[i] * (double)gradient[i];
+        /* no product: 0 times an infinite slope is NaN */
+        gradient[i] = v->rate[i] == 0 ? 0 : gradient[i] * (real)slope(v, i);
+        squares += (double)gradient[i] * (double)gradient[i];
+        moves |= v->rate[i] != 0;
     }
     const int left_out = INFINITE_SLOPES && !(squares <= LARGEST_SLOPE * LARGEST_SLOPE);
     if (!isfinite(total) || !(left_out || isfinite(squares))) {
@@ -195,6 +199,9 @@ static int train_batch(struct team *team, struct batch *b, struct variables *v, 
     }
     if (left_out) {
         o->left_out += 1;
+        return 1;
+    }
+    if (!moves) {
         return 1;
     }
     if (o->clip > 0 && sqrt(squares) > o->clip) {

@@ -289,7 +289,7 @@ def test_plots_draw_over_the_time_of_the_log(
         drawn.append(figure)
         return path
 
-    monkeypatch.setattr(plotting, "_saved", keep)
+    monkeypatch.setattr(plotting, "saved_figure", keep)
     runs = msnn.simulate(plant)
     plotting.plot_simulation(tmp_path / "a.png", simulation_program(plant.program), runs)
     line = drawn[0].axes[0].lines[0]

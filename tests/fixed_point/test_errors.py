@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from compiler.fixed_point.compile_integers import integer_program
+from compiler.fixed_point.integers.program import Q15, Q31
 from msnn.exports.export import write_export
-from tests.fixed_point.exported import fixed_model, gallery_text, planned
+from tests.fixed_point.exported import fixed_model, gallery_text, initial_weights, planned
 
 # the share of the range that 16 bits, tables of 2^-10 and rounded coefficients add up to over a
 # million steps: what was seen, rounded up
@@ -75,3 +77,24 @@ def test_the_export_shows_its_error(tmp_path: Path) -> None:
     readme = (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
     assert "largest / range" in readme
     assert "| input | `u` | 10 | -20480 | 20480 |" in readme
+
+
+@pytest.mark.parametrize("dtype", ["q15", "q31"])
+@pytest.mark.parametrize(
+    "formula", ["where(u <= 0.5, 1, -1)", "where(u <= 0.5, 1.3, 0.3)", "sign(u) + 0.001"]
+)
+def test_a_choice_between_numbers_has_the_bits_of_a_word(
+    formula: str, dtype: str, tmp_path: Path
+) -> None:
+    """Its scale was that of 0 or 1, at which the number added to it was rounded away."""
+    text = f"""msnn: 1
+name: m
+sample_time: 10 ms
+inputs: {{u: {{range: [-1, 1]}}}}
+outputs: {{y: "{formula}"}}
+"""
+    program = planned(fixed_model(tmp_path, text, dtype)).program
+    width = Q15 if dtype == "q15" else Q31
+    integers = integer_program(program, initial_weights(program), width)
+    (error,) = integers.step_errors
+    assert error.largest < 2.0 ** (2 - width.word)

@@ -58,9 +58,23 @@ outputs: {y: {expr: "next(s) + 0.1 * s", predicts: "z[t+1]"}}
 """
 """A state that is at the ends of its range in many rows."""
 
+BETWEEN = """
+inputs: {u: {between: linear}, w: {}}
+targets: {z: {}}
+parameters: {c: 0.6, k: {init: 4, min: 0}, gain: {init: 0.8, max: 3}}
+equations: {push: "gain * u * abs(u) + w"}
+states:
+  p: {der: v, init: z}
+  v: {der: "push - k * sin(p) - c * v", init: 0.1}
+integrator: {rk4: {substeps: 2}}
+outputs: {y: {expr: next(p), predicts: "z[t+1]"}}
+"""
+"""An input that moves between its samples, through a memoryless equation."""
+
 CALCULUS = {
     "burgers": (BURGERS, ()),
     "accumulated": (ACCUMULATED, ("x",)),
     "stiff": (STIFF, ()),
     "saturated": (SATURATED, ()),
+    "between": (BETWEEN, ()),
 }

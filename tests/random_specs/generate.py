@@ -98,6 +98,11 @@ class _Writer:
                 entry["unit"] = unit
             if "range" in entry:
                 entry["on_invalid"] = self.chance.choice(("clamp", "hold", "flag", "trust"))
+            if (
+                not self.is_static and name != "v"
+            ):  # what is fed back has no line to its next sample
+                between = self.chance.choice((None, None, "hold", "linear", "linear"))
+                entry |= {"between": between} if between else {}
             self.sections["inputs"][name] = entry
             past = not self.is_static
             # a signal that is predicted can be fed back: nobody may know its future

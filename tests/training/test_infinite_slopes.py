@@ -269,6 +269,42 @@ def test_where_no_batch_is_left_training_ends(engine: str, optimizer: str) -> No
     assert "its slope in `k` is not" in said.message
 
 
+@pytest.mark.parametrize("optimizer", [*OPTIMIZERS, "lbfgs: {}"])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_at_rate_0_nothing_moves_and_no_slope_counts(
+    engine: str, optimizer: str, dtype: str
+) -> None:
+    """A schedule ends there: with 1e-60 in float32 too. What follows is as if it had not been."""
+    made, other = (opened(engine, dtype, optimizer, measured(40, 80)) for _ in range(2))
+    before = made.weights()
+    for epoch, rate in enumerate([0.0, 1e-60 if dtype == "float32" else 0.0]):
+        made.begin_epoch(epoch, rate)
+        sums = made.train_batches(runs_of([*range(40)], 1), BATCH)
+        assert sums["y"].count == 40
+        assert (made.left_out, made.has_left_out) == (0, False)
+        assert made.weights() == before
+    other.restore(made.state())
+    for one in (made, other):
+        one.begin_epoch(2, 1.0)
+        one.train_batches(runs_of([*range(40, 80)], 1), BATCH)
+    fresh = opened(engine, dtype, optimizer, measured(40, 80))
+    fresh.train_batches(runs_of([*range(40, 80)], 1), BATCH)
+    assert made.weights() == other.weights() == fresh.weights() != before
+
+
+@pytest.mark.parametrize("optimizer", OPTIMIZERS)
+def test_a_number_of_rate_0_is_held_however_steep(engine: str, optimizer: str) -> None:
+    """Its slope is no part of the length that `clip` cuts either."""
+    progress = Warned()
+    held = f"{{clip: 0.01, lr: {{k: 0}}, {stage_of(engine, 'float64', optimizer)[1:]}"
+    result = run(held, measured(at_first=10), progress)
+    assert float(result.weights["k"]) == FIRST
+    assert float(result.weights["m"]) != 1.0
+    assert not progress.codes
+    frozen = run(held.replace("lr: {k: 0}", "freeze: [k]"), measured(at_first=10))
+    assert float(result.weights["m"]) == pytest.approx(float(frozen.weights["m"]), rel=1e-14)
+
+
 def test_batches_without_a_step_are_counted_over_an_interruption(tmp_path: Path) -> None:
     """Else an epoch in which no batch was left would end the one training and not the other."""
     place = TrainingPosition(

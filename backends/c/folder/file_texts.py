@@ -1,4 +1,4 @@
-"""The text of every file of a generated folder, from one program in step form."""
+"""Writes the text of every file of a generated folder, from one program in step form."""
 
 from __future__ import annotations
 
@@ -134,6 +134,7 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         outputs=[f"(double){_shown(field)}" for field in interface.outputs],
         tunable=interface.options.params == "tunable",
         waits_for_reset=bool(interface.from_record),
+        late=interface.late,
         constant_time=interface.options.constant_time,
         linearizes=interface.jacobian is not None,
         of_parameters="parameter_jacobian" in interface.options.extras,

@@ -1,4 +1,4 @@
-"""The public header: types with units, ranges and places in the spec, and the prototypes."""
+"""Writes the public header: types with units, ranges and places in the spec, prototypes."""
 
 from __future__ import annotations
 
@@ -46,6 +46,7 @@ def header_text(
         structs=[_struct(struct, printer) for struct in structs(interface)],
         prototypes={name: printer.prototype(function) for name, function in functions.items()},
         selftest_steps=selftest_steps,
+        late=interface.late,
         vector_functions=[
             {"doc": comment(functions[name].doc), "prototype": printer.prototype(functions[name])}
             for name in functions

@@ -1,4 +1,4 @@
-"""The step of a controller: check inputs, compute, give outputs, then commit all states at once."""
+"""Writes the step: check inputs, compute, give outputs, then commit all states at once."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from backends.c.functions.state_reports import (
 )
 from backends.c.functions.valid_range import report_outside
 from backends.c.interface.status import Status
+from backends.c.interface.structs import step_text
 from backends.c_language.places import ArrayView
 from backends.c_language.tree import (
     Argument,
@@ -63,8 +64,8 @@ def step_function(program: Program, model: ControllerCode) -> Function:
         Argument(f"const {prefix}_in_t *", "u"),
         Argument(f"{prefix}_out_t *", "y"),
     )
-    doc = "Computes the outputs of sample t, then the states of sample t+1."
-    return writer.finished("step", f"{prefix}_status_t", structs, doc)
+    text = step_text(interface.late)
+    return writer.finished("step", f"{prefix}_status_t", structs, text)
 
 
 class _StepWriter(FunctionWriter):

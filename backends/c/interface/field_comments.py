@@ -1,4 +1,4 @@
-"""What the header says beside each field: unit, limits, axes, meaning, line of the spec."""
+"""Describes each field of the header: unit, limits, axes, meaning, line of the spec."""
 
 from __future__ import annotations
 
@@ -37,11 +37,14 @@ def supplied_comment(state: State) -> str:
     return _comment(state.unit, state.axes, ("value at t0", state.doc), state.span)
 
 
-def output_comment(output: Output, type: Type, limits: tuple[float, float] | None) -> str:
+def output_comment(
+    output: Output, type: Type, limits: tuple[float, float] | None, late: int
+) -> str:
+    """Of an output that is so many samples older than the inputs of its step."""
     means = ""
     if output.predicts is not None:
-        ahead = f"+{output.predicts.ahead}" if output.predicts.ahead else ""
-        means = f"predicts {output.predicts.signal}[t{ahead}]"
+        ahead = output.predicts.ahead - late
+        means = f"predicts {output.predicts.signal}[t{f'{ahead:+d}' if ahead else ''}]"
     return _comment(type.unit, type.axes, (_limits(limits), means, output.doc), output.span)
 
 

@@ -1,4 +1,4 @@
-"""What the generated C shows to its user: its structs and their fields."""
+"""Plans what the generated C shows to its user: its structs and their fields."""
 
 from __future__ import annotations
 
@@ -95,6 +95,8 @@ class Interface:
     """What step and reset say of the states that they computed."""
     checks_equations: bool
     """Whether the step reports equations outside their range."""
+    late: int
+    """Samples by which outputs are older than the inputs of their step."""
     jacobian: JacobianInterface | None
     """None where no Jacobian is asked for."""
 
@@ -166,6 +168,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
         ready=ready,
         checks=state_checks(program, states, in_place, options.dtype),
         checks_equations=bool(program.expected),
+        late=program.late,
         jacobian=jacobian_interface(program, options, prefix),
     )
 
@@ -206,7 +209,8 @@ def _input(port: Port, names: _FieldNames, states: _FieldNames) -> InputField:
 
 def _output(output: Output, program: Program, names: _FieldNames) -> Field:
     type = program.step[output.node].type
-    comment = output_comment(output, type, program.expected_range(output.name))
+    limits = program.expected_range(output.name)
+    comment = output_comment(output, type, limits, program.late)
     return Field(output.name, names.add(output.name), type.axes, type.unit, comment)
 
 

@@ -1,4 +1,4 @@
-"""The structs of the generated header, field by field in their order in memory."""
+"""Lays out the structs of the generated header, field by field in their order in memory."""
 
 from __future__ import annotations
 
@@ -53,12 +53,25 @@ def structs(interface: Interface) -> tuple[Struct, ...]:
     parameters = Struct("params", "Trained values.", _plain(interface.parameters))
     return (
         Struct("in", "Inputs of a step.", _plain(input.field for input in interface.inputs)),
-        Struct("out", "Outputs of a step.", _plain(interface.outputs)),
+        Struct("out", outputs_text(interface.late), _plain(interface.outputs)),
         *((parameters,) if interface.takes_parameters else ()),
         Struct("init", "What reset takes: samples around the first step t0.", _plain(starts)),
         Struct("state", "The memory of one instance: plain data.", _state(interface)),
         *_jacobian(interface),
     )
+
+
+def outputs_text(late: int) -> str:
+    """What the struct of outputs holds, of a step that is so many samples late."""
+    return f"Outputs of a step: those of sample t-{late}." if late else "Outputs of a step."
+
+
+def step_text(late: int) -> str:
+    """What a step does that is so many samples late."""
+    if not late:
+        return "Computes the outputs of sample t, then the states of sample t+1."
+    following = f"t-{late - 1}" if late > 1 else "t"
+    return f"Computes the outputs of sample t-{late}, then the states of sample {following}."
 
 
 def _jacobian(interface: Interface) -> tuple[Struct, ...]:

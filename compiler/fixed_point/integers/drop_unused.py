@@ -12,14 +12,14 @@ def without_unused(program: IntegerProgram) -> IntegerProgram:
     """The program with only those nodes that outputs and memories depend on."""
     roots = [n for _, nodes in program.outputs for n in nodes]
     roots += [n for memory in program.memories for n in memory.next]
-    step, places = _kept(program.step, roots)
+    step, places = reached(program.step, roots)
     # what is checked is also used, within its range
     expected = tuple(
         replace(entry, nodes=tuple(places[node] for node in entry.nodes))
         for entry in program.expected
         if entry.nodes and all(node in places for node in entry.nodes)
     )
-    start, firsts = _kept(program.start, [n for m in program.memories for n in m.start])
+    start, firsts = reached(program.start, [n for m in program.memories for n in m.start])
     return replace(
         program,
         step=step,
@@ -39,9 +39,10 @@ def without_unused(program: IntegerProgram) -> IntegerProgram:
     )
 
 
-def _kept(
+def reached(
     nodes: tuple[IntegerNode, ...], roots: Iterable[int]
 ) -> tuple[tuple[IntegerNode, ...], dict[int, int]]:
+    """The nodes that some depend on, these too, and the new places of all by the old."""
     wanted = set(roots)
     for index in range(len(nodes) - 1, -1, -1):
         if index in wanted:

@@ -1,4 +1,4 @@
-"""A step in integers: every value has proved bounds, and stands for integer · 2^−fraction."""
+"""Defines programs of integers: every value has proved bounds and means integer · 2^−fraction."""
 
 from __future__ import annotations
 
@@ -230,6 +230,8 @@ class IntegerProgram:
     doc: str = ""
     spec_hash: str = ""
     sample_time: float | None = None
+    late: int = 0
+    """Samples by which outputs are older than the inputs of their step."""
 
     @property
     def first_samples(self) -> dict[str, int]:

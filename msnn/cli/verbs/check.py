@@ -30,6 +30,10 @@ def check(
         bool, typer.Option("--strict-units", help="Units that do not fit are errors.")
     ] = False,
     settings: Settings = None,
+    with_data: Annotated[
+        bool,
+        typer.Option("--data", help="Read the data too, and warn of what `msnn data` finds."),
+    ] = False,
     format: Annotated[
         OutputFormat, typer.Option(help="How diagnostics are printed.")
     ] = OutputFormat.FULL,
@@ -37,7 +41,7 @@ def check(
     """Say what is wrong with specs.
 
     Names, shapes, units and time of the model; then whether data, train, validate and export fit
-    it. Reads no data.
+    it. Reads no data without `--data`.
     """
     from msnn.cli.console import json_result, report, result
     from msnn.project.workflow_checks import checked_model
@@ -52,6 +56,10 @@ def check(
         try:
             model = checked_model(file, settings or (), strict_units=strict_units)
             diagnostics, sources = model.warnings, model.sources
+            if with_data:
+                from msnn.data_check.check import check_data
+
+                diagnostics = (*diagnostics, *check_data(model).findings)
         except SpecError as error:
             model, diagnostics, sources = None, error.diagnostics, error.sources
         failed |= model is None

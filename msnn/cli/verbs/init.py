@@ -12,14 +12,36 @@ def init(
     folder: Annotated[
         Path, typer.Argument(metavar="NAME", help="The folder to make; its name is the model's.")
     ],
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", metavar="FILE", help="A CSV file to make the spec of."),
+    ] = None,
+    predict: Annotated[
+        str | None,
+        typer.Option("--predict", metavar="COLUMN", help="With --data: the column to predict."),
+    ] = None,
 ) -> None:
     """Make a project that works.
 
     A folder with a spec, the JSON Schema that helps editors with it, a little simulated data and a
-    README that shows the next steps. Nothing that exists is overwritten.
+    README that shows the next steps. With --data the spec is a linear model of the columns of a
+    file, with their units, ranges, delays and sample time, which trains at once. Nothing that
+    exists is overwritten.
     """
-    from msnn.cli.console import result
-    from msnn.project.new_project import new_project
+    from msnn.cli.console import note, result
+    from msnn.project.from_data.new_spec import TargetNotNamedError
+    from msnn.project.new_project import new_project, new_project_from
 
-    made = new_project(folder)
-    result(f"{made}: {made.name}.msnn.yaml, data, README.md")
+    if data is None:
+        if predict is not None:
+            raise typer.BadParameter("names a column of `--data FILE`", param_hint="'--predict'")
+        made = new_project(folder)
+        result(f"{made}: {made.name}.msnn.yaml, data, README.md")
+        return
+    try:
+        made, spec = new_project_from(folder, data, predict)
+    except TargetNotNamedError as error:
+        raise typer.BadParameter(str(error), param_hint="'--predict'") from None
+    for line in spec.notes:
+        note(f"note: {line}")
+    result(f"{made}: {made.name}.msnn.yaml, README.md")

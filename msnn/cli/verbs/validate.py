@@ -52,6 +52,7 @@ def validate(
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
+    from msnn.validation.errors_report import regions_table, residuals_table
     from msnn.validation.report import (
         curves_table,
         junit_text,
@@ -79,7 +80,13 @@ def validate(
     if format is ResultFormat.JSON:
         json_result("validate", metrics_record(found))
     else:
-        tables = (metrics_table(found), measurements_table(found), curves_table(found))
+        tables = (
+            metrics_table(found),
+            measurements_table(found),
+            curves_table(found),
+            residuals_table(found.measurements),
+            regions_table(found.measurements),
+        )
         result("\n\n".join(table for table in tables if table))
     if plot is not None:
         from msnn.reports.plotting import plot_validation

@@ -123,7 +123,7 @@ class _Line:
     def has_units(self) -> bool:
         """Whether no cell is a number and every one is empty or a unit."""
         cells = [cell.strip() for cell in self.cells]
-        return any(cells) and not any(map(is_number, cells)) and all(map(_is_unit, cells))
+        return any(cells) and not any(map(is_number, cells)) and all(map(is_unit, cells))
 
     def units_fault(self, places: Mapping[ColumnKey, int]) -> Diagnostic:
         units = {key: self.cells[index].strip() for key, index in places.items()}
@@ -154,7 +154,7 @@ class _Line:
         return lambda more: fault(self.header.file, self.row, label, text, more, place)
 
 
-def _is_unit(cell: str) -> bool:
+def is_unit(cell: str) -> bool:
     """Whether a cell is empty or a unit, with or without brackets around it."""
     try:
         parse_unit(cell.strip("[]()") or "1")

@@ -27,7 +27,7 @@ def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
         request.findings.report(workflow.untimed_library(entry.place.key))
     if entry is not None and entry.is_fixed_point:
         return FIXED_POINT.prepare(request, entry)
-    step = step_program(request, entry)
+    step = step_program(request, entry, () if entry is None else entry.delay)
     if step is None:
         return None
     options = _options(request, entry)

@@ -35,7 +35,7 @@ MOST_STEPS = 1000
 def _prepare(request: Request, entry: CExport | None) -> ExportPlan[None] | None:
     assert entry is not None, "only an entry asks for fixed point"
     assert entry.dtype is not None
-    step = step_program(request, entry)
+    step = step_program(request, entry, entry.delay)
     if step is None:
         return None
     report, place = request.findings.report, entry.place.key

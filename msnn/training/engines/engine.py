@@ -1,4 +1,4 @@
-"""What a training engine must do; stages drive any engine through this interface alone."""
+"""Defines what a training engine must do; stages drive any engine through this alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: damped Gauss-Newton steps on all rollouts of a stage at once.
+"""Steps by Levenberg-Marquardt: damped Gauss-Newton on all rollouts of a stage at once.
 
 A step δ of the raw variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F
 and 2A its curvature without second derivatives of residuals. D is the largest diagonal of A so far
@@ -194,6 +194,7 @@ class LevenbergMarquardtEngine:
         ]
 
     def _model(self, products: Mapping[str, Products]) -> _Model:
+        # kernels differentiate by physical values; steps are made in raw variables: the chain rule
         physical_by_raw = self._slopes_of_physical()
         slope, curvature = np.zeros_like(self._raw), np.zeros((len(self._raw),) * 2)
         total = 0.0
@@ -208,8 +209,11 @@ class LevenbergMarquardtEngine:
         total += known.value
         slope += known.slope
         curvature += np.diag(known.curvature)
+        # D never shrinks, so that a variable which loses its influence does not run away (Moré
+        # 1978)
         self._largest = np.maximum(self._largest, np.diagonal(curvature))
         scale = self._scale()
+        # once an epoch: every damping that is tried costs two products with the directions then
         values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
         return _Model(total, slope * scale, np.maximum(values, 0.0), vectors)
 
@@ -218,9 +222,11 @@ class LevenbergMarquardtEngine:
         while self._damping < _MOST_DAMPING:
             scaled, fall = model.step(self._damping)
             step = scaled * self._scale()
+            # the model promises no more than rounding
             if fall <= np.finfo(float).eps * model.total or not step.any():
                 break
             trial = self._raw + step
+            # the cost alone first: slopes take as many times longer as there are learned numbers
             total = self._total_at(runs, trial)
             ahead = (
                 self._squares.products(runs, self._weights_at(trial))
@@ -228,6 +234,8 @@ class LevenbergMarquardtEngine:
                 else None
             )
             if ahead is not None and self._is_model(ahead):
+                # 1 where the model was right: the damping falls to a third; Nielsen's rule is
+                # smooth between
                 gain = (model.total - total) / fall
                 self._raw, self._ahead = trial, (runs, ahead)
                 self._damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
@@ -235,6 +243,7 @@ class LevenbergMarquardtEngine:
                 if max(model.total - total, fall) <= self._options.tolerance * model.total:
                     self.finished = "converged"
                 return
+            # rejected: doubled, then times 4, 8, …, so that a bad start takes few trials
             self._damping *= self._growth
             self._growth *= 2.0
         else:

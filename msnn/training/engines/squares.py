@@ -1,4 +1,4 @@
-"""What second-order methods ask of a stage: residuals of its losses, their slopes, their costs."""
+"""Defines what second-order methods ask of a stage: residuals, their slopes, their costs."""
 
 from __future__ import annotations
 

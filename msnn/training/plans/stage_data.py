@@ -1,4 +1,4 @@
-"""The rollouts of a stage: those it trains on, and those that decide which weights are best."""
+"""Chooses the rollouts of a stage: those to train on, those that judge the weights."""
 
 from __future__ import annotations
 

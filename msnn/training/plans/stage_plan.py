@@ -1,4 +1,4 @@
-"""A training stage with every default filled in, names resolved and lengths in samples."""
+"""Plans a training stage: defaults filled in, names resolved, lengths in samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run was made of, for `run.json`: its stages, data and versions; and what has changed."""
+"""Records what a run was made of in `run.json`, and finds what has changed since."""
 
 from __future__ import annotations
 

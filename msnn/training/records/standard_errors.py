@@ -1,4 +1,4 @@
-"""How well the data determine the learned parameters: standard errors at the end of a training.
+"""Estimates how well the data determine the learned parameters, when a training ends.
 
 Near the minimum of the total F = Σ cₗ rₗᵀrₗ the estimate is linear in the noise of the residuals:
 cov θ = H⁻¹ (Σ cₗ² σₗ² JₗᵀJₗ) H⁻¹ with H = Σ cₗ JₗᵀJₗ and σₗ² = rₗᵀrₗ / (nₗ − pₗ), where

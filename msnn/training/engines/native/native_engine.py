@@ -1,4 +1,4 @@
-"""The native engine: batches, gradients and optimiser steps run inside a generated kernel."""
+"""Trains inside a generated kernel: batches, gradients and optimiser steps."""
 
 from __future__ import annotations
 

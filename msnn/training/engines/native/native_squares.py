@@ -1,4 +1,4 @@
-"""Residuals, slopes and costs by training kernels."""
+"""Computes residuals, slopes and costs by training kernels."""
 
 from __future__ import annotations
 

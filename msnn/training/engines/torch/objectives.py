@@ -1,4 +1,4 @@
-"""What a torch optimiser minimises: the losses of rollouts, unrolled in torch or by a kernel."""
+"""Gives torch optimisers what they minimise: losses unrolled in torch or by a kernel."""
 
 from __future__ import annotations
 

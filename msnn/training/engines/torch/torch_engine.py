@@ -1,4 +1,4 @@
-"""The torch engine: a torch optimiser moves raw variables along the slopes of an objective."""
+"""Trains in torch: an optimiser moves raw variables along the slopes of an objective."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -55,10 +56,11 @@ class TorchEngine:
         objective: type[TorchObjective | KernelObjective] = TorchObjective,
     ) -> None:
         dtype = _DTYPES[plan.dtype]
-        self._plan = plan
-        self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
+        self._plan, self._number = plan, np.dtype(plan.dtype).type
+        moving = {name for name in plan.trained if plan.lr_factors.get(name) != 0}
+        self._fixed = {n: value for n, value in weights.items() if n not in moving}
         self._model = build_module(plan.program, dtype, plan.device)
-        self.moved = self._model.load_physical(weights)
+        self.moved = tuple(n for n in self._model.load_physical(weights) if n in moving)
         self._variables = self._select()
         self._optimizer = _optimizer(plan, self._variables)
         self._series = series
@@ -127,6 +129,7 @@ class TorchEngine:
                 return total.new_tensor(height)
             if total.requires_grad:
                 total.backward()
+                self._hold()
             if self._is_steep():
                 if is_first:
                     raise _NoStep
@@ -144,6 +147,16 @@ class TorchEngine:
                 self.left_out += 1
                 self.has_left_out = True
         return before
+
+    def _hold(self) -> None:
+        """Takes the slopes of what has rate 0 in the stage's arithmetic: torch leaves it as it is.
+
+        0 times an infinite slope is NaN, and some optimisers step by other lengths than the rate.
+        """
+        for group in self._optimizer.param_groups:
+            if self._number(group["lr"]) == 0:
+                for raw in group["params"]:
+                    raw.grad = None
 
     def _is_steep(self) -> bool:
         """Whether a slope is infinite, of those that can be."""

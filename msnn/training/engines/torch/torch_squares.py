@@ -1,4 +1,4 @@
-"""Residuals, slopes and costs in torch, the slopes by its own forward mode."""
+"""Computes residuals, slopes and costs in torch, the slopes by its own forward mode."""
 
 from __future__ import annotations
 

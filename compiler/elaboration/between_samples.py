@@ -1,0 +1,98 @@
+"""Makes inputs what they are between their samples, where right-hand sides read them (R6)."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from compiler.ir.program import NodeId
+from compiler.linking.connected import Connected
+from compiler.lowering.context import Context
+from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.scope import owner_of
+from spec_schema.errors import between
+from spec_schema.sections.signals import Input
+
+_STEP = Environment(EnvironmentPart.STEP)
+
+
+def inputs_at(context: Context, fraction: Fraction) -> dict[str, NodeId]:
+    """(1−τ)·u[t] + τ·u[t+1] of every input with `between: linear`, τ the part of the step.
+
+    At sample t, where all inputs are what they are everywhere, none. The sum of two shares of the
+    samples stays between them, whatever is rounded: ranges of the input hold for it.
+    """
+    found: dict[str, NodeId] = {}
+    if not fraction:
+        return found
+    builder = context.builder(_STEP)
+    for name, entry in context.spec.inputs.items():
+        if not entry.is_linear:
+            continue
+        type = context.type_of(entry)
+        with builder.at(entry.place.key):
+            following = builder.signal(name, 1, 1, type)
+            if fraction == 1:
+                found[name] = following
+                continue
+            now = builder.signal(name, 0, 0, type)
+            before = builder.multiply(builder.constant(float(1 - fraction)), now)
+            after = builder.multiply(builder.constant(float(fraction)), following)
+            found[name] = builder.add(before, after)
+            builder.name(found[name], f"{name}_at_{fraction.numerator}_{fraction.denominator}")
+    return found
+
+
+def report_between(context: Context) -> None:
+    """Says where `between` cannot be, does nothing, or should be thought of."""
+    _report_closed(context)
+    if context.findings.failed:
+        return
+    later = {name for _, name in context.stage_reads.inputs}
+    for name, entry in context.spec.inputs.items():
+        is_idle = entry.is_linear and name in context.used and name not in later
+        if is_idle and not owner_of(name):
+            assert entry.between is not None
+            context.findings.report(between.nothing_between(name, entry.between.span))
+    for name, entry in context.spec.equations.items():
+        fed = entry.feeds if isinstance(entry, Connected) else None
+        if isinstance(fed, Input) and fed.is_linear:
+            assert fed.between is not None
+            place = entry.place.key
+            context.findings.report(between.held_connection(name, place, fed.between.span))
+    if context.spec.train:
+        _remark_held(context)
+
+
+def _report_closed(context: Context) -> None:
+    """An input that an output predicts: what it is at t+1 a loop does not know at t."""
+    for output, entry in context.spec.outputs.items():
+        if entry.predicts is None:
+            continue
+        signal = entry.predicts.signal
+        fed = context.spec.inputs.get(signal.value)
+        if fed is not None and fed.is_linear:
+            assert fed.between is not None
+            place = fed.between.span
+            context.findings.report(
+                between.closed_between(signal.value, output, place, signal.span)
+            )
+
+
+def _remark_held(context: Context) -> None:
+    """Inputs that nobody said to be held, in right-hand sides whose parameters are learned."""
+    predicted = {o.predicts.signal.value for o in context.spec.outputs.values() if o.predicts}
+    open_inputs = {
+        name: entry
+        for name, entry in context.spec.inputs.items()
+        if entry.between is None and name not in predicted and not owner_of(name)
+    }
+    reads = context.stage_reads
+    held = [name for name in open_inputs if ("", name) in reads.inputs]
+    learned = [
+        name
+        for name, entry in context.spec.parameters.items()
+        if entry.learn and ("", name) in reads.parameters
+    ]
+    if held and learned:
+        first, *others = (open_inputs[name].place.key for name in held)
+        context.findings.report(between.held_inputs(held, learned, first, others))

@@ -1,0 +1,1 @@
+"""Turns what data show into sentences, with what to write in the spec."""

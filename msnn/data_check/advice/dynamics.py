@@ -1,0 +1,76 @@
+"""Says what the data show of the system itself, whatever the spec makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from msnn.data_check.dynamics.excitation import Excitation
+from msnn.data_check.dynamics.impulse_response import FALSE_ALARMS
+from msnn.data_check.found import CheckedSystem, CheckedTarget
+from msnn.errors import data_dynamics as errors
+from msnn.errors.data_checks import too_few_rows
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+_FEWEST_ROWS = 30
+
+
+def dynamics_findings(system: CheckedSystem) -> Iterator[Diagnostic]:
+    """Inputs that teach little, and targets that answer none of them."""
+    for dependence in system.about.dependences:
+        terms = [
+            f"{factor:.4g} {system.inputs[other].name}" for other, factor in dependence.factors
+        ]
+        yield errors.dependent_inputs(
+            input=system.inputs[dependence.number].name,
+            formula=" + ".join(terms).replace("+ -", "- "),
+            share=dependence.share,
+        )
+    for channel, found in zip(system.inputs, system.about.excitation, strict=True):
+        if found is not None and found.weak:
+            yield errors.weak_excitation(
+                input=channel.name,
+                order=found.order,
+                needed=found.tested,
+                highest=highest_frequency(found, system.step),
+                why="to tell its delay and response takes",
+            )
+    for target in system.targets:
+        yield from _target(system, target)
+
+
+def highest_frequency(found: Excitation, step: float) -> float:
+    """In Hz, the end of the band with 99 % of the power."""
+    return found.highest / step
+
+
+def _target(system: CheckedSystem, target: CheckedTarget) -> Iterator[Diagnostic]:
+    found, name = target.found, target.channel.name
+    moving = [i for i, excites in enumerate(system.about.excitation) if excites is not None]
+    if not moving or not target.moves:
+        return
+    if found.responses is None:
+        yield too_few_rows(rows=found.rows, needed=_needed(len(system.inputs)), of=name)
+        return
+    for number, share in enumerate(found.feedback):
+        if share is not None:
+            yield errors.closed_loop_data(
+                input=system.inputs[number].name, signal=name, share=share
+            )
+    told = [i for i in moving if _told(system, i)]
+    if told and all(found.delays[i] is None for i in told):
+        yield errors.no_response(
+            signal=name,
+            inputs=[system.inputs[i].name for i in told],
+            lags=found.responses.lags,
+            chance=FALSE_ALARMS,
+        )
+
+
+def _told(system: CheckedSystem, number: int) -> bool:
+    """Whether the input excites enough to tell that nothing answers it."""
+    excites = system.about.excitation[number]
+    return excites is not None and not excites.weak
+
+
+def _needed(inputs: int) -> int:
+    return max(_FEWEST_ROWS, _FEWEST_ROWS * inputs)

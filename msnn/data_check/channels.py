@@ -1,0 +1,72 @@
+"""Makes one scalar series of each element of a signal, with its place in the files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.ir.program import Program, Role, Signal
+from msnn.data.dataset import BoolArray, Dataset, FloatArray, Record
+from msnn.data_check.signals.sampling import follows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """One element of a signal over all rows of a data set."""
+
+    name: str
+    """`u`, or `tau[2]` of a vector."""
+    signal: Signal
+    values: FloatArray
+
+    @property
+    def unit(self) -> str:
+        """The unit after a number, with a blank before it."""
+        unit = self.signal.unit
+        return "" if unit is None or unit.text == "1" else f" {unit.text}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rows:
+    """How the rows of a data set follow each other, jitter allowed, and where they stand."""
+
+    records: tuple[Record, ...]
+    follows: BoolArray
+
+    def place(self, row: int) -> str:
+        """`row 17 of a.csv`, for messages."""
+        return self.record(row).place(row)
+
+    def record(self, row: int) -> Record:
+        return next(record for record in self.records if record.start <= row < record.stop)
+
+
+def rows_of(dataset: Dataset) -> Rows:
+    """The rows of a data set; those that a filter has taken out break it."""
+    found = np.zeros(dataset.rows, dtype=np.bool_)
+    for record in dataset.records:
+        for piece in record.pieces:
+            found[piece.start : piece.stop] = follows(piece.time, piece.stop - piece.start)
+            if piece.start > record.start:
+                found[piece.start] = dataset.continues[piece.start]
+    return Rows(records=dataset.records, follows=found)
+
+
+def channels_of(program: Program, dataset: Dataset) -> Iterator[Channel]:
+    """Every element of every signal, inputs first; rows that the filter took out are missing."""
+    measured = np.ones(dataset.rows, dtype=np.bool_)
+    inputs = [signal for signal in program.signals if signal.role is Role.INPUT]
+    for signal in inputs:
+        measured &= np.isfinite(dataset.series[signal.name].reshape(dataset.rows, -1)).all(axis=1)
+    filtered = measured & ~dataset.usable
+    ordered = sorted(program.signals, key=lambda signal: signal.role is not Role.INPUT)
+    for signal in ordered:
+        size = math.prod(axis.size for axis in signal.axes)
+        table = dataset.series[signal.name].reshape(dataset.rows, size)
+        for element in range(size):
+            values = np.where(filtered, np.nan, table[:, element])
+            name = signal.name if not signal.axes else f"{signal.name}[{element}]"
+            yield Channel(name=name, signal=signal, values=values)

@@ -1,0 +1,122 @@
+"""Looks at all data that a spec reads, and says what is wrong with them and what they can teach."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.data_check.advice.dynamics import dynamics_findings
+from msnn.data_check.advice.reading import reading_findings
+from msnn.data_check.advice.signals import sampling_findings, signal_findings
+from msnn.data_check.channels import Channel, Rows, channels_of, rows_of
+from msnn.data_check.dynamics.check import check_inputs, check_target
+from msnn.data_check.found import (
+    CheckedChannel,
+    CheckedSystem,
+    CheckedTarget,
+    DataCheck,
+    DatasetCheck,
+    targets_of,
+)
+from msnn.data_check.read import read_as_recorded, read_resampled
+from msnn.data_check.signals.check import check_series
+from msnn.data_check.signals.quantisation import rounding
+from msnn.data_check.signals.sampling import sampling_of
+from msnn.data_check.signals.spikes import spikes, without_spikes
+from msnn.model.model import Model
+from spec_schema.diagnostics.diagnostic import Findings
+
+
+def check_data(
+    model: Model, files: Sequence[Path] | None = None, data_root: str | Path | None = None
+) -> DataCheck:
+    """What the data of a model show; `files` are looked at in place of those of the spec.
+
+    Raises SpecError where they cannot be read at all, MissingExtraError.
+    """
+    recorded = read_as_recorded(model, files, data_root)
+    return check_datasets(model, recorded, read_resampled(model, files, data_root))
+
+
+def check_datasets(
+    model: Model, recorded: Mapping[str, Dataset], resampled: Dataset | None = None
+) -> DataCheck:
+    """What data sets show; the system is looked at in the first, or in it at the sample time."""
+    findings = Findings()
+    checked: list[DatasetCheck] = []
+    for name, dataset in recorded.items():
+        checked.append(_dataset(model, name, dataset))
+        findings.report(*dataset.warnings)
+        findings.report(*sampling_findings(model, checked[-1], resampled=resampled is not None))
+        findings.report(*signal_findings(checked[-1]))
+    system = None
+    if model.program.sample_time is not None:
+        step = _step(checked[0], model.program.sample_time)
+        if resampled is not None:
+            step = model.program.sample_time
+        system = _system(model, resampled or next(iter(recorded.values())), step)
+        findings.report(*dynamics_findings(system))
+        findings.report(*reading_findings(model, system))
+    return DataCheck(
+        sample_time=model.program.sample_time,
+        datasets=tuple(checked),
+        system=system,
+        findings=findings.in_order,
+    )
+
+
+def _dataset(model: Model, name: str, dataset: Dataset) -> DatasetCheck:
+    rows = rows_of(dataset)
+    pieces = [piece for record in dataset.records for piece in record.pieces]
+    return DatasetCheck(
+        name=name,
+        sampling=tuple(found for piece in pieces if (found := sampling_of(piece)) is not None),
+        channels=tuple(
+            CheckedChannel(channel, check_series(channel.values, rows.follows))
+            for channel in channels_of(model.program, dataset)
+        ),
+        rows=rows,
+    )
+
+
+def _step(checked: DatasetCheck, otherwise: float) -> float:
+    """Seconds between rows as they are recorded."""
+    steps = [one.step for one in checked.sampling if np.isfinite(one.step)]
+    return float(np.median(steps)) if steps else otherwise
+
+
+def _system(model: Model, dataset: Dataset, step: float) -> CheckedSystem:
+    rows = rows_of(dataset)
+    channels = list(channels_of(model.program, dataset))
+    wanted = targets_of(model.program)
+    # an input without any value would leave no row to look at
+    inputs = [
+        channel
+        for channel in channels
+        if channel.signal.name not in wanted and np.isfinite(channel.values).any()
+    ]
+    table = np.zeros((dataset.rows, len(inputs)))
+    for column, channel in enumerate(inputs):
+        table[:, column] = _clean(channel, rows)
+    about = check_inputs(table, rows.follows, [rounding(channel.values) for channel in inputs])
+    return CheckedSystem(
+        step=step,
+        inputs=tuple(inputs),
+        about=about,
+        targets=tuple(
+            CheckedTarget(
+                channel,
+                wanted[channel.signal.name],
+                check_target(_clean(channel, rows), table, rows.follows, about),
+            )
+            for channel in channels
+            if channel.signal.name in wanted
+        ),
+    )
+
+
+def _clean(channel: Channel, rows: Rows) -> FloatArray:
+    return without_spikes(channel.values, spikes(channel.values, rows.follows))

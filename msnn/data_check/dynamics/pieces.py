@@ -1,0 +1,70 @@
+"""Cuts series into pieces without gap, and takes fewer or slower rows of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from msnn.data.dataset import BoolArray, FloatArray
+
+_MOST_ROWS = 200_000
+"""Rows that are looked at: their number decides the time, and more add no certainty that counts."""
+_BLOCK = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Neighbouring rows: one series to explain, and (rows, inputs) that may explain it."""
+
+    output: FloatArray
+    inputs: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.output)
+
+
+def pieces_of(output: FloatArray, inputs: FloatArray, follows: BoolArray) -> list[Piece]:
+    """The maximal runs of rows that follow each other and have every value.
+
+    Means are taken off. Of more than 200,000 rows evenly spread blocks are used.
+    """
+    known = np.isfinite(output) & np.isfinite(inputs).all(axis=1)
+    before = np.concatenate(([False], known[:-1]))
+    starts = np.flatnonzero(known & ~(before & follows))
+    after = np.concatenate((known[1:] & follows[1:], [False]))
+    stops = np.flatnonzero(known & ~after) + 1
+    total = int(known.sum())
+    if not total:
+        return []
+    level, levels = float(np.mean(output[known])), np.mean(inputs[known], axis=0)
+    every = -(-total // _MOST_ROWS)
+    found: list[Piece] = []
+    number = 0
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        for first in range(start, stop, _BLOCK) if every > 1 else (start,):
+            last = min(first + _BLOCK, stop) if every > 1 else stop
+            if number % every == 0:
+                found.append(Piece(output[first:last] - level, inputs[first:last] - levels))
+            number += 1
+    return found
+
+
+def slower(pieces: Sequence[Piece], factor: int) -> list[Piece]:
+    """The means of so many neighbouring rows, as a filter against aliases."""
+    if factor == 1:
+        return list(pieces)
+    found: list[Piece] = []
+    for piece in pieces:
+        count = len(piece) // factor
+        if count:
+            output = piece.output[: count * factor].reshape(count, factor).mean(axis=1)
+            inputs = piece.inputs[: count * factor].reshape(count, factor, -1).mean(axis=1)
+            found.append(Piece(output, inputs))
+    return found
+
+
+def rows_of(pieces: Sequence[Piece]) -> int:
+    """How many rows there are in all."""
+    return sum(map(len, pieces))

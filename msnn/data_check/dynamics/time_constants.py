@@ -1,0 +1,129 @@
+"""Finds the time constants that impulse responses are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msnn.data.dataset import FloatArray
+from msnn.data_check.dynamics.impulse_response import Responses, responses
+from msnn.data_check.dynamics.pieces import Piece, rows_of, slower
+
+ComplexArray = NDArray[np.complex128]
+
+_NO_POLES: ComplexArray = np.zeros(0, np.complex128)
+_HIGHEST_ORDER = 4
+_LEAST = 0.03
+"""Singular values below this part of the largest say nothing that a model would need."""
+_SLOWER = 4
+_FEWEST_ROWS = 200
+_LEAST_ENERGY = 0.01
+"""A mode with less of the energy of the responses than that is not seen by eye."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeConstants:
+    """The modes of the responses of one series; in rows."""
+
+    modes: tuple[float, ...]
+    """Time constants −1/ln|z| of the poles z, the slowest first; infinite for an integrator."""
+    periods: tuple[float, ...]
+    """Rows of an oscillation of each mode; infinite where it does not oscillate."""
+    natural: tuple[float, ...]
+    """1/|ln z| of each mode: its time constant, or 1/ω₀ of an oscillation, however it is damped."""
+    settling: float | None
+    """Rows in which a step response comes within 2 %; None where it has not in any estimate."""
+
+    @property
+    def slowest(self) -> float:
+        """The largest 1/|ln z|: within that many rows any motion has turned or died."""
+        return max(self.natural)
+
+    @property
+    def fastest(self) -> float:
+        return min(self.natural)
+
+
+def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants | None:
+    """The modes of a series, from its responses to all inputs; None where none is visible.
+
+    Where responses outlast the lags of the estimate, it is repeated with means of 4, 16, … rows.
+    A state space of the responses is their Hankel matrix shifted by one lag (Kung 1978); its order
+    is how many singular values exceed what the errors of the responses make of them.
+    """
+    found, factor = first, 1
+    while True:
+        seen = [i for i in range(len(found.values)) if found.delay(i) is not None]
+        if not seen:
+            return None
+        settled = [found.settled(i) for i in seen]
+        if all(lag is not None for lag in settled):
+            break
+        factor *= _SLOWER
+        fewer = slower(pieces, factor)
+        again = responses(fewer) if rows_of(fewer) >= _FEWEST_ROWS else None
+        if again is None or all(again.delay(i) is None for i in range(len(again.values))):
+            factor //= _SLOWER
+            break
+        found = again
+    poles = _poles(found, seen)
+    if not len(poles):
+        return None
+    sizes = np.abs(poles)
+    with np.errstate(divide="ignore"):
+        constants = np.where(sizes < 1, -1 / np.log(np.minimum(sizes, 1)), np.inf)
+        turns = np.abs(np.angle(poles))
+        periods = np.where(turns > 0, 2 * np.pi / turns, np.inf)
+        natural = np.where(sizes < 1, 1 / np.abs(np.log(poles)), np.inf)
+    if factor == 1 and rows_of(pieces) < _FEWEST_ROWS and np.max(natural) > found.lags:
+        return None  # longer than all that was seen of it
+    order = np.argsort(-constants, kind="stable")
+    lags = [lag for lag in settled if lag is not None]
+    return TimeConstants(
+        modes=tuple((constants[order] * factor).tolist()),
+        periods=tuple((periods[order] * factor).tolist()),
+        natural=tuple((natural[order] * factor).tolist()),
+        settling=float(max(lags) * factor) if len(lags) == len(settled) else None,
+    )
+
+
+def _poles(found: Responses, seen: Sequence[int]) -> ComplexArray:
+    """The poles of the state space whose impulse responses are these, up to four."""
+    half = found.lags // 2
+    if half < 2:
+        return _NO_POLES
+    columns: list[FloatArray] = []
+    for number in seen:
+        # lag 0 is feedthrough, and a delay would be poles at 0
+        begin = max(found.delay(number) or 0, 1)
+        series = found.values[number, begin:]
+        if len(series) > half:
+            columns.append(np.lib.stride_tricks.sliding_window_view(series, half).T)
+    if not columns:
+        return _NO_POLES
+    table = np.concatenate(columns, axis=1)
+    left, sizes, _ = np.linalg.svd(table)
+    noise = float(np.sqrt(np.mean(found.errors[list(seen)] ** 2)))
+    # the largest singular value of a matrix of independent errors (Geman 1980)
+    limit = max(noise * (np.sqrt(table.shape[0]) + np.sqrt(table.shape[1])), _LEAST * sizes[0])
+    order = min(int(np.sum(sizes > limit)), _HIGHEST_ORDER, half - 1)
+    if order < 1:
+        return _NO_POLES
+    observed = left[:, :order]
+    step = np.linalg.lstsq(observed[:-1], observed[1:], rcond=None)[0]
+    poles = np.asarray(np.linalg.eigvals(step), dtype=np.complex128)
+    return poles[_energy(found, seen, poles) > _LEAST_ENERGY]
+
+
+def _energy(found: Responses, seen: Sequence[int], poles: ComplexArray) -> FloatArray:
+    """The energy of each mode in the responses, as part of that of the largest."""
+    energy = np.zeros(len(poles))
+    for number in seen:
+        series = found.values[number, max(found.delay(number) or 0, 1) :]
+        modes = poles ** np.arange(len(series))[:, None]
+        shares = np.linalg.lstsq(modes, series.astype(np.complex128), rcond=None)[0]
+        energy += np.sum(np.abs(modes * shares) ** 2, axis=0) / np.sum(series**2)
+    return energy / np.max(energy)

@@ -1,0 +1,1 @@
+"""What one column of a log shows by itself: its rows, its values, its faults."""

@@ -1,0 +1,84 @@
+"""Measures how evenly the rows of a file are spaced in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msnn.data.dataset import BoolArray, FileRows, FloatArray
+
+LONGEST_STEP = 1.5
+"""A step longer than so many usual ones lacks a row: half a row more is nearer to two steps."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sampling:
+    """The steps of time between the rows of one file; seconds, and rows of the file."""
+
+    file: str
+    rows: int
+    step: float
+    """The usual step, the median; NaN where fewer than two rows have a time."""
+    mean: float
+    jitter: float
+    """Standard deviation of the steps that are no gaps, as part of the usual one."""
+    worst: float
+    """The largest deviation of a step that is no gap, as part of the usual one."""
+    worst_row: int
+    gaps: tuple[int, ...]
+    """Rows before which rows are missing."""
+    longest: float
+    """Seconds of the longest gap."""
+    longest_row: int
+    repeated: tuple[int, ...]
+    """Rows at the time of the row before."""
+    backward: tuple[int, ...]
+    """Rows earlier than the row before."""
+
+
+def sampling_of(piece: FileRows) -> Sampling | None:
+    """The sampling of a file; None where nothing gives its rows a time."""
+    if piece.time is None:
+        return None
+    time = piece.time
+    steps = np.diff(time)
+    rows = piece.file_rows(piece.start, piece.stop)
+    forward = steps[steps > 0]
+    usual = float(np.median(forward)) if len(forward) else np.nan
+    gaps = steps > LONGEST_STEP * usual
+    even = (steps > 0) & ~gaps
+    off = np.abs(steps - usual)
+    worst = int(np.argmax(np.where(even, off, -1.0))) if even.any() else 0
+    longest = int(np.argmax(np.where(gaps, steps, -1.0))) if gaps.any() else 0
+    return Sampling(
+        file=piece.file,
+        rows=len(time),
+        step=usual,
+        mean=float(np.mean(forward)) if len(forward) else np.nan,
+        jitter=float(np.std(steps[even]) / usual) if even.any() else 0.0,
+        worst=float(off[worst] / usual) if even.any() else 0.0,
+        worst_row=int(rows[worst + 1]) if even.any() else 0,
+        gaps=_rows(rows, gaps),
+        longest=float(steps[longest]) if gaps.any() else 0.0,
+        longest_row=int(rows[longest + 1]) if gaps.any() else 0,
+        repeated=_rows(rows, steps == 0),
+        backward=_rows(rows, steps < 0),
+    )
+
+
+def follows(time: FloatArray | None, rows: int) -> BoolArray:
+    """Whether each row is about one usual step after the row before, with whatever jitter."""
+    found = np.ones(rows, dtype=np.bool_)
+    found[:1] = False
+    if time is None or rows < 2:
+        return found
+    steps = np.diff(time)
+    forward = steps[steps > 0]
+    usual = float(np.median(forward)) if len(forward) else np.inf
+    found[1:] = (steps > 0) & (steps <= LONGEST_STEP * usual)
+    return found
+
+
+def _rows(rows: np.ndarray, wrong: BoolArray) -> tuple[int, ...]:
+    return tuple(int(row) for row in rows[1:][wrong])

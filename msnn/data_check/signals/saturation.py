@@ -1,0 +1,84 @@
+"""Finds saturation: values that stay at the largest or smallest one as if something cut them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from msnn.data.dataset import BoolArray, FloatArray
+
+Side = Literal["largest", "smallest"]
+
+SHORTEST = 3
+"""Rows of the shortest stay at a limit."""
+_FEW_LEVELS = 16
+"""A signal of so few values is switched, not cut."""
+_NEAR = 0.02
+"""The band below a limit that is compared with it, as part of the span."""
+_CROWDED = 3.0
+"""So many times the rows of that band stand at a limit. A sine that is rounded stands √2 + 1 = 2.41
+times as often at its largest value as at the one below."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Saturation:
+    """A value at which a series stays."""
+
+    side: Side
+    value: float
+    rows: int
+    longest: int
+    """Rows of the longest stay."""
+    first: int
+    """The row of the series at which the longest stay begins."""
+
+
+def saturation(values: FloatArray, follows: BoolArray) -> tuple[Saturation, ...]:
+    """The limits at which a series is cut.
+
+    A limit is stayed at for three rows or more, longer than any usual stay at other values (or a
+    staircase would be cut), and much more often than the values next to it are taken (or the
+    rounded top of a wave would be).
+    """
+    known = np.isfinite(values)
+    if known.sum() < 2 * SHORTEST:
+        return ()
+    low, high = float(np.min(values[known])), float(np.max(values[known]))
+    if low == high or _levels(values[known]) <= _FEW_LEVELS:
+        return ()
+    begins = np.flatnonzero(np.concatenate(([True], (np.diff(values) != 0) | ~follows[1:])))
+    lengths = np.diff(np.concatenate((begins, [len(values)])))
+    at = values[begins]
+    found: list[Saturation] = []
+    near = _NEAR * (high - low)
+    sides: tuple[tuple[Side, float, BoolArray], ...] = (
+        ("largest", high, (values < high) & (values >= high - near)),
+        ("smallest", low, (values > low) & (values <= low + near)),
+    )
+    for side, value, band in sides:
+        stays, others = at == value, np.isfinite(at) & (at != low) & (at != high)
+        longest = int(lengths[stays].max())
+        rows = int(lengths[stays].sum())
+        usual = float(np.sum(lengths[others] ** 2) / np.sum(lengths[others]))
+        beside = max(int(band.sum()), _next_level(values[known], value))
+        if longest >= SHORTEST and longest > 3 * usual and rows > _CROWDED * beside:
+            first = int(begins[stays][np.argmax(lengths[stays])])
+            found.append(
+                Saturation(side=side, value=value, rows=rows, longest=longest, first=first)
+            )
+    return tuple(found)
+
+
+def _levels(values: FloatArray) -> int:
+    """How many values there are; counting ends where there are plainly many."""
+    few = np.unique(values[: 64 * _FEW_LEVELS])
+    return len(few) if len(few) > _FEW_LEVELS else len(np.unique(values))
+
+
+def _next_level(values: FloatArray, limit: float) -> int:
+    """Rows at the value that is nearest to the limit."""
+    others = values[values != limit]
+    nearest = others[np.argmin(np.abs(others - limit))]
+    return int(np.sum(values == nearest))

@@ -1,0 +1,124 @@
+"""Guesses how a text file is laid out: delimiter, decimal sign, header, line of units."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from msnn.data.formats.csv_cells import is_unit
+from msnn.data.formats.csv_header import Dialect, content_lines, is_number, split_cells
+from msnn.errors import data_files as errors
+from msnn.errors.new_specs import no_table
+from spec_schema.diagnostics.diagnostic import SpecError
+
+_LINES = 400
+_DIALECTS = ((",", "."), (";", "."), ("\t", "."), ("|", "."), (";", ","), ("\t", ","))
+_COMMENTS = ("#", "%")
+_NOT_MEASURED = frozenset(("", "nan", "na", "null"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextLayout:
+    """A file of text, as the `csv:` key of a spec says it, and what stands above its numbers."""
+
+    dialect: Dialect
+    labels: tuple[str, ...]
+    """The cells of the header; empty texts where there is none."""
+    units: tuple[str, ...]
+    """The cells of a line of units; empty texts where there is none."""
+    named: bool
+    """Whether the header can name columns; where a line of units is passed over it cannot."""
+    sample: tuple[tuple[str, ...], ...]
+    """The cells of the first rows."""
+
+
+def layout_of(path: Path) -> TextLayout:
+    """The layout of a file of numbers; SpecError where it is none."""
+    comment = _comment(path)
+    lines = _first_lines(path, Dialect(comment=comment))
+    if not lines:
+        raise SpecError([errors.empty_file(path.name, header=False)])
+    texts = [text for _, text in lines]
+    delimiter, decimal = max(_DIALECTS, key=lambda signs: _fits(texts, *signs))
+    rows = [tuple(cell.strip() for cell in split_cells(text, delimiter)) for text in texts]
+    width = Counter(map(len, rows[len(rows) // 2 :])).most_common(1)[0][0]
+    first = next((i for i, row in enumerate(rows) if _is_data(row, width, decimal)), None)
+    if first is None:
+        raise SpecError([no_table(path.name)])
+    above = [i for i in range(first) if len(rows[i]) == width]
+    header = above[-1] if above else None
+    units: tuple[str, ...] = ("",) * width
+    if len(above) > 1 and above[-1] == first - 1 and all(is_unit(cell) for cell in rows[first - 1]):
+        units, header = rows[first - 1], above[-2]
+    named = header is not None and not any(units)
+    begins = lines[header][0] if header is not None and named else lines[first][0]
+    # comments are passed over after the lines that are skipped
+    before = begins - 1 if (header if named else first) else 0
+    return TextLayout(
+        dialect=Dialect(
+            delimiter=delimiter, decimal=decimal, comment=comment, header=named, skip=before
+        ),
+        labels=_labels_in_comment(path, comment, delimiter, width)
+        if header is None
+        else rows[header],
+        units=units,
+        named=named,
+        sample=tuple(rows[first:]),
+    )
+
+
+def number(cell: str, decimal: str) -> bool:
+    """Whether a cell is a number or a word for none."""
+    return cell.lower() in _NOT_MEASURED or is_number(cell.replace(decimal, "."))
+
+
+def _first_lines(path: Path, dialect: Dialect) -> list[tuple[int, str]]:
+    try:
+        return list(islice(content_lines(path, dialect), _LINES))
+    except UnicodeDecodeError as error:
+        reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
+        raise SpecError([errors.unreadable_file(path.name, reason)]) from error
+
+
+def _labels_in_comment(
+    path: Path, comment: str | None, delimiter: str, width: int
+) -> tuple[str, ...]:
+    """The header that is written as a comment, as numpy does; empty texts where there is none."""
+    if comment is not None:
+        for _, text in _first_lines(path, Dialect()):
+            cells = split_cells(text.lstrip().lstrip(comment), delimiter)
+            if text.lstrip().startswith(comment) and len(cells) == width:
+                return tuple(cell.strip() for cell in cells)
+    return ("",) * width
+
+
+def _comment(path: Path) -> str | None:
+    """The character with which lines above the table begin, where that is one of comments."""
+    lines = [text.lstrip() for _, text in _first_lines(path, Dialect())]
+    for sign in _COMMENTS:
+        begins = [line.startswith(sign) for line in lines]
+        if any(begins) and not all(begins):
+            return sign
+    return None
+
+
+def _fits(texts: Sequence[str], delimiter: str, decimal: str) -> tuple[float, int]:
+    """How well lines fit: the share of numbers among cells, in lines of one width; the width."""
+    rows = [split_cells(text, delimiter) for text in texts]
+    late = rows[len(rows) // 2 :]
+    width, count = Counter(map(len, late)).most_common(1)[0]
+    cells = [cell.strip() for row in late if len(row) == width for cell in row]
+    numbers = sum(is_number(cell.replace(decimal, ".")) for cell in cells)
+    empty = sum(cell.lower() in _NOT_MEASURED for cell in cells)
+    share = (numbers + 0.5 * empty) / max(len(cells), 1) * count / len(late)
+    # text in a column or two is no sign of another delimiter
+    return (round(share, 2) if width == 1 else share + 0.5 if numbers else 0.0, width)
+
+
+def _is_data(row: Sequence[str], width: int, decimal: str) -> bool:
+    measured = [cell for cell in row if cell.lower() not in _NOT_MEASURED]
+    numbers = sum(is_number(cell.replace(decimal, ".")) for cell in measured)
+    return len(row) == width and numbers > 0 and 2 * numbers >= len(measured)

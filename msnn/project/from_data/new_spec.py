@@ -1,0 +1,251 @@
+"""Writes the folder of a spec that a file of measured data trains at once."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+
+import templates
+from msnn.data.dataset import BoolArray
+from msnn.data_check.signals.sampling import follows
+from msnn.errors.new_specs import few_rows, no_target
+from msnn.project.from_data.baseline import Baseline, choose_baseline
+from msnn.project.from_data.columns import FoundColumn, FoundTable, columns_of, free_name
+from msnn.project.from_data.roles import Role, roles_of
+from msnn.project.from_data.time_column import FoundTime, time_of
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.editors.format_spec import format_spec
+from spec_schema.yaml_tree.writer import quoted, scalar_text
+
+_FEWEST_ROWS = 40
+
+
+class TargetNotNamedError(Exception):
+    """Nobody said which column is predicted, or there is none of that name; says which might be."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewSpec:
+    """The text of a spec, and what a user should know of how it came about."""
+
+    text: str
+    notes: tuple[str, ...]
+
+
+def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> NewSpec:
+    """The spec of a model named `name` in `folder`, of the columns of a file.
+
+    Raises TargetNotNamedError where it is not known what to predict, SpecError where the file
+    cannot be used.
+    """
+    table = columns_of(file)
+    time = time_of(table)
+    row_follows = follows(None if time.column is None else time.column.values, table.rows)
+    used = [c for c in table.columns if c is not time.column and c.index not in time.counters]
+    moving = [c for c in used if c.moves]
+    if not moving:
+        raise SpecError([no_target(file.name)])
+    target = _target(predict, moving, row_follows)
+    if np.sum(np.isfinite(target.values)) < _FEWEST_ROWS:
+        raise SpecError([few_rows(file.name, table.rows, _FEWEST_ROWS)])
+    roles = [r for r in roles_of(moving, row_follows, target) if r.column is not target]
+    inputs = [r.column for r in roles if not r.output] or [r.column for r in roles]
+    others = [r.column for r in roles if r.column not in inputs]
+    baseline = choose_baseline(target, inputs, row_follows)
+    facts = _Facts(
+        name=name,
+        file=file,
+        folder=folder,
+        table=table,
+        time=time,
+        target=target,
+        inputs=inputs,
+        others=others,
+        still=[c for c in used if not c.moves],
+        baseline=baseline,
+    )
+    return NewSpec(text=format_spec(f"{name}.msnn.yaml", _text(facts)), notes=time.notes)
+
+
+def _target(
+    predict: str | None, columns: Sequence[FoundColumn], row_follows: BoolArray
+) -> FoundColumn:
+    """The column with this name, header, or header without its unit."""
+    if predict is None:
+        raise TargetNotNamedError(_candidates(columns, row_follows))
+    found = [c for c in columns if predict in (c.name, c.label)]
+    if len(found) != 1:
+        message = f"no column that moves is called `{predict}`; "
+        raise TargetNotNamedError(message + _candidates(columns, row_follows))
+    return found[0]
+
+
+def _candidates(columns: Sequence[FoundColumn], row_follows: BoolArray) -> str:
+    roles = roles_of(columns, row_follows)
+    outputs = sorted((r for r in roles if r.output), key=lambda role: -role.explained)
+    inputs = [r for r in roles if not r.output]
+    text = f"columns that look like outputs: {_listed(outputs)}; like inputs: {_listed(inputs)}"
+    first = (outputs or roles)[0].column.name
+    return f"{text}; say which one to predict, such as `--predict {first}`"
+
+
+_LISTED = 12
+
+
+def _listed(roles: Sequence[Role]) -> str:
+    names = [role.column.name for role in roles]
+    more = f", … ({len(names)} in all)" if len(names) > _LISTED else ""
+    return ", ".join(names[:_LISTED]) + more if names else "none"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Facts:
+    name: str
+    file: Path
+    folder: Path
+    table: FoundTable
+    time: FoundTime
+    target: FoundColumn
+    inputs: Sequence[FoundColumn]
+    others: Sequence[FoundColumn]
+    still: Sequence[FoundColumn]
+    baseline: Baseline
+
+
+def _text(facts: _Facts) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(templates.__path__[0]) / "project"),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        autoescape=False,  # noqa: S701  (YAML, not HTML)
+    )
+    environment.filters["quoted"] = quoted
+    environment.filters["scalar"] = partial(scalar_text, in_flow=True)
+    environment.filters["comment"] = _comment
+    return environment.get_template("from_data.yaml.j2").render(_values(facts))
+
+
+def _values(facts: _Facts) -> dict[str, Any]:
+    target, baseline, time = facts.target, facts.baseline, facts.time
+    signals = [*facts.inputs, target]
+    taken = {column.name for column in facts.table.columns}
+    unit = "" if target.unit is None else f" {target.unit.text}"
+    layers = [
+        {
+            "name": free_name(f"from_{column.name}", taken),
+            "argument": column.name if delay == 1 else f"{column.name}[t-{delay - 1}]",
+            "window": baseline.order,
+            "seen": _seen(delay, seen, immediate, time.step),
+        }
+        for column, delay, seen, immediate in zip(
+            [target, *facts.inputs],
+            (1, *baseline.delays),
+            (True, *baseline.seen),
+            (False, *baseline.immediate),
+            strict=True,
+        )
+    ]
+    layers[0]["seen"] = ""
+    lacking = [c for c in signals if not np.isfinite(c.values).all()]
+    return {
+        "name": facts.name,
+        "file": facts.file.name,
+        "path": os.path.relpath(facts.file.resolve(), facts.folder.resolve()),
+        "rows": facts.table.rows,
+        "notes": time.notes,
+        "sample_time": _duration(time.step),
+        "signals": [_signal(column) for column in signals],
+        "others": [_signal(column) for column in facts.others],
+        "still": [_signal(column) for column in facts.still],
+        "layers": layers,
+        "offset": free_name("offset", taken),
+        "linear": free_name("linear", taken),
+        "output": free_name(f"{target.name}_next", taken),
+        "target": target.name,
+        "unit": None if target.unit is None else target.unit.text,
+        "level": float(f"{np.nanmean(target.values):.3g}"),
+        "time": None
+        if time.column is None
+        else {"key": _key(time.column.key), "unit": None if time.unit == "s" else time.unit},
+        "csv": _csv(facts.table),
+        "resample": time.resample,
+        "nan": "split" if lacking else None,
+        "horizon": baseline.horizon,
+        "stride": max(baseline.horizon // 2, 1),
+        "constant": f"{baseline.constant_error:.3g}{unit}",
+        "held": f"{baseline.held_error:.3g}{unit}",
+    }
+
+
+def _signal(column: FoundColumn) -> dict[str, Any]:
+    known = column.values[np.isfinite(column.values)]
+    low, high = _rounded(float(np.min(known)), float(np.max(known)))
+    return {
+        "name": column.name,
+        "unit": None if column.unit is None else column.unit.text,
+        "range": f"[{low!r}, {high!r}]" if low < high else None,
+        "label": _comment(column.label),
+        "key": _key(column.key),
+        "named": column.key == column.name and column.unit is None,
+    }
+
+
+def _rounded(low: float, high: float) -> tuple[float, float]:
+    """The range outwards to two digits of its span."""
+    if not high > low:
+        return low, high
+    digits = 1 - math.floor(math.log10(high - low))
+    grain = 10.0**digits
+    return float(f"{math.floor(low * grain) / grain:.12g}"), float(
+        f"{math.ceil(high * grain) / grain:.12g}"
+    )
+
+
+def _seen(delay: int, seen: bool, immediate: bool, step: float) -> str:
+    if immediate:
+        return "answers in the same row, of which a prediction knows nothing yet"
+    if not seen:
+        return "no answer is seen in the data"
+    return f"answers after {delay} rows, {_duration(delay * step)}" if delay > 1 else ""
+
+
+def _key(key: str | int) -> str:
+    return str(key) if isinstance(key, int) else quoted(key)
+
+
+def _csv(table: FoundTable) -> str | None:
+    """The `csv:` entry, None where the file has the usual layout."""
+    dialect, entries = table.layout.dialect, list[str]()
+    if dialect.delimiter != ",":
+        entries.append(f"delimiter: {quoted(dialect.delimiter)}")
+    if dialect.decimal != ".":
+        entries.append(f"decimal: {quoted(dialect.decimal)}")
+    if dialect.comment is not None:
+        entries.append(f"comment: {quoted(dialect.comment)}")
+    if not dialect.header:
+        entries.append("header: false")
+    if dialect.skip:
+        entries.append(f"skip: {dialect.skip}")
+    return ", ".join(entries) or None
+
+
+def _duration(seconds: float) -> str:
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:.6g} {unit}"
+    return f"{seconds / 1e-6:.6g} us"
+
+
+def _comment(text: str) -> str:
+    """Text that ends no comment and hides nothing in it."""
+    return "".join(c if c.isprintable() else " " for c in text)[:80]

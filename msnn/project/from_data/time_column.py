@@ -1,0 +1,161 @@
+"""Finds the column of time, its unit and the sample time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.data.reading.rows import GAP_TOLERANCE
+from msnn.data_check.signals.sampling import LONGEST_STEP
+from msnn.project.from_data.columns import FoundColumn, FoundTable, plain_label
+from spec_schema.units.parser import parse_unit
+
+_WORDS = re.compile(
+    r"t|time|times|zeit|temps|tiempo|tempo|tid|seconds?|secs?|millis|clock|epoch|elapsed|uptime"
+    r"|(time|zeit|epoch|elapsed|t|date)[_ ]?(stamp|time|stempel|s|ms|us|ns|sec|rel|abs)?",
+    re.IGNORECASE,
+)
+_COUNTERS = re.compile(
+    r"|#|no|nr|n|k|i|id|idx|index|row|rows|sample|samples|count|counter", re.IGNORECASE
+)
+_SUFFIX = re.compile(r".*[_ ](s|ms|us|ns|min|h)", re.IGNORECASE)
+_SECOND = parse_unit("s")
+_SCALES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+_EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11))
+"""Counted since 1970, times of our days are beyond these numbers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundTime:
+    """How the rows of a file follow each other."""
+
+    column: FoundColumn | None
+    """None: no column says; rows are one sample apart."""
+    unit: str
+    step: float
+    """Seconds between rows."""
+    resample: str | None
+    """What the spec must say of rows that are not one step apart."""
+    notes: tuple[str, ...]
+    counters: tuple[int, ...] = ()
+    """Indices of columns that only count rows."""
+
+
+def time_of(table: FoundTable) -> FoundTime:
+    """The time of a file: a column that is called so, or the first one if it steps evenly."""
+    counters = tuple(c.index for c in table.columns if _counts(c))
+    for column in table.columns:
+        if _WORDS.fullmatch(plain_label(column.label)[0].strip()) and _rises(column.values):
+            return _from(column, counters)
+    first = table.columns[0]
+    if first.index == 0 and first.index not in counters and _even(first.values):
+        return _from(first, counters)
+    step, note = _text_time(table) or (
+        1.0,
+        "no column says the time: the sample time of 1 s is only a guess, write the true one",
+    )
+    return FoundTime(
+        column=None, unit="s", step=step, resample=None, notes=(note,), counters=counters
+    )
+
+
+def _from(column: FoundColumn, counters: tuple[int, ...]) -> FoundTime:
+    unit, why = _unit(column)
+    steps = np.diff(column.values[np.isfinite(column.values)]) * _SCALES[unit]
+    usual = float(np.median(steps[steps > 0]))
+    step = float(f"{usual:.6g}")
+    notes = [f"time is taken as {unit}: {why}"] if why else []
+    far = np.abs(steps - step) > GAP_TOLERANCE * step
+    backward = steps <= 0
+    gaps = steps > LONGEST_STEP * step
+    missing = not np.isfinite(column.values).all()
+    if backward.any() or missing:
+        what = "misses values" if missing else f"does not increase in {int(backward.sum())} rows"
+        notes.append(f"`{column.label}` {what}: rows are taken as one sample apart")
+        return FoundTime(
+            column=None, unit=unit, step=step, resample=None, notes=tuple(notes), counters=counters
+        )
+    resample = None
+    if far.any():
+        resample = "none" if not (far & ~gaps).any() else "linear"
+        what = f"{int(gaps.sum())} gaps" if resample == "none" else "uneven steps"
+        notes.append(f"the time has {what}: `resample: {resample}` deals with them")
+    return FoundTime(
+        column=column,
+        unit=unit,
+        step=step,
+        resample=resample,
+        notes=tuple(notes),
+        counters=counters,
+    )
+
+
+def _unit(column: FoundColumn) -> tuple[str, str]:
+    """The unit of a column of time, and why where nothing writes it."""
+    if column.unit is not None and column.unit.same_dimension(_SECOND):
+        for name, scale in _SCALES.items():
+            if np.isclose(column.unit.factor_to(_SECOND), scale):
+                return name, ""
+    base = plain_label(column.label)[0].strip()
+    if (suffix := _SUFFIX.fullmatch(base)) is not None:
+        return suffix[1].lower(), ""
+    if base.lower() == "millis":
+        return "ms", ""
+    values = column.values[np.isfinite(column.values)]
+    for name, least in _EPOCHS:
+        if abs(float(values[0])) > least:
+            return name, "it counts since 1970"
+    usual = float(np.median(np.diff(values)))
+    whole = bool(np.all(values == np.rint(values)))
+    if whole and usual >= 1000 and usual % 60:
+        return "us", f"rows are {usual:g} apart; write `unit: s` at `time:` if they are seconds"
+    if whole and usual >= 5 and usual % 60:
+        return "ms", f"rows are {usual:g} apart; write `unit: s` at `time:` if they are seconds"
+    return "s", "" if not whole else f"rows are {usual:g} apart"
+
+
+def _rises(values: FloatArray) -> bool:
+    """Whether values are those of a clock, a few steps back allowed."""
+    known = values[np.isfinite(values)]
+    return len(known) > 2 and float(np.mean(np.diff(known) > 0)) > 0.9
+
+
+def _even(values: FloatArray) -> bool:
+    """Whether values rise by one step."""
+    steps = np.diff(values)
+    if len(steps) < 2 or not np.all(steps > 0):
+        return False
+    usual = float(np.median(steps))
+    return float(np.mean(np.abs(steps - usual) <= GAP_TOLERANCE * usual)) > 0.95
+
+
+def _counts(column: FoundColumn) -> bool:
+    """Whether a column numbers the rows and is called so."""
+    called = _COUNTERS.fullmatch(plain_label(column.label)[0].strip()) is not None
+    return called and bool(np.all(np.diff(column.values) == 1))
+
+
+def _text_time(table: FoundTable) -> tuple[float, str] | None:
+    """The usual step of a column of dates, which no spec reads."""
+    for index in table.texts:
+        cells = [row[index] for row in table.layout.sample if index < len(row)]
+        times = _dates(cells)
+        if times is not None and len(times) > 2:
+            usual = float(np.median(np.diff(times)))
+            if usual > 0:
+                note = f"column {index} has dates, {usual:.6g} s apart: rows are taken as even"
+                return float(f"{usual:.6g}"), note
+    return None
+
+
+def _dates(cells: Sequence[str]) -> FloatArray | None:
+    try:
+        found = [datetime.fromisoformat(cell) for cell in cells]
+        return np.array([(date - found[0]).total_seconds() for date in found])
+    except (ValueError, TypeError, IndexError):
+        return None
