@@ -33,30 +33,6 @@ _FIRST = 1024
 _THEN = (2**13,)
 """Arguments of each kind that are tried, one after the other, where those tell nothing."""
 
-_HEAD = '''"""Arguments at which the last digit of some constant of a kernel shows in its value.
-
-Written by benchmarks/kernel_accuracy/choose_arguments.py, which says how they are chosen.
-"""
-
-from __future__ import annotations
-
-from compiler.kernels.tables.formats import RealName
-
-HEXADECIMAL: dict[tuple[str, RealName], str] = {
-'''
-
-_TAIL = '''}
-
-
-def telling_arguments(kernel: str, real: RealName, arity: int) -> list[tuple[float, ...]]:
-    """The arguments of a kernel, which takes `arity` of them, beside those of its branches."""
-    if (kernel, real) not in HEXADECIMAL:
-        message = f"run benchmarks/kernel_accuracy/choose_arguments.py {kernel}"
-        raise KeyError(message)
-    numbers = [float.fromhex(text) for text in HEXADECIMAL[kernel, real].split()]
-    return [tuple(numbers[i : i + arity]) for i in range(0, len(numbers), arity)]
-'''
-
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
@@ -76,14 +52,19 @@ def main() -> None:
             what = f"{len(chosen.points)} arguments, {chosen.told} told, {len(chosen.untold)} not"
             print(f"{name} {real}: {what}: {chosen.untold}", flush=True)
             texts[name, real] = " ".join(float(x).hex() for point in chosen.points for x in point)
-    parts = [_HEAD]
+    target = Path("compiler/kernels/tables/telling_arguments.py")
+    before, _, rest = target.read_text(encoding="utf-8").partition(_BEGIN)
+    rows: list[str] = []
     for name in kernels:
         for real in FORMATS:
             lines = "\n".join(f"        {line}" for line in _lines(texts[name, real].split()))
             shown = lines or '        ""'
-            parts.append(f'    ("{name}", "{real}"): (\n{shown}\n    ),\n')
-    target = Path("compiler/kernels/tables/telling_arguments.py")
-    target.write_text("".join([*parts, _TAIL]), encoding="utf-8")
+            rows.append(f'    ("{name}", "{real}"): (\n{shown}\n    ),')
+    after = rest.partition(_END)[2]
+    target.write_text(before + _BEGIN + "\n".join(rows) + _END + after, encoding="utf-8")
+
+
+_BEGIN, _END = "HEXADECIMAL: dict[tuple[str, RealName], str] = {\n", "\n}\n"
 
 
 def chosen_arguments(name: str, real: RealName) -> Chosen:

@@ -133,7 +133,11 @@ def unmoved(table: dict[str, FloatArray]) -> None:
         (uneven, "W0810", ("data.csv", "`resample: linear` under `data:`")),
         (milliseconds, "W0811", ("100 s apart", "unit: ms")),
         (with_gap, "W0812", ("5.1 s before row 1000", "`resample: none`")),
-        (twice, "W0813", ("1 rows of data.csv", "row 100")),
+        (
+            twice,
+            "W0813",
+            ("data.csv has rows that are at the time of the row before: one, row 100",),
+        ),
         (lacking, "W0814", ("2 of 3000", "`u`", "row 500 of data.csv", "`nan: split`")),
         (spiked, "W0815", ("a spike", "row 700 of data.csv", " K")),
         (cut, "W0816", ("largest value 300.8 K", "`filter: y < 300.8`")),

@@ -222,6 +222,18 @@ def test_a_gradient_in_a_right_hand_side_is_that_at_the_stage() -> None:
     np.testing.assert_allclose(found, 0.1 * (27 - 1) / 2, rtol=1e-14)
 
 
+@pytest.mark.parametrize("u", ["u", "u[t]"])
+def test_a_gradient_at_a_stage_takes_samples_in_windows_as_given(u: str) -> None:
+    """y = u · (u[t-1] + u[t]): the slope in u is the sum, at every stage alike."""
+    text = f"""
+        inputs: {{u: {{between: linear}}}}
+        states: {{x: {{der: "grad(u * sum(u.past(2)), {u})"}}}}
+        outputs: {{y: next(x)}}
+        """
+    found = evaluated(text, {"u": [2.0, 1.0, 5.0]}, t=1)
+    np.testing.assert_allclose(found, 0.1 * 3, rtol=1e-14)
+
+
 TANK = """
 inputs: {inflow: {between: linear}}
 states: {level: {der: inflow - 0.5 * level, init: 1}}
