@@ -1,4 +1,4 @@
-"""A kernel that runs rollouts in float64: the outputs of every step, and the sums of losses."""
+"""Runs rollouts in a kernel, in float64: the outputs of every step, and the sums of losses."""
 
 from __future__ import annotations
 

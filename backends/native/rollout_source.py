@@ -1,4 +1,4 @@
-"""The C source of a kernel that runs rollouts: it keeps their outputs and sums their losses."""
+"""Writes the C of a kernel that runs rollouts, keeps their outputs and sums their losses."""
 
 from __future__ import annotations
 

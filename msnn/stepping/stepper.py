@@ -1,4 +1,4 @@
-"""One instance of a model that is stepped from Python, a sample at a time."""
+"""Steps one instance of a model from Python, a sample at a time."""
 
 from __future__ import annotations
 

@@ -1,16 +1,19 @@
 """Tells where a limit lies so near that another engine's rounding could be on its other side.
 
 Two engines agree to 1e-12 in one step and to 1e-9 over free runs whose dynamics contract, relative
-to the size of what they predict. Every metric grows with the sizes of the errors, so that errors
-which are all larger or all smaller by that much enclose what another engine would find.
+to the size a of what they predict. All errors together are then √n a apart in the Euclidean norm at
+most, which bounds what Σe² and the variance of e may be; the mean and the largest |e| are a apart.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import sqrt
+
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.validation.metrics import score
+from msnn.validation.metrics import Errors, Spread, score
 from msnn.validation.plan import CheckPlan
 
 _APART = 1e-9
@@ -20,16 +23,18 @@ _OF_LOSSES = 1e-6
 """The same of a loss: its residuals may be a thousandth of what is predicted."""
 
 
-def metric_in_doubt(plan: CheckPlan, prediction: FloatArray, target: FloatArray, p: int) -> bool:
-    """Whether a limit lies between the values that two engines may find; `p` as of `score`."""
+def metric_in_doubt(plan: CheckPlan, errors: Errors, largest: float, parameters: int) -> bool:
+    """Whether a limit lies between the values that two engines may find.
+
+    `largest` is the size of the predictions, `parameters` as of `score`.
+    """
     if plan.metric is None or (plan.minimum is None and plan.maximum is None):
         return False
-    finite = prediction[np.isfinite(prediction)]
-    apart = _APART * float(np.max(np.abs(finite), initial=0.0))
-    error = prediction - target
-    outer = error + np.copysign(apart, error)
-    inner = np.copysign(np.maximum(np.abs(error) - apart, 0.0), error)
-    ends = [score(plan.metric, target + each, target, p).value for each in (outer, inner)]
+    both = [_moved(errors, sign * _APART * largest) for sign in (1.0, -1.0)]
+    if plan.metric == "aic":  # Σe² / var e grows with the one and falls with the other
+        bigger, smaller = both
+        both += [replace(bigger, error=smaller.error), replace(smaller, error=bigger.error)]
+    ends = [score(plan.metric, each, parameters).value for each in both]
     return _is_between(plan, min(ends), max(ends))
 
 
@@ -37,6 +42,24 @@ def loss_in_doubt(plan: CheckPlan, value: float) -> bool:
     """The same of a loss."""
     apart = _OF_LOSSES * abs(value)
     return _is_between(plan, value - apart, value + apart)
+
+
+def _moved(errors: Errors, apart: float) -> Errors:
+    """Errors of all elements that are so much larger, or smaller."""
+    one = errors.joined()
+    count = float(one.error.count[0])
+
+    def norm(squares: FloatArray) -> FloatArray:
+        return np.maximum(np.sqrt(squares) + apart * sqrt(count), 0.0) ** 2
+
+    return Errors(
+        one.shape,
+        np.maximum(one.absolute + apart * count, 0.0),
+        norm(one.squares),
+        np.maximum(one.largest + apart, 0.0),
+        Spread(one.error.count, one.error.mean, norm(one.error.squares)),
+        one.target,
+    )
 
 
 def _is_between(plan: CheckPlan, low: float, high: float) -> bool:

@@ -10,7 +10,6 @@ import numpy as np
 from compiler.ir.program import Role
 from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.validation.correlations import Residuals, lags_of, residuals
-from msnn.validation.predictions import Predictions
 from msnn.validation.ready_check import ReadyCheck
 from msnn.validation.regions import Extrapolation, Region, extrapolation, regions
 
@@ -31,11 +30,9 @@ class JudgedErrors:
     """Inputs that leave the range of the training rows."""
 
 
-def judged_errors(check: ReadyCheck, found: Predictions) -> JudgedErrors:
-    """Judges each row once, as its first rollout predicts it."""
+def judged_errors(check: ReadyCheck, rows: IntArray, errors: FloatArray) -> JudgedErrors:
+    """Judges the errors of rows that are in order, each once."""
     assert check.plan.target is not None
-    rows, first = np.unique(found.rows, return_index=True)
-    errors = (found.prediction - found.target)[first]
     signals = _inputs(check)
     before = rows - check.plan.target.ahead
     with np.errstate(over="ignore", invalid="ignore"):

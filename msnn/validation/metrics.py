@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import prod
 from typing import assert_never
 
 import numpy as np
 
-from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from spec_schema.sections.validation import Metric
 
 
@@ -21,10 +22,101 @@ class Scores:
     """Elements that had a target."""
 
 
-def score(
-    metric: Metric, prediction: FloatArray, target: FloatArray, parameters: int = 0
-) -> Scores:
-    """The metric of (samples, *shape) arrays; elements whose target is NaN are left out.
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Number, mean and Σ(x − mean)² of values, of each element; joined as Chan et al. (1979) do."""
+
+    count: IntArray
+    mean: FloatArray
+    squares: FloatArray
+
+    @staticmethod
+    def of(values: FloatArray, there: BoolArray) -> Spread:
+        """Of the values (samples, elements) that are there; equal ones spread by exactly 0."""
+        count = np.asarray(there.sum(axis=0), np.int64)
+        if not len(values):
+            return Spread(count, np.zeros(len(count)), np.zeros(len(count)))
+        first = np.take_along_axis(values, there.argmax(axis=0)[np.newaxis], axis=0)[0]
+        away = np.where(there, values - first, 0.0)
+        mean = away.sum(axis=0) / np.maximum(count, 1)
+        away = np.where(there, away - mean, 0.0)
+        return Spread(count, np.where(count > 0, first + mean, 0.0), (away * away).sum(axis=0))
+
+    def __add__(self, other: Spread) -> Spread:
+        count = self.count + other.count
+        share = other.count / np.maximum(count, 1)
+        apart = np.where(self.count * other.count > 0, other.mean - self.mean, 0.0)
+        mean = np.where(self.count > 0, self.mean + apart * share, other.mean)
+        squares = self.squares + other.squares + apart * apart * self.count * share
+        return Spread(count, mean, squares)
+
+    def joined(self) -> Spread:
+        """Of all elements together."""
+        found = Spread(self.count[:1], self.mean[:1], self.squares[:1])
+        for i in range(1, len(self.count)):
+            part = slice(i, i + 1)
+            found = found + Spread(self.count[part], self.mean[part], self.squares[part])
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """What every metric needs of errors e = prediction − target, of each element; they add up."""
+
+    shape: tuple[int, ...]
+    absolute: FloatArray
+    """Σ|e|."""
+    squares: FloatArray
+    """Σe²."""
+    largest: FloatArray
+    """max |e|."""
+    error: Spread
+    target: Spread
+
+    @staticmethod
+    def of(prediction: FloatArray, target: FloatArray) -> Errors:
+        """Of (samples, *shape) arrays; elements whose target is NaN are left out."""
+        wanted = target.reshape(len(target), prod(target.shape[1:]))
+        there = ~np.isnan(wanted)
+        with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such
+            error = np.where(there, prediction.reshape(wanted.shape) - wanted, 0.0)
+            size = np.abs(error)
+            return Errors(
+                target.shape[1:],
+                size.sum(axis=0),
+                (error * error).sum(axis=0),
+                size.max(axis=0, initial=0.0),
+                Spread.of(error, there),
+                Spread.of(wanted, there),
+            )
+
+    def __add__(self, other: Errors) -> Errors:
+        with np.errstate(all="ignore"):
+            return Errors(
+                self.shape,
+                self.absolute + other.absolute,
+                self.squares + other.squares,
+                np.maximum(self.largest, other.largest),
+                self.error + other.error,
+                self.target + other.target,
+            )
+
+    def joined(self) -> Errors:
+        """Of all elements together; each element's targets spread about their own mean."""
+        about_own = self.target.joined()
+        target = Spread(about_own.count, about_own.mean, self.target.squares.sum(keepdims=True))
+        return Errors(
+            (1,),
+            self.absolute.sum(keepdims=True),
+            self.squares.sum(keepdims=True),
+            self.largest.max(keepdims=True),
+            self.error.joined(),
+            target,
+        )
+
+
+def score(metric: Metric, errors: Errors, parameters: int = 0) -> Scores:
+    """The metric of errors, which are of `parameters` learned numbers.
 
     rmse = √(mean e²), mae = mean |e|, max_abs = max |e| with e = prediction − target;
     fvu = Σe² / Σ(target − its mean)², r2 = 1 − fvu, fit = 100·(1 − √fvu) in percent (Ljung).
@@ -32,62 +124,33 @@ def score(
     and p learned numbers, `parameters` (Akaike 1974).
     The mean is each element's own. NaN where nothing is scored or the target is constant.
     """
-    there = ~np.isnan(target)
-    error = np.where(there, prediction - target, 0.0)
-    count = np.asarray(there.sum(axis=0), dtype=np.int64)
     with np.errstate(all="ignore"):
-        mean = np.where(there, target, 0.0).sum(axis=0) / count
-        spread = np.where(there, target - mean, 0.0)
-        if metric == "aic":
-            return _criteria(error, there, parameters)
-        value = _value(metric, error.ravel(), int(count.sum()), spread.ravel())
-        flat_error = error.reshape(len(error), -1)
-        flat_spread = spread.reshape(len(error), -1)
-        each = [
-            _value(metric, flat_error[:, i], n, flat_spread[:, i])
-            for i, n in enumerate(count.ravel().tolist())
-        ]
-    return Scores(value, np.array(each).reshape(target.shape[1:]), int(count.sum()))
+        each = _values(metric, errors, parameters)
+        value = _values(metric, errors.joined(), parameters)
+    count = int(errors.error.count.sum())
+    return Scores(float(value[0]), each.reshape(errors.shape), count)
 
 
-def _criteria(error: FloatArray, there: BoolArray, parameters: int) -> Scores:
-    """Akaike's criterion of Gaussian errors; of each element with all parameters."""
-
-    def criterion(values: FloatArray) -> float:
-        if not len(values):
-            return float("nan")
-        variance = float(np.var(values))
-        likely = len(values) * np.log(2 * np.pi * variance) + np.sum(values * values) / variance
-        return float(likely + 2 * parameters)
-
-    flat_error, flat_there = error.reshape(len(error), -1), there.reshape(len(error), -1)
-    each = [criterion(flat_error[flat_there[:, i], i]) for i in range(flat_error.shape[1])]
-    elements = np.array(each).reshape(error.shape[1:])
-    return Scores(criterion(error[there]), elements, int(there.sum()))
-
-
-def _value(metric: Metric, error: FloatArray, count: int, spread: FloatArray) -> float:
-    if not count:
-        return float("nan")
+def _values(metric: Metric, errors: Errors, parameters: int) -> FloatArray:
+    count = np.where(errors.error.count > 0, errors.error.count, np.nan)
+    targets = errors.target.squares
+    unexplained = errors.squares / np.where(targets > 0, targets, np.nan)
     match metric:
         case "rmse":
-            return float(np.sqrt(np.sum(error * error) / count))
+            return np.sqrt(errors.squares / count)
         case "mae":
-            return float(np.sum(np.abs(error)) / count)
+            return errors.absolute / count
         case "max_abs":
-            return float(np.max(np.abs(error)))
+            return np.where(errors.error.count > 0, errors.largest, np.nan)
         case "fvu":
-            return _unexplained(error, spread)
+            return unexplained
         case "r2":
-            return 1.0 - _unexplained(error, spread)
+            return 1.0 - unexplained
         case "fit":
-            return 100.0 * (1.0 - float(np.sqrt(_unexplained(error, spread))))
+            return 100.0 * (1.0 - np.sqrt(unexplained))
         case "aic":
-            raise AssertionError("it takes the scored errors alone, and the parameters")
+            variance = errors.error.squares / count
+            likely = count * np.log(2 * np.pi * variance) + errors.squares / variance
+            return likely + 2 * parameters
         case _:
             assert_never(metric)
-
-
-def _unexplained(error: FloatArray, spread: FloatArray) -> float:
-    total = float(np.sum(spread * spread))
-    return float(np.sum(error * error)) / total if total > 0 else float("nan")

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
-from compiler.ir.program import Loss, Output, Program, learned_numbers
+import numpy as np
+
+from compiler.ir.program import Loss, Output, Program
 from compiler.passes.drop_unused import drop_unused
 from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
 from msnn.simulation.engines.engine import Advance, OpenedRollouts, RolloutEngine
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.stepwise import interpreted_rollouts
 from msnn.simulation.rollout import LossSum, entry_value
 from msnn.simulation.rollout_plan import counted_rows
-from msnn.validation.doubt import loss_in_doubt, metric_in_doubt
-from msnn.validation.judged_errors import judged_errors
-from msnn.validation.measurement import Measurement, error_curve, error_trace, scores_of
-from msnn.validation.predictions import predictions
+from msnn.validation.doubt import loss_in_doubt
+from msnn.validation.measurement import Measurement
+from msnn.validation.measuring import Measuring
 from msnn.validation.ready_check import ReadyCheck
-from msnn.validation.rows_text import rows_text
 from spec_schema.diagnostics.diagnostic import Diagnostic
+
+_STEPS = 1 << 21
+"""That are simulated before they are measured, or as many as the data have rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +65,25 @@ class Simulator:
 
     def _measurements(self, checks: list[ReadyCheck]) -> list[Outcome]:
         names = {check.plan.of for check in checks}
+        first = checks[0]
         program = _reduced(
-            checks[0].plan.rollout.program, lambda output: output.name in names, lambda _: False
+            first.plan.rollout.program, lambda output: output.name in names, lambda _: False
         )
+        parts = _parts(first.runs, max(_STEPS, first.data.rows))
 
         def found(engine: RolloutEngine) -> Found:
-            return _measured(checks, engine.outputs(checks[0].runs, self._advance))
+            each = _measured_by(checks, parts)
+            results: dict[Measuring, Measurement] = {}
+            for part in parts:
+                outputs = engine.outputs(part, self._advance)
+                for measuring in dict.fromkeys(each):
+                    measuring.add(part, outputs[measuring.of])
+                    if part is parts[-1]:
+                        results[measuring] = measuring.measurement()
+            doubtful = any(m.is_in_doubt(c.plan) for m, c in zip(each, checks, strict=True))
+            return Found([results[measuring] for measuring in each], doubtful)
 
-        return self._judged(program, checks[0], found)
+        return self._judged(program, first, found)
 
     def _losses(self, checks: list[ReadyCheck]) -> list[Outcome]:
         names = {check.plan.of for check in checks}
@@ -135,38 +151,18 @@ def _loss_value(program: Program, name: str, sums: Mapping[str, LossSum]) -> Los
     return LossValue(entry_value(program, name, values), scored)
 
 
-def _measured(checks: list[ReadyCheck], outputs: Mapping[str, FloatArray]) -> Found:
-    found: list[Measurement] = []
-    doubtful = False
+def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs]) -> list[Measuring]:
+    """Who measures each entry; those measured alike have one."""
+    found: list[Measuring] = []
     for index, check in enumerate(checks):
         alike = next((i for i in range(index) if check.is_measured_as(checks[i])), None)
-        limited = check.plan.minimum is not None or check.plan.maximum is not None
-        if alike is not None and not limited:
-            found.append(found[alike])
-            continue
-        kept = predictions(check, outputs[check.plan.of])
-        learned = learned_numbers(check.plan.rollout.program)
-        if limited:
-            doubtful |= metric_in_doubt(check.plan, kept.prediction, kept.target, learned)
-        if alike is not None:
-            found.append(found[alike])
-            continue
-        rollout = check.plan.rollout
-        few = isinstance(rollout.horizon, str)
-        metrics = scores_of(kept.prediction, kept.target, learned)
-        found.append(
-            Measurement(
-                of=check.plan.of,
-                unit=check.plan.output_unit,
-                horizon=str(rollout.horizon),
-                closed=rollout.closed,
-                data=check.name,
-                rows=rows_text(check.data, kept.rows),
-                scored=metrics["rmse"].count,
-                metrics=metrics,
-                curve=error_curve(kept.prediction, kept.target, kept.number, few=few),
-                trace=error_trace(kept.prediction, kept.target),
-                judged=judged_errors(check, kept),
-            )
-        )
-    return Found([*found], doubtful)
+        found.append(Measuring(check, parts) if alike is None else found[alike])
+    return found
+
+
+def _parts(runs: Runs, steps: int) -> list[Runs]:
+    """The rollouts in their order, about so many steps together."""
+    done = np.cumsum(runs.steps)
+    block = (done - runs.steps) // steps
+    begins = [*np.flatnonzero(np.diff(block, prepend=-1)).tolist(), len(runs)]
+    return [runs.take(np.arange(begin, end)) for begin, end in pairwise(begins)]

@@ -8,10 +8,9 @@ from msnn.data.dataset import Dataset, IntArray
 
 
 def rows_text(data: Dataset, rows: IntArray) -> str:
-    """`rows 5…1023 of 1024`, or their number in several records; `rows` are in order."""
+    """`rows 5…1023 of 1024`, or their number in several records; `rows` are in order, each once."""
     if not len(rows):
         return "no rows"
-    rows = rows[np.append(True, rows[1:] != rows[:-1])]  # rollouts that overlap score some again
     touched = [r for r in data.records if np.any((rows >= r.start) & (rows < r.stop))]
     if len(touched) > 1:
         total = sum(record.stop - record.start for record in touched)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import Dataset
-from msnn.validation.measurement import METRICS, error_curve, error_trace
-from msnn.validation.metrics import score
+from msnn.validation.error_sums import CurveSums, ErrorRange
+from msnn.validation.measurement import METRICS, ErrorCurve, ErrorTrace
+from msnn.validation.metrics import Errors, score
 from msnn.validation.report import curves_table, metrics_record
 from msnn.validation.validate import MetricRow, ValidationReport, validate
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -27,6 +28,20 @@ def one(check: str, data: Dataset, weights: dict[str, np.ndarray] = HALF) -> Met
     return row
 
 
+def error_curve(
+    prediction: np.ndarray, target: np.ndarray, number: np.ndarray
+) -> ErrorCurve | None:
+    sums = CurveSums(0, int(number.max()) + 1, len(number), few=False)
+    sums.add(prediction, target, number)
+    return sums.curve()
+
+
+def error_trace(prediction: np.ndarray, target: np.ndarray) -> ErrorTrace:
+    found = ErrorRange(len(prediction))
+    found.add(prediction, target, np.arange(len(prediction)))
+    return found.trace()
+
+
 def test_metrics_by_hand() -> None:
     prediction = np.array([1.0, 2.0, 5.0, 9.0])
     target = np.array([0.0, 2.0, 4.0, np.nan])
@@ -39,7 +54,7 @@ def test_metrics_by_hand() -> None:
         "fit": 100 * (1 - 0.5),
     }
     for metric, value in expected.items():
-        found = score(metric, prediction, target)  # pyright: ignore[reportArgumentType]
+        found = score(metric, Errors.of(prediction, target))  # pyright: ignore[reportArgumentType]
         assert found.value == pytest.approx(value, rel=1e-15)
         assert found.count == 3
 
@@ -48,16 +63,17 @@ def test_reference_case_11_of_nnodely() -> None:
     """Its values, with n the number of scored elements; its FVU takes the variance of e instead."""
     prediction = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
     target = np.array([0.5, 2.0, 3.5, 6.5, 8.0])
-    assert score("rmse", prediction, target).value == pytest.approx(0.387298, abs=1e-6)
-    assert score("mae", prediction, target).value == pytest.approx(0.3)
-    assert score("aic", prediction, target, 1).value == pytest.approx(6.715964, abs=1e-6)
+    assert score("rmse", Errors.of(prediction, target)).value == pytest.approx(0.387298, abs=1e-6)
+    assert score("mae", Errors.of(prediction, target)).value == pytest.approx(0.3)
+    assert score("aic", Errors.of(prediction, target), 1).value == pytest.approx(6.715964, abs=1e-6)
     missing = np.append(target, np.nan)
-    assert score("aic", np.append(prediction, 9.0), missing, 1).value == pytest.approx(6.715964)
+    longer = np.append(prediction, 9.0)
+    assert score("aic", Errors.of(longer, missing), 1).value == pytest.approx(6.715964)
 
 
 def test_vectors_have_a_metric_for_each_element() -> None:
     prediction = np.array([[1.0, 0.0], [1.0, 0.0]])
-    found = score("rmse", prediction, np.zeros((2, 2)))
+    found = score("rmse", Errors.of(prediction, np.zeros((2, 2))))
     assert found.elements.tolist() == [1.0, 0.0]
     assert found.value == pytest.approx(np.sqrt(0.5))
 
@@ -254,12 +270,12 @@ def test_predictions_that_leave_the_numbers_show_in_the_curve() -> None:
     target[2] = np.nan
     number = np.array([0, 1, 2, 0, 1, 2])
     prediction = np.array([1.0, 1e200, 5.0, 1.0, 2.0, np.nan])
-    curve = error_curve(prediction, target, number, few=False)
+    curve = error_curve(prediction, target, number)
     assert curve is not None
     assert curve.scored.tolist() == [2, 2, 1]
     assert curve.rmse[:2].tolist() == [1.0, np.inf]
     assert np.isnan(curve.rmse[2])
-    assert error_curve(prediction, np.full(6, np.nan), number, few=False) is None
+    assert error_curve(prediction, np.full(6, np.nan), number) is None
     trace = error_trace(prediction, target)
     assert trace.high.tolist() == [1.0, 1e200, 1.0, 2.0]
 

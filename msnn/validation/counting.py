@@ -1,0 +1,47 @@
+"""Finds the predictions of rollouts that count, and the rows that they are for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.ir.liveness import Extent
+from msnn.data.dataset import IntArray
+from msnn.data.scored import rows_that_count
+from msnn.data.starts import Runs
+from msnn.simulation.engines.engine import first_places
+from msnn.validation.ready_check import ReadyCheck
+
+
+@dataclass(frozen=True, slots=True)
+class Counting:
+    """The steps of some rollouts that count; steps stand one rollout after the other."""
+
+    steps: IntArray
+    """Where they stand."""
+    rows: IntArray
+    """Of the series, that their predictions are for."""
+    number: IntArray
+    """Of each within its rollout, from 0."""
+
+
+class Counted:
+    """Finds what of an entry's rollouts counts."""
+
+    def __init__(self, check: ReadyCheck) -> None:
+        plan = check.plan
+        assert plan.target is not None
+        self._ahead, self._skip = plan.target.ahead, plan.rollout.skip
+        name = check.name if plan.rollout.horizon == "record" else None
+        around = Extent(self._ahead, self._ahead)
+        self._rows = rows_that_count(check.data, name, around, plan.rollout.skip_rows)
+
+    def among(self, runs: Runs) -> Counting:
+        """Those of some of the rollouts."""
+        number = np.arange(int(runs.steps.sum()))
+        number -= np.repeat(first_places(runs), runs.steps)
+        t = np.repeat(runs.t0, runs.steps)
+        t += number
+        steps = np.flatnonzero((number >= self._skip) & self._rows[t])
+        return Counting(steps, t[steps] + self._ahead, number[steps])

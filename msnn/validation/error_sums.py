@@ -1,0 +1,109 @@
+"""Adds up errors block after block: along rollouts for the curve, along rows for the trace."""
+
+from __future__ import annotations
+
+from math import prod
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray, IntArray
+from msnn.validation.measurement import ErrorCurve, ErrorTrace, bounds
+
+_SAMPLES = 20
+"""About as many samples share a point where only few rollouts reach a step."""
+
+
+class CurveSums:
+    """Σe² by number, that of the prediction within its rollout, from `begin` on.
+
+    Where there are `few` rollouts, with so many samples in all, neighbouring steps share points.
+    """
+
+    def __init__(self, begin: int, steps: int, samples: int, *, few: bool) -> None:
+        most = (max(samples // _SAMPLES, 1),) if few else ()
+        self._steps = steps
+        self._first = begin + bounds(steps - begin, *most)
+        self._total = np.zeros(len(self._first))
+        self._scored = np.zeros(len(self._first), np.int64)
+
+    def add(self, prediction: FloatArray, target: FloatArray, number: IntArray) -> None:
+        """Adds predictions by their numbers."""
+        squares, counts = _sums_of_squares(prediction, target)
+        point = np.searchsorted(self._first, number, side="right") - 1
+        self._total += np.bincount(point, squares, len(self._first))
+        self._scored += np.bincount(point, counts, len(self._first)).astype(np.int64)
+
+    def curve(self) -> ErrorCurve | None:
+        """The rmse at each point; None where every rollout is one step, or nothing was scored."""
+        kept = self._scored > 0
+        if self._steps <= 1 or not kept.any():
+            return None
+        last = np.append(self._first[1:], self._steps)
+        rmse = np.sqrt(self._total[kept] / self._scored[kept])
+        return ErrorCurve(self._first[kept] + 1, last[kept], rmse, self._scored[kept])
+
+
+class RowErrors:
+    """The errors of each row of the data, as its first rollout predicts it."""
+
+    def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
+        self._errors = np.zeros((rows, *shape))
+        self._seen = np.zeros(rows, np.bool_)
+
+    def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
+        """Adds predictions by the rows that they are for, in the order of rollouts."""
+        new = np.flatnonzero(~self._seen[rows])
+        found, first = np.unique(rows[new], return_index=True)
+        with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such
+            self._errors[found] = prediction[new[first]] - target[new[first]]
+        self._seen[found] = True
+
+    @property
+    def rows(self) -> IntArray:
+        """The rows that predictions were for, in their order."""
+        return np.flatnonzero(self._seen)
+
+    @property
+    def errors(self) -> FloatArray:
+        """(rows, *shape) of these."""
+        return self._errors if self._seen.all() else self._errors[self._seen]
+
+
+class ErrorRange:
+    """The smallest and the largest finite error of any element in each row of the data."""
+
+    def __init__(self, rows: int) -> None:
+        self._low, self._high = np.full(rows, np.inf), np.full(rows, -np.inf)
+        self._samples = np.zeros(rows, np.int32)
+
+    def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
+        """Adds predictions by the rows that they are for."""
+        with np.errstate(all="ignore"):
+            error = (prediction - target).reshape(len(rows), prod(target.shape[1:]))
+        finite = np.isfinite(error)
+        there = finite.any(axis=1)
+        rows, error, finite = rows[there], error[there], finite[there]
+        np.minimum.at(self._low, rows, np.where(finite, error, np.inf).min(axis=1))
+        np.maximum.at(self._high, rows, np.where(finite, error, -np.inf).max(axis=1))
+        np.add.at(self._samples, rows, 1)
+
+    def trace(self) -> ErrorTrace:
+        """The range around each sample."""
+        rows = np.flatnonzero(self._samples)
+        if not len(rows):
+            return ErrorTrace(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+        count = self._samples[rows].astype(np.int64)
+        begin = np.cumsum(count) - count
+        point = np.searchsorted(bounds(int(count.sum())), begin, side="right")
+        first = np.flatnonzero(np.diff(point, prepend=0))
+        low = np.minimum.reduceat(self._low[rows], first)
+        return ErrorTrace(begin[first], low, np.maximum.reduceat(self._high[rows], first))
+
+
+def _sums_of_squares(prediction: FloatArray, target: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Σe² of each sample over its elements that have a target, and their number."""
+    there = ~np.isnan(target.reshape(len(target), prod(target.shape[1:])))
+    with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such
+        error = (prediction - target).reshape(there.shape)
+        squares = np.where(there, error * error, 0.0)
+    return squares.sum(axis=1), there.sum(axis=1)

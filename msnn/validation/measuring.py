@@ -1,0 +1,93 @@
+"""Measures an output while it is simulated, some rollouts at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from compiler.ir.program import learned_numbers
+from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
+from msnn.validation.counting import Counted
+from msnn.validation.doubt import metric_in_doubt
+from msnn.validation.error_sums import CurveSums, ErrorRange, RowErrors
+from msnn.validation.judged_errors import judged_errors
+from msnn.validation.measurement import METRICS, Measurement
+from msnn.validation.metrics import Errors, Scores, score
+from msnn.validation.plan import CheckPlan
+from msnn.validation.ready_check import ReadyCheck
+from msnn.validation.rows_text import rows_text
+from spec_schema.sections.validation import Metric
+
+_AT_ONCE = 1 << 16
+"""Samples that are added at once; bounds the memory."""
+
+
+class Measuring:
+    """One output and way to simulate it; memory is that of a number a row of the data."""
+
+    def __init__(self, check: ReadyCheck, parts: Iterable[Runs]) -> None:
+        """`parts` are the rollouts that will be added."""
+        self.of = check.plan.of
+        self._check, self._counted = check, Counted(check)
+        assert check.plan.target is not None
+        self._target = check.data.series[check.plan.target.signal]
+        begin, steps, samples = np.iinfo(np.int64).max, 0, 0
+        for part in parts:
+            number = self._counted.among(part).number
+            begin = min(begin, int(number.min(initial=begin)))
+            steps = max(steps, int(number.max(initial=-1)) + 1)
+            samples += len(number)
+        few = isinstance(check.plan.rollout.horizon, str)
+        self._curve = CurveSums(min(begin, steps), steps, samples, few=few)
+        self._along: tuple[ErrorRange, RowErrors] | None = None
+        """From the first rollouts to the last: only who is measured now takes memory."""
+        self._errors = Errors.of(self._target[:0], self._target[:0])
+        self._largest = 0.0
+
+    def add(self, part: Runs, output: FloatArray) -> None:
+        """Adds what was simulated of some rollouts."""
+        if self._along is None:
+            rows = self._check.data.rows
+            self._along = ErrorRange(rows), RowErrors(rows, self._target.shape[1:])
+        along, counting = self._along, self._counted.among(part)
+        for begin in range(0, len(counting.rows), _AT_ONCE):
+            some = slice(begin, begin + _AT_ONCE)
+            rows = counting.rows[some]
+            prediction, target = output[counting.steps[some]], self._target[rows]
+            self._errors = self._errors + Errors.of(prediction, target)
+            self._curve.add(prediction, target, counting.number[some])
+            for each in along:
+                each.add(prediction, target, rows)
+            size = np.abs(prediction[np.isfinite(prediction)])
+            self._largest = max(self._largest, float(size.max(initial=0.0)))
+
+    def is_in_doubt(self, plan: CheckPlan) -> bool:
+        """Whether a limit of an entry lies within what engines may differ in."""
+        learned = learned_numbers(plan.rollout.program)
+        return metric_in_doubt(plan, self._errors, self._largest, learned)
+
+    def measurement(self) -> Measurement:
+        """What was found, when all parts were added."""
+        assert self._along is not None, "there are rollouts"
+        (extremes, by_row), self._along = self._along, None
+        check, rollout = self._check, self._check.plan.rollout
+        learned = learned_numbers(rollout.program)
+        metrics: dict[Metric, Scores] = {
+            metric: score(metric, self._errors, learned) for metric in METRICS
+        }
+        rows = by_row.rows
+        return Measurement(
+            of=check.plan.of,
+            unit=check.plan.output_unit,
+            horizon=str(rollout.horizon),
+            closed=rollout.closed,
+            data=check.name,
+            rows=rows_text(check.data, rows),
+            scored=metrics["rmse"].count,
+            metrics=metrics,
+            curve=self._curve.curve(),
+            trace=extremes.trace(),
+            judged=judged_errors(check, rows, by_row.errors),
+        )
