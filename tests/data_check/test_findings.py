@@ -228,7 +228,7 @@ def test_resampled_data_are_looked_at_as_recorded_and_at_the_sample_time(tmp_pat
 
 def test_a_static_model_has_columns_and_no_system(tmp_path: Path):
     spec = "msnn: 1\nname: plant\ninputs: {u: V}\ntargets: {y: K}\noutputs: {z: 2 * u}\n"
-    spec += "losses: {l: \"mse(z, y)\"}\ndata: {source: {train: data.csv}}\n"
+    spec += 'losses: {l: "mse(z, y)"}\ndata: {source: {train: data.csv}}\n'
     found = looked_at(tmp_path, columns(), spec)
     assert found.system is None
     assert [one.channel.name for one in found.datasets[0].channels] == ["u", "y"]
