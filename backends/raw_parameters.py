@@ -1,4 +1,4 @@
-"""Raw variables that an optimiser moves freely, and the bounded physical values they stand for.
+"""Maps raw variables, which an optimiser moves freely, to bounded physical values and back.
 
 Without bounds physical = scale·raw; between two bounds minimum + (maximum − minimum)·sigmoid(raw);
 above one minimum + scale·softplus(raw); below one maximum − scale·softplus(−raw).

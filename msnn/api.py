@@ -23,9 +23,11 @@ from spec_schema.sections.spec import Spec
 if TYPE_CHECKING:
     from msnn.comparison.compare import Comparison, Listener
     from msnn.data.reading.frames import Frames
+    from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.linearize import Linearization
     from msnn.simulation.simulate import Simulations
     from msnn.simulation.simulation_data import GivenData
+    from msnn.stepping.stepper import Stepper
     from msnn.training.folds import FoldsResult
     from msnn.training.records.progress import Progress
     from msnn.training.records.training_options import TrainingOptions
@@ -170,25 +172,39 @@ def validate(
     data: Frames | None = None,
     *,
     data_root: str | Path | None = None,
+    engine: str = "auto",
+    progress: RolloutProgress | None = None,
 ) -> ValidationReport:
-    """Measures the `validate` section of a spec with the interpreter; None: initial weights.
+    """Measures the `validate` section of a spec in float64; None: initial weights.
 
         report = msnn.validate(model, result.weights)
         assert report.passed
 
-    `data` as in `train`; entries with `files:` are measured on these all the same. Raises
-    SpecError.
+    `data` as in `train`; entries with `files:` are measured on these all the same. `engine` is what
+    simulates: `interpreter`, the judge of all others, `native` kernels, `torch`, or `auto`, kernels
+    where they save time; `progress(done, total)` is told how many steps are done. Raises SpecError.
     """
     from msnn.data.reading.file_sets import load_file_sets
+    from msnn.simulation.engines.open_rollouts import known_engine
+    from msnn.simulation.engines.progress import nobody
     from msnn.validation import validate as validation
 
+    engine = known_engine(engine)
     checks, dataset = model.spec.checks, None
     if not checks or any(check.files is None for check in checks):
         dataset = measured(model, data, data_root, "validation")
     known = known_in(model, weights)
     with sources_of(model):
         files = load_file_sets(model.program, model.spec, data_folder(model, data_root))
-        report = validation.validate(model.program, dataset, checks, known, files=files)
+        report = validation.validate(
+            model.program,
+            dataset,
+            checks,
+            known,
+            files=files,
+            engine=engine,
+            progress=progress or nobody,
+        )
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]
         return replace(report, warnings=(*warnings, *report.warnings))
@@ -264,6 +280,8 @@ def simulate(
     horizon: int | None = None,
     data_root: str | Path | None = None,
     data_set: str | None = None,
+    engine: str = "auto",
+    progress: RolloutProgress | None = None,
 ) -> Simulations:
     """Runs the model freely over records; every input that an output predicts is fed back.
 
@@ -272,21 +290,32 @@ def simulate(
 
     `data` are frames as in `train`, or files with the columns that the spec names; None takes the
     data of the spec. `data_set` runs over one set only; of files it says which set of the spec has
-    their columns. `horizon` ends each run after so many steps. The answer is a sequence of runs,
-    with `warnings`. Raises SpecError.
+    their columns. `horizon` ends each run after so many steps. `engine` and `progress` as in
+    `validate`. The answer is a sequence of runs, with `warnings`. Raises SpecError.
     """
     from msnn.exports.prepare import loop_fault
+    from msnn.simulation.engines.open_rollouts import known_engine
+    from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
     from msnn.simulation.simulation_data import simulation_data
 
+    engine = known_engine(engine)
     try:
         program = simulation_program(model.program)
     except LoopError as error:
         raise SpecError([loop_fault(error, None)], model.sources) from None
     dataset = simulation_data(model, program, data, data_root, data_set)
     with sources_of(model):
-        return run(program, dataset, known_in(model, weights), horizon, data_set)
+        return run(
+            program,
+            dataset,
+            known_in(model, weights),
+            horizon,
+            data_set,
+            engine=engine,
+            progress=progress or nobody,
+        )
 
 
 def linearize(
@@ -307,6 +336,26 @@ def linearize(
     from msnn.simulation.linearize import linearize as run
 
     return run(model.program, inputs, states, known_in(model, weights))
+
+
+def stepper(model: Model, weights: Weights | None = None) -> Stepper:
+    """The model with a memory of its own, stepped from Python a sample at a time.
+
+        s = msnn.stepper(model, result.weights)
+        s.reset(x=0.1)
+        for force in forces:
+            print(s.step(F=force)["x_next"], s.state["v"])
+
+    It is what `msnn.export(model, "c", …)` would write, compiled for this machine: the same
+    numbers, some microseconds a step. Any number of them are independent. Without a C compiler
+    the interpreter steps, and a RuntimeWarning says so. Weights None: the initial values. Raises
+    SpecError; ValueError where an input is missing, unknown or of another shape.
+    """
+    from msnn.stepping.open_stepper import open_stepper
+
+    known = known_in(model, weights)
+    with sources_of(model):
+        return open_stepper(model, known)
 
 
 def export(

@@ -1,4 +1,4 @@
-"""Which words may name things, and which are taken."""
+"""Decides which words may name things, and which are taken."""
 
 import keyword
 import re

@@ -1,4 +1,4 @@
-"""C99 header and source of the kernels that a model uses, without the mathematical library."""
+"""Writes C99 header and source of the kernels that a model uses, without the C library's."""
 
 from __future__ import annotations
 

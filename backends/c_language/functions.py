@@ -1,4 +1,4 @@
-"""What generated code calls: the project's kernels, a C library, and small functions of its own."""
+"""Chooses what generated code calls: the project's kernels, a C library, functions of its own."""
 
 from __future__ import annotations
 

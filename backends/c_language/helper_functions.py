@@ -1,4 +1,4 @@
-"""The small functions that a generated file defines for itself, each from what it may call."""
+"""Writes the small functions that a generated file defines for itself."""
 
 from __future__ import annotations
 

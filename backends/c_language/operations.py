@@ -1,4 +1,4 @@
-"""The C expression of each elementwise operation, from the expressions of its operands."""
+"""Writes the C expression of each elementwise operation from those of its operands."""
 
 from __future__ import annotations
 

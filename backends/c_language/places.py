@@ -1,4 +1,4 @@
-"""Where numbers stand in memory: arrays with strides, so that moving axes about copies nothing."""
+"""Addresses numbers in memory as arrays with strides, so that moving axes copies nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A block of C while it is being written: its statements, loops and the names of its function."""
+"""Collects a block of C while it is written: statements, loops and the names of its function."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The part of C that generated code uses, as a tree that the emitters build for the printer.
+"""Defines the part of C that generated code uses, as a tree that emitters build for the printer.
 
 Numbers have no size here: the printer gives every literal and declaration the type of the program
 (`float` or `double`, in fixed point words and sums), so that two sizes are never mixed.

@@ -87,11 +87,13 @@ class _Writer:
         scope.add(Declare(CType.REAL, here.text))
         scope.add(Declare(CType.REAL, following.text))
         below, above, inside = scope.inner(), scope.inner(), scope.inner()
+        # a NaN reaches no point and comes here, so that it gives NaN and reads within the arrays
         below.assign(here, self._beyond(0))
         below.assign(following, Real(0.0))
         above.assign(self._at, Unsigned(last - 1))
         above.assign(here, Real(0.0))
         above.assign(following, self._beyond(last))
+        # the search runs where the value is between the ends, so its index needs no bounds
         self._find_interval(inside)
         slope = self._slope(inside)
         # below the next centre: no zero whose sign the formula's (x - c) * (-slope) would turn
@@ -122,6 +124,8 @@ class _Writer:
     def _calculate(self, even: EvenPoints, scope: Scope) -> None:
         distance = _difference(self._value, Real(even.origin))
         place = scope.constant(f"{self._name}_place", Binary("*", distance, Real(even.factor)))
+        # even points: the interval follows from one product; rounding may be one interval too far
+        # up
         scope.assign(self._at, Convert(CType.UNSIGNED, place))
         if not even.exact:
             rounded_up = Binary("<", self._value, self._point(variable(self._at.text)))
@@ -133,6 +137,7 @@ class _Writer:
         where = variable(self._at.text)
         reached = Index()
         while count > 1:
+            # the same comparisons for every value, so that times differ by branches only
             half = count // 2
             step = Assign(self._at, Binary("+", self._at, Unsigned(half)))
             bound = reached.plus(Index(half + offset))
@@ -148,6 +153,7 @@ class _Writer:
             return scope.constant(f"{self._name}_slope", Binary("/", Real(1.0), width))
         slopes = 1.0 / np.diff(np.array(self._numbers))
         rounded = slopes.astype(self._locals.functions.dtype)
+        # even points have one slope, a number in the code
         if np.all(rounded == rounded[0]):
             return Real(float(rounded[0]))
         type = Type((Axis("interval", len(slopes)),))

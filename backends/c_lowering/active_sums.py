@@ -1,4 +1,4 @@
-"""Which sums over fuzzy sets leave out the sets that are 0, and what is then never made whole."""
+"""Finds sums that may skip inactive fuzzy sets, and the values that then exist by element only."""
 
 from __future__ import annotations
 

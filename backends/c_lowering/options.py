@@ -1,4 +1,4 @@
-"""The choices a user has about generated C: the `export: c:` entry of a spec."""
+"""Defines the choices a user has about generated C: the `export: c:` entry of a spec."""
 
 from __future__ import annotations
 

@@ -35,6 +35,7 @@ def moving_sums(
         op = graph[root].op
         if isinstance(op, Window) and op.state in buffers:
             readers[op.state].append(None)
+        # two states with one next value: the moved samples are read once more than for the move
         if roots.count(root) > 1 and root in following:
             readers[following[root]].append(None)
     for index, node in graph:
@@ -50,6 +51,7 @@ def moving_sums(
     found: dict[NodeId, ShiftBuffer] = {}
     for name, memory in buffers.items():
         match readers[name]:
+            # exactly one reader, and one buffer a sum, which has one loop
             case [int(reader)] if reader not in found and _sums_window(graph[reader]):
                 found[reader] = memory
             case _:
@@ -72,6 +74,7 @@ def write_moving_sum(
 ) -> Expression:
     """Writes the loop; `term` makes what a sample at a place of the window adds to the sum."""
     samples, kept = memory.samples, memory.shape[-1]
+    # −0 + x is x for every x, +0 + −0 would be +0
     sum = scope.variable(total, Real(-0.0))
     sample = scope.variable(f"{sum.text}_sample", samples.element((Index(),)))
 

@@ -1,4 +1,4 @@
-"""How the state struct keeps each state: a plain value, a delay line, a shifted buffer, a ring."""
+"""Keeps each state in the struct: as a plain value, a delay line, a shifted buffer, a ring."""
 
 from __future__ import annotations
 
@@ -82,6 +82,7 @@ class DelayLine:
 
     def write(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
         axis, kept = len(self.shape) - 1, self.shape[-1]
+        # samples are copied in ascending order: each is read before it is overwritten
         rest = self.samples.sliced(axis, 0, kept - 1)
         copy_value(self.samples.sliced(axis, 1, kept), rest, scope, unroll)
         copy_value(newest, _last(self.samples, newest.shape), scope, unroll)
@@ -170,6 +171,7 @@ class DoubledRing:
 
     @property
     def window(self) -> ArrayView:
+        # the head is written at this step: the oldest of `length` samples is the one behind it
         return self._from(variable(self.head).plus(Index(1)), self.length)
 
     @property
@@ -255,6 +257,8 @@ def kept_in_place(program: Program) -> dict[str, InPlace]:
         if isinstance(state.origin, History | Tape):
             last = program.step[state.next]
             moved = Slice(WINDOW, 1, state.axes[-1].size + 1)
+            # one window, and the next value is it without its oldest sample: the samples can stay
+            # where they are while they become one step older
             if last.op == moved and [*last.args] == windows.get(state.name):
                 (window,) = last.args
                 read = users[window] != {state.next} or bool({window, state.next} & results)

@@ -1,4 +1,4 @@
-"""A value on its way into C: a place in memory, or a recipe that is written where it is used."""
+"""Represents a value on its way into C: a place, or a recipe that is written where it is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The text of every file of a folder with C in fixed point."""
+"""Writes the text of every file of a folder with C in fixed point."""
 
 from __future__ import annotations
 

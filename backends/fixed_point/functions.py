@@ -1,4 +1,4 @@
-"""The functions `init`, `reset` and `step` in fixed point."""
+"""Writes the functions `init`, `reset` and `step` in fixed point."""
 
 from __future__ import annotations
 

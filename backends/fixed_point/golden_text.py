@@ -1,4 +1,4 @@
-"""Golden steps of fixed point as C and as text: words that go in, and those that must come out."""
+"""Writes golden steps of fixed point as C and as text: words in, and the words expected out."""
 
 from __future__ import annotations
 

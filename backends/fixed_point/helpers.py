@@ -1,4 +1,4 @@
-"""The small functions that C in fixed point defines for itself: limits, shifts, tables."""
+"""Writes the small functions of C in fixed point: limits, shifts, tables."""
 
 from __future__ import annotations
 

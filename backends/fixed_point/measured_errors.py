@@ -59,7 +59,7 @@ def _built(texts: Mapping[str, str], folder: Path) -> CStep:
     for name, text in texts.items():
         # the loop over steps is built with the code: a call from Python takes longer than a step
         write_text(folder / (f"src/{name}" if name.endswith("_ffi.c") else name), text)
-    return CStep(folder, build_library(folder, folder / "step.so"))
+    return CStep.of_folder(folder, build_library(folder, folder / "step.so"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The structs of the header in fixed point, with what a reader must know of each field."""
+"""Lays out the structs of the header in fixed point, and comments each field for its reader."""
 
 from __future__ import annotations
 

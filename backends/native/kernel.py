@@ -1,4 +1,4 @@
-"""A training kernel in memory: losses and gradients of rollouts, whole epochs of batches."""
+"""Runs a training kernel: losses and gradients of rollouts, whole epochs of batches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The logs as a kernel reads them."""
+"""Lays out the logs as a kernel reads them."""
 
 from __future__ import annotations
 
@@ -45,6 +45,7 @@ class KernelData:
         )
 
     def write(self, series: Mapping[str, FloatArray]) -> None:
-        """Replaces the numbers of some series, which must be this object's own."""
+        """Replaces the numbers of those series that are read, which must be this object's own."""
         for name, values in series.items():
-            self._series[self._names.index(name)][...] = values
+            if name in self._names:
+                self._series[self._names.index(name)][...] = values

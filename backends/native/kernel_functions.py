@@ -1,4 +1,4 @@
-"""The functions of one program's kernel, and what the loops over time pass to them."""
+"""Writes the functions of one program's kernel, and what loops over time pass to them."""
 
 from __future__ import annotations
 
@@ -107,6 +107,7 @@ class ModelFunctions:
             (node, array(f"row_{node}", self._forward[node].type.shape))
             for node in memory.phases.kept
         ]
+        # a sensitivity kernel stores residuals and their slopes too
         results += self._stored.places
         terms = [(term.total, index, "total") for index, term in enumerate(step.losses)]
         terms += [
@@ -146,9 +147,12 @@ class ModelFunctions:
             if gradient is None:
                 continue
             if state.name in memory.buffers:
+                # an addend that is added rows later, from a tape of its own, is not added here
                 late = {echo.addend for echo in memory.echoes if echo.state == state.name}
                 for addend in sums.of(gradient):
                     if addend not in late:
+                        # adjoints of a buffer are added into its rows: each sample collects over
+                        # all windows with it
                         added += _parts(writer.graph, addend, memory.adjoint_rows(state))
             else:
                 place = array(f"d_{memory.plain[state.name][0]}", writer.shape(state))
@@ -266,6 +270,7 @@ def _sizes(graph: Graph, node: Node) -> dict[str, int]:
 
 def _parts(graph: Graph, node: NodeId, target: ArrayView) -> list[tuple[NodeId, ArrayView]]:
     """What is added where: a concatenation part by part, without those that are 0."""
+    # slices of windows come back padded with zeros; adding those would be most of the work
     if is_zero(graph, node):
         return []
     op = graph[node].op

@@ -1,4 +1,4 @@
-"""The whole C source of a training kernel: prelude, math, the model's functions, the loops."""
+"""Writes the C source of a training kernel: prelude, math, the model's functions, the loops."""
 
 from __future__ import annotations
 

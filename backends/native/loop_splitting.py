@@ -64,8 +64,11 @@ class Phases:
 
 def phases(step: TrainingStep) -> Phases:
     """The division of one training step."""
+    # The order decides who gets the room in rows: sums ahead first, since they leave the chain of
+    # steps altogether, then factors of late gradients, then what only saves a second computation.
     room = _Room()
     ahead = _ahead(step, room)
+    # what is done ahead is no longer an operation of the step, so it makes no gradient dear
     graph = read_from_rows(step.reverse_step.graph, ahead)
     forward = len(step.program.step)
     found = step.reverse_step.gradients
@@ -79,9 +82,12 @@ def phases(step: TrainingStep) -> Phases:
             factors = _factors_to_keep(graph, addend)
             if factors is not None and room.take(graph, factors):
                 late.append(LateGradient(parameter, addend))
+                # a dict keeps the order in which rows were asked for: the layout must not depend on
+                # hashes
                 rows |= dict.fromkeys(factors)
             else:
                 direct.append((parameter, addend))
+    # late products are not roots: the reverse step computes their factors only
     roots = [*found.states.values(), *rows, *(node for _, node in direct)]
     kept = _kept(graph, forward, roots, {node for node in rows if node < forward}, room)
     cuts = tuple(node for node in rows if node >= forward)
@@ -111,6 +117,7 @@ class Addends:
         while waiting:
             term = waiting.pop()
             if isinstance(self._graph[term].op, ops.Add) and self._demands[term] == 1:
+                # a stack gives the last one back first: reversed, the addends keep their order
                 waiting += reversed(self._graph[term].args)
             else:
                 found.append(term)
@@ -159,6 +166,8 @@ def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
             leaves = [view_leaf(graph, arg) for arg in node.args]
             sources = [graph[leaf].op for leaf in leaves if leaf is not None]
             if (
+                # a state is not there ahead of the loop, and without samples there is nothing to
+                # sum
                 len(sources) == 2
                 and not any(isinstance(op, ops.ReadState | ops.Window) for op in sources)
                 and any(isinstance(op, ops.ReadSamples) for op in sources)
@@ -228,6 +237,7 @@ def _kept(
         dear = index in direct and cost > _DEAR * size
         if index in given or (dear and room.take(graph, [index])):
             kept.append(index)
+            # what is kept costs its readers nothing more
             cost = 0.0
         costs.append(cost)
     return tuple(kept)
@@ -250,6 +260,7 @@ def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
         case ops.Structure():
             own = 0.0
         case ops.Apply():
+            # a kernel takes about 20 operations an element, a quotient as long as 4
             own = 20.0 * node.type.size
         case ops.Divide():
             own = 4.0 * node.type.size

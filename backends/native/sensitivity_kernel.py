@@ -1,4 +1,4 @@
-"""A kernel that simulates sensitivities: the products of residuals and slopes of many rollouts."""
+"""Runs a kernel that simulates sensitivities: products of residuals and slopes of rollouts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The C source of a kernel that simulates sensitivities and sums products of slopes."""
+"""Writes the C of a kernel that simulates sensitivities and sums products of slopes."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ from backends.native.kernel_source import (
 )
 from backends.native.lanes.lane_functions import array
 from backends.native.lanes.lane_memory import LaneMemory
-from compiler.differentiation.reverse_mode import StepGradients
 from compiler.differentiation.sensitivities import Sensitivities
-from compiler.differentiation.training_step import Reverse, TrainingStep, newest_samples
+from compiler.differentiation.training_step import forward_only
 from compiler.ir.program import NodeId
 
 _BLOCK = 4
@@ -42,7 +41,7 @@ class SensitivitySource:
 
 def sensitivity_source(found: Sensitivities) -> SensitivitySource:
     """The kernel of one program whose loops are closed, in float64."""
-    memory = LaneMemory(_forward_only(found))
+    memory = LaneMemory(forward_only(found.program, found.losses))
     functions = LaneFunctions(FunctionNames(PREFIX, "float64", "own"))
     marked = any(one.left_out is not None for one in found.residuals)
     width = -(-(found.numbers + 1 + marked) // _BLOCK) * _BLOCK
@@ -60,20 +59,6 @@ def sensitivity_source(found: Sensitivities) -> SensitivitySource:
     )
     source = whole_source(memory, "float64", functions, made, (), (loops,))
     return SensitivitySource(source, width, marked)
-
-
-def _forward_only(found: Sensitivities) -> TrainingStep:
-    """A training step in which nothing runs backwards."""
-    program = found.program
-    nothing = StepGradients({}, {}, {})
-    return TrainingStep(
-        program=program,
-        losses=found.losses,
-        newest=newest_samples(program),
-        reverse_step=Reverse(program.step, nothing),
-        reverse_start=Reverse(program.start, nothing),
-        has_infinite_slopes=False,
-    )
 
 
 def _rows(

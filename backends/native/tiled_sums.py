@@ -78,10 +78,12 @@ class TiledSum:
         if self.over_time:
             self._nest({}, self.axes, tiles, 1, scope, store)
             return
+        # registers that the axes of a result leave are filled with results at several times
         among = 1
         for axis in self.axes:
             among *= tiles[axis]
         times = min(_TIMES, _RESULTS // among)
+        # times come in tiles of `times`; the second loop takes those that are left over, one by one
         for rest in (False, True):
             inner = scope.inner()
             self._nest({}, self.axes, tiles, 1 if rest else times, inner, store)
@@ -94,6 +96,8 @@ class TiledSum:
         if self.over_time and len(long) == 1:
             tiles[long[0]] = _even(self.sizes[long[0]], _IN_A_ROW)
         elif long:
+            # over the time the loads of both axes repeat at each time; else the times are the other
+            # side
             first = long[0] if self.over_time else long[-1]
             tiles[first] = _even(self.sizes[first], _BESIDE)
             if self.over_time:
@@ -116,6 +120,7 @@ class TiledSum:
         axis, *others = rest
         size, tile = self.sizes[axis], tiles[axis]
         full, over = divmod(size, tile)
+        # one tile fills the axis: its loop would turn once
         if full == 1:
             self._nest({**begin, axis: Index()}, others, tiles, times, scope, store)
         else:
@@ -140,6 +145,7 @@ class TiledSum:
             if not self.over_time:
                 indices[MOMENT] = now.plus(Index(time))
             results.append((indices, scope.variable("sum", Real(0.0))))
+        # sums over the time grow across all of it; else each time has sums of its own
         inner = scope.inner() if self.over_time else scope
         self._summed({}, self.summed, results, inner)
         if self.over_time:
@@ -164,6 +170,7 @@ class TiledSum:
             term: Expression | None = None
             for factor in self.factors:
                 element = factor.element(where[MOMENT], where)
+                # results of a tile share factors: this is what tiles are for
                 if element not in loaded:
                     loaded[element] = scope.constant("factor", element)
                 name = loaded[element]
@@ -174,5 +181,6 @@ class TiledSum:
 
 def _even(size: int, most: int) -> int:
     """The length of tiles that cover the size with as few as possible, all about as long."""
+    # rounded up twice: as few tiles as cover the axis, then as short as that number allows
     tiles = -(-size // most)
     return -(-size // tiles)

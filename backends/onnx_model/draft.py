@@ -1,4 +1,4 @@
-"""A program on its way to ONNX: what its models share, and how their ports are declared."""
+"""Drafts a program for ONNX: what its models share, and how their ports are declared."""
 
 from __future__ import annotations
 

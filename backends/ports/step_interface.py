@@ -1,4 +1,4 @@
-"""What a step-form program exchanges with its surroundings: the ports that exports have."""
+"""Lists what a step-form program exchanges with its surroundings: the ports of exports."""
 
 from __future__ import annotations
 

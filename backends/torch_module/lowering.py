@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, fx, nn
 
 from backends.torch_module.operations import (
+    NATIVE_FUNCTIONS,
     RELATIONS,
     broadcast,
     concat,
@@ -20,7 +21,10 @@ from backends.torch_module.operations import (
     sum_axis,
 )
 from compiler.ir import ops
-from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.program import Graph, Node, NodeId, Program
+from compiler.passes.expand_functions import expand_functions
+from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
+from compiler.passes.guard_untaken import guard_untaken
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +67,11 @@ def static_nodes(graph: Graph) -> list[bool]:
             case _:
                 static.append(all(static[arg] for arg in node.args))
     return static
+
+
+def prepared(program: Program) -> Program:
+    """The program with functions that torch lacks written out, and slopes guarded."""
+    return guard_infinite_slopes(guard_untaken(expand_functions(program, NATIVE_FUNCTIONS)))
 
 
 def lower_graph(

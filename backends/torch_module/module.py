@@ -12,12 +12,17 @@ from torch import Tensor, nn
 
 from backends.ports.identifiers import c_identifier
 from backends.raw_parameters import raw_value
-from backends.torch_module.lowering import Given, LoweredGraph, TorchLeaf, lower_graph, static_nodes
+from backends.torch_module.lowering import (
+    Given,
+    LoweredGraph,
+    TorchLeaf,
+    lower_graph,
+    prepared,
+    static_nodes,
+)
 from backends.torch_module.parameters import physical_value
 from compiler.ir.ops import Constant, ReadLog, ReadParameter, ReadSignal, ReadState, ReadTraining
 from compiler.ir.program import Graph, NodeId, Program
-from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
-from compiler.passes.guard_untaken import guard_untaken
 
 FloatArray = NDArray[np.float64]
 
@@ -62,7 +67,7 @@ class TorchModel(nn.Module):
 
     def __init__(self, program: Program, dtype: torch.dtype, device: torch.device) -> None:
         super().__init__()
-        self.program = guard_infinite_slopes(guard_untaken(program))
+        self.program = prepared(program)
         self.dtype, self.device = dtype, device
         self._names = self._add_parameters()
         self._step = _Evaluator(self.program.step, _step_roots(self.program), dtype, device)

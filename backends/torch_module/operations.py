@@ -1,4 +1,4 @@
-"""Torch code of the operations that need more than one call: broadcast, contract, concat, sums."""
+"""Writes torch code of operations that take several calls: broadcast, contract, concat, sums."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Physical parameters from raw variables in torch, by the formulas of `raw_parameters`."""
+"""Computes physical parameters from raw variables in torch, by `raw_parameters`' formulas."""
 
 from __future__ import annotations
 

@@ -14,12 +14,16 @@ import torch
 import templates
 from backends.ports.identifiers import c_identifier
 from backends.ports.step_interface import Port, StepInterface, step_interface
-from backends.torch_module.lowering import LoweredGraph, TorchLeaf, lower_graph, static_nodes
+from backends.torch_module.lowering import (
+    LoweredGraph,
+    TorchLeaf,
+    lower_graph,
+    prepared,
+    static_nodes,
+)
 from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState
 from compiler.ir.program import Graph, NodeId, Parameter, Program
 from compiler.ir.types import Axis
-from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
-from compiler.passes.guard_untaken import guard_untaken
 from spec_schema.units.unit import Unit
 from spec_schema.version import __version__
 
@@ -35,7 +39,7 @@ def torch_source(program: Program, prefix: str, dtype: str) -> str:
 
     Names and descriptions of the spec appear as text only, never as code.
     """
-    program = guard_infinite_slopes(guard_untaken(program))
+    program = prepared(program)
     interface = step_interface(program)
     names = _attribute_names(program)
     outputs = [output.node for output in program.outputs]

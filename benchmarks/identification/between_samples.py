@@ -115,7 +115,8 @@ def measured(rate: float) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    title, _, about = (__doc__ or "").partition("\n")
+    parser = argparse.ArgumentParser(description=title)
     parser.add_argument("--rate", type=float, help="samples a second; 750 and then 1500")
     parser.add_argument("--write", action="store_true", help="put the tables into the page")
     chosen = parser.parse_args()
@@ -127,6 +128,6 @@ if __name__ == "__main__":
     text = "\n\n".join(parts)
     print(text)
     if chosen.write:
-        about = __doc__.partition("\n\n")[2].partition("\n\n")[2].partition("`--write`")[0]
+        about = about.strip().partition("\n\n")[2].partition("`--write`")[0]
         page = f"# A held force and a line between its samples\n\n{about.strip()}\n\n{text}\n"
         (HERE / "between_samples.md").write_text(page, encoding="utf-8")

@@ -2,7 +2,7 @@
 
 Each constant of each kernel is moved to its neighbours in the interpreter. Of many arguments those
 few are kept that together tell every changed kernel from the right one, if any of them does. What
-nothing tells is printed: `choose_arguments.py [KERNEL…]` prints it of these and writes nothing.
+nothing tells is printed. `choose_arguments.py KERNEL…` writes anew what it finds for these alone.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from benchmarks.kernel_accuracy.changed_constants import Site, changed_constants
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.kernels.evaluate import routine
 from compiler.kernels.tables.formats import FORMATS, RealName
+from compiler.kernels.tables.telling_arguments import HEXADECIMAL
 from compiler.kernels.trace.run_routine import run_routine
 from compiler.kernels.trace.statements import Routine
 
@@ -31,27 +32,6 @@ _FIRST = 1024
 """Arguments of each kind that are tried of every changed kernel."""
 _THEN = (2**13,)
 """Arguments of each kind that are tried, one after the other, where those tell nothing."""
-
-_HEAD = '''"""Arguments at which the last digit of some constant of a kernel shows in its value.
-
-Written by benchmarks/kernel_accuracy/choose_arguments.py, which says how they are chosen.
-"""
-
-from __future__ import annotations
-
-from compiler.kernels.tables.formats import RealName
-
-_HEXADECIMAL: dict[tuple[str, RealName], str] = {
-'''
-
-_TAIL = '''}
-
-
-def telling_arguments(kernel: str, real: RealName, arity: int) -> list[tuple[float, ...]]:
-    """The arguments of a kernel, which takes `arity` of them, beside those of its branches."""
-    numbers = [float.fromhex(text) for text in _HEXADECIMAL[kernel, real].split()]
-    return [tuple(numbers[i : i + arity]) for i in range(0, len(numbers), arity)]
-'''
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,19 +44,27 @@ class Chosen:
 
 
 def main() -> None:
-    names = sys.argv[1:] or sorted({row.kernel for row in SCALAR_FUNCTIONS.values() if row.kernel})
-    parts = [_HEAD]
-    for name in names:
+    kernels = sorted({row.kernel for row in SCALAR_FUNCTIONS.values() if row.kernel})
+    texts = dict(HEXADECIMAL)
+    for name in sys.argv[1:] or kernels:
         for real in FORMATS:
             chosen = chosen_arguments(name, real)
             what = f"{len(chosen.points)} arguments, {chosen.told} told, {len(chosen.untold)} not"
             print(f"{name} {real}: {what}: {chosen.untold}", flush=True)
-            numbers = [float(x).hex() for point in chosen.points for x in point]
-            lines = "\n".join(f"        {line}" for line in _lines(numbers)) or '        ""'
-            parts.append(f'    ("{name}", "{real}"): (\n{lines}\n    ),\n')
-    if not sys.argv[1:]:
-        target = Path("compiler/kernels/tables/telling_arguments.py")
-        target.write_text("".join([*parts, _TAIL]), encoding="utf-8")
+            texts[name, real] = " ".join(float(x).hex() for point in chosen.points for x in point)
+    target = Path("compiler/kernels/tables/telling_arguments.py")
+    before, _, rest = target.read_text(encoding="utf-8").partition(_BEGIN)
+    rows: list[str] = []
+    for name in kernels:
+        for real in FORMATS:
+            lines = "\n".join(f"        {line}" for line in _lines(texts[name, real].split()))
+            shown = lines or '        ""'
+            rows.append(f'    ("{name}", "{real}"): (\n{shown}\n    ),')
+    after = rest.partition(_END)[2]
+    target.write_text(before + _BEGIN + "\n".join(rows) + _END + after, encoding="utf-8")
+
+
+_BEGIN, _END = "HEXADECIMAL: dict[tuple[str, RealName], str] = {\n", "\n}\n"
 
 
 def chosen_arguments(name: str, real: RealName) -> Chosen:

@@ -1,4 +1,4 @@
-"""What stands in a call of a builtin: its keywords, and what its arguments stand for."""
+"""Reads the keywords of a builtin's call, and follows arguments to what they mean."""
 
 from __future__ import annotations
 

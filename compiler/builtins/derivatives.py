@@ -1,4 +1,4 @@
-"""`der(e)`: the derivative with respect to time (R8)."""
+"""Expands `der(e)`, the derivative with respect to time, into differences of samples (R8)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The value that an expression had one sample ago, whatever it depends on (R5, R8)."""
+"""Finds the value that an expression had one sample ago, whatever it depends on (R5, R8)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`grad(y, x)`: the gradient of a value within one sample, as operations of the graph (R8)."""
+"""Expands `grad(y, x)`, the gradient of a value within one sample, into operations (R8)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.moving_input import moving_input
 from spec_schema.errors import calculus, names
 from spec_schema.expressions.language import NUMBERS
 from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call, Expression, Future, Member, Name, Past, Window
-from spec_schema.sections.signals import Equation, Output, Signal, State
+from spec_schema.sections.signals import Equation, Input, Output, Signal, State
 from spec_schema.sections.values import Parameter
 
 
@@ -82,6 +83,9 @@ def _reads(
     elif isinstance(operand, Name) and operand.name not in ("dt", *NUMBERS):
         entry = context.names.declared(operand.name, operand.span).entry
     match entry:
+        case Input() if isinstance(operand, Name):
+            moving = moving_input(context, operand.name, entry, environment)
+            return _of_signal(context, expression, environment, moving)
         case Signal():
             return _of_signal(context, expression, environment)
         case State() if isinstance(operand, Member):
@@ -100,15 +104,22 @@ def _reads(
 
 
 def _of_signal(
-    context: Context, expression: Expression, environment: Environment
+    context: Context,
+    expression: Expression,
+    environment: Environment,
+    moving: NodeId | None = None,
 ) -> tuple[_Read, list[_Read]]:
-    """A signal, or a window of one: every read of it, of the log too where x is the log."""
+    """A signal, or a window of one: every read of it, of the log too where x is the log.
+
+    Where x is an input that moves, that alone: samples in windows do not move with it.
+    """
     node = lower(context, expression, environment)
     builder = context.builder(environment)
-    op = builder.node(node).op
-    if not isinstance(op, ReadSamples):  # between two samples, at a stage of the integrator
+    if node == moving:
         whole = _Read(node, 0, 0)
         return whole, [whole]
+    op = builder.node(node).op
+    assert isinstance(op, ReadSamples)
     whole = _Read(node, op.first, op.last)
     reads: list[_Read] = []
     for index, other in builder.graph():

@@ -1,4 +1,4 @@
-"""`integral(e)`: the sum over time since the start of a run, kept in a state (R8)."""
+"""Expands `integral(e)`, the sum over time since the start of a run, kept in a state (R8)."""
 
 from __future__ import annotations
 

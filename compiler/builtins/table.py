@@ -1,4 +1,4 @@
-"""The functions that every spec has: scalar functions, reductions, lists, selection."""
+"""Lists what becomes of each builtin: scalar functions, reductions, lists, selection."""
 
 from __future__ import annotations
 

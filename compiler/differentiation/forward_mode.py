@@ -1,4 +1,4 @@
-"""Forward-mode differentiation: nodes of a graph whose values are the slopes of others.
+"""Differentiates forwards: adds nodes whose values are the slopes of other nodes.
 
 Along n directions at once, a node y of axes (…) has the tangent ẏ of axes (directions, …): the
 derivative of every element of y in each of them. Every node on the way gets ẏ = Σ over its operands

@@ -1,4 +1,4 @@
-"""Gradients of values of a graph that is still being built, added to it as core operations."""
+"""Adds gradients of values to a graph that is still being built, as core operations."""
 
 from __future__ import annotations
 

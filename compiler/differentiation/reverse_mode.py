@@ -1,4 +1,4 @@
-"""Reverse-mode differentiation: nodes of a graph whose values are the gradients of others.
+"""Differentiates backwards: adds nodes whose values are the gradients of other nodes.
 
 For a scalar S that depends on the nodes with adjoints ∂S/∂y given, every node x on the way gets
 x̄ = Σ over its uses u of ūᵀ ∂u/∂x (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). The
@@ -37,6 +37,7 @@ def gradients(
     last = max(adjoints, default=-1)
     needed = _depending_on(builder, wanted, last)
     found: dict[NodeId, NodeId] = dict(adjoints)
+    # a node's users have larger ids, so its adjoint is complete once they are passed
     for node in range(last, -1, -1):
         adjoint = found.get(node)
         if adjoint is None or node not in needed:
@@ -46,6 +47,7 @@ def gradients(
             for position, share in rule.shares(needed):
                 argument = builder.node(node).args[position]
                 before = found.get(argument)
+                # one operand twice, as in x·x, adds up here
                 found[argument] = share if before is None else builder.add(before, share)
     return [found.get(node) for node in wanted]
 
@@ -86,6 +88,8 @@ def step_gradients(
             case ops.ReadState(name=name):
                 _accumulate(builder, states, name, gradient)
             case ops.Window(state=name):
+                # the newest sample is an operand of the Window; the state is only what stands
+                # before it
                 past = builder.type(gradient).axes[-1].size - 1
                 _accumulate(builder, states, name, builder.slice(gradient, WINDOW, 0, past))
             case ops.ReadParameter(name=name):
@@ -147,8 +151,10 @@ class _Rule:
             case ops.Divide():
                 if position == 0:
                     return slope_quotient(b, g, args[1])
+                # −g·y/d of y = n/d: the quotient is there already
                 return divisor_slope(b, g, args[1], self.node)
             case ops.Minimum():
+                # <= and >=: a tie of min or max goes to the first operand
                 first = b.compare(ops.Relation.LESS_EQUAL, args[0], args[1])
                 return self._chosen(first, position == 0)
             case ops.Maximum():
@@ -174,6 +180,7 @@ class _Rule:
                 return b.broadcast(g, b.type(args[0]).axes)
             case ops.Contract():
                 return self._contracted(position)
+            # the past is a state, whose adjoint `step_gradients` takes
             case ops.Window():
                 length = self._length(self.node, WINDOW)
                 return b.element(g, WINDOW, length - 1)
@@ -188,6 +195,7 @@ class _Rule:
         seed = b.node(self.adjoint)
         if isinstance(seed.op, ops.Broadcast):
             seed = b.node(seed.args[0])
+        # 1·slope is the slope to the bit; the product would only make graphs longer
         if seed.op == ops.Constant((1.0,)) and b.type(slope).axes == b.type(self.adjoint).axes:
             return slope
         return slope_product(b, self.adjoint, slope)

@@ -1,4 +1,4 @@
-"""The step of second-order training: residuals of the losses and their slopes, carried forward.
+"""Makes the step of second-order training: residuals and their slopes, carried forward.
 
 For every state x that depends on a learned number θ, ∂x/∂θ is a state too: the program simulates
 its own sensitivities, and any backend that runs a program computes exact Jacobians of rollouts
@@ -77,6 +77,7 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
     (`with_compared_squares`). Losses that are no sums of squares have no residuals.
     """
     directions = Axis(LEARNED, sum(_size(program, name) for name in learned))
+    # a state that no learned number reaches has slope 0, and no state for it
     moving = _moving_states(program, frozenset(learned))
     start = GraphBuilder(program.start)
     found = tangents(start, directions, _seeds(start, program, learned, directions), {})
@@ -84,6 +85,8 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
     begun = frozenset(
         name for name, node in starts.items() if start.infinite_values.can_be_infinite(node)
     )
+    # A slope of a state that can be infinite makes slopes of the states that read it so: the step
+    # is written again with all of them named, until no new one is reached.
     infinite: frozenset[str] = frozenset()
 
     @cache
@@ -129,6 +132,7 @@ class _Step:
         infinite: Collection[str],
         leaves_out: Callable[[], bool],
     ) -> None:
+        # the slope of a buffer is a buffer too: its Window shifts the slopes of the samples
         buffers = {state.name: f"{SLOPE}{state.name}" for state in moving if _is_buffer(state)}
         step = GraphBuilder(program.step)
         self.losses = loss_terms(step, program)
@@ -185,6 +189,7 @@ def _seeds(
         if isinstance(node.op, ReadParameter) and node.op.name in first:
             size = node.type.size
             units = np.zeros((directions.size, size))
+            # rows of the identity: ∂θ/∂θ of this parameter, zeros in the directions of the others
             units[first[node.op.name] + np.arange(size), np.arange(size)] = 1.0
             seeds[index] = builder.constant(units, (directions, *node.type.axes), unit=None)
     return seeds
@@ -207,6 +212,7 @@ def _moving_states(program: Program, learned: frozenset[str]) -> tuple[State, ..
         now = moving | {state.name for state in program.states if state.next in reached}
         if now == moving:
             return tuple(state for state in program.states if state.name in moving)
+        # states reach each other in circles: repeat until no state joins
         moving = now
 
 
@@ -270,6 +276,7 @@ def _row(
     slopes = _weighted(builder, residual.factor, slopes, directions)
     if not builder.infinite_values.can_be_infinite(slopes) or not leaves_out():
         return Residuals(loss, values, slopes, None)
+    # one slope that is no number leaves the whole residual out, for every learned number
     size = builder.sum(builder.apply("abs", slopes), directions.name)
     axes = builder.type(size).axes
     # no relation holds for NaN

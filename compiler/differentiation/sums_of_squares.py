@@ -1,4 +1,4 @@
-"""Losses as sums of squares: what Gauss-Newton methods need, and which losses are none."""
+"""Writes losses as sums of squares for Gauss-Newton methods, and finds those that are none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The graphs of gradient-based training: losses of one step, and its reverse.
+"""Makes the graphs of gradient-based training: the losses of one step, and its reverse.
 
 A rollout runs the step forward over the horizon and keeps the states; then it runs the reverse step
 from the last sample to the first. The reverse step reads what the forward one stored, the adjoints
@@ -59,9 +59,12 @@ class TrainingStep:
 
 def training_step(program: Program) -> TrainingStep:
     """The training graphs of a program in window form, its loops closed."""
+    # before differentiation: the branch that is not taken must add 0, not 0·∞ (decision 0012)
     program = guard_untaken(program)
     builder = GraphBuilder(program.step)
     losses = loss_terms(builder, program)
+    # a buffer is shifted by one sample each step, so only its newest sample has an adjoint of its
+    # own; the others hand theirs on through the rows of the tape
     newest = newest_samples(program)
     forward = replace(program, step=builder.graph())
     reverse_step, infinite, in_step = _reverse_step(forward, losses, newest)
@@ -73,6 +76,19 @@ def training_step(program: Program) -> TrainingStep:
         reverse_step=reverse_step,
         reverse_start=reverse_start,
         has_infinite_slopes=in_step or at_start,
+    )
+
+
+def forward_only(program: Program, losses: tuple[LossTerm, ...]) -> TrainingStep:
+    """The step of a program, which has the nodes of the loss terms, and nothing backwards."""
+    nothing = StepGradients({}, {}, {})
+    return TrainingStep(
+        program=program,
+        losses=losses,
+        newest=newest_samples(program),
+        reverse_step=Reverse(program.step, nothing),
+        reverse_start=Reverse(program.start, nothing),
+        has_infinite_slopes=False,
     )
 
 
@@ -111,6 +127,7 @@ def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
         axes = builder.type(error).axes
         one, zero = (builder.broadcast(builder.constant(value), axes) for value in (1.0, 0.0))
         counts = builder.select(present, one, zero)
+    # counted in the step itself: which targets are missing is known when the data is
     count = None if counts is None else _sum_of_all(builder, counts)
     return LossTerm(loss, _sum_of_all(builder, cost), count, elements)
 
@@ -165,6 +182,7 @@ def _cost(builder: GraphBuilder, measure: Measure, error: NodeId) -> NodeId:
             size = builder.apply("abs", error)
             half = builder.constant(0.5)
             square = builder.multiply(half, builder.multiply(error, error))
+            # both pieces are 1/2 with slope 1 where they meet
             near = builder.compare(Relation.LESS_EQUAL, size, builder.constant(1.0))
             return builder.select(near, square, builder.subtract(size, half))
         case Measure.MEAN:
@@ -192,6 +210,7 @@ def _reverse_step(
             scale = builder.emit(ReadTraining(LossScale(term.loss.name)), (), Type(unit=None))
             _add(builder, adjoints, term.total, scale)
         for state in program.states:
+            # seeds: the adjoint of what the step gave the state, known from the step after it
             result = newest.get(state.name, state.next)
             _add(builder, adjoints, result, _seed(builder, state, result, infinite))
         gradients = step_gradients(builder, adjoints, signals=False)
@@ -201,6 +220,7 @@ def _reverse_step(
             if builder.infinite_values.can_be_infinite(gradient)
         )
         if found == infinite:
+            # settled: the seeds and the results agree on which states can have infinite adjoints
             names = {node: name for name, node in newest.items()}
             made = _read_back(builder.graph(), gradients, names)
             return made, infinite, _any_infinite(builder, gradients)

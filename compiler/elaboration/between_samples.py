@@ -1,49 +1,16 @@
-"""Makes inputs what they are between their samples, where right-hand sides read them (R6)."""
+"""Says where `between` of inputs cannot be, does nothing, or should be thought of."""
 
 from __future__ import annotations
 
-from fractions import Fraction
-
-from compiler.ir.program import NodeId
 from compiler.linking.connected import Connected
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.scope import owner_of
 from spec_schema.errors import between
 from spec_schema.sections.signals import Input
 
-_STEP = Environment(EnvironmentPart.STEP)
-
-
-def inputs_at(context: Context, fraction: Fraction) -> dict[str, NodeId]:
-    """(1−τ)·u[t] + τ·u[t+1] of every input with `between: linear`, τ the part of the step.
-
-    At sample t, where all inputs are what they are everywhere, none. The sum of two shares of the
-    samples stays between them, whatever is rounded: ranges of the input hold for it.
-    """
-    found: dict[str, NodeId] = {}
-    if not fraction:
-        return found
-    builder = context.builder(_STEP)
-    for name, entry in context.spec.inputs.items():
-        if not entry.is_linear:
-            continue
-        type = context.type_of(entry)
-        with builder.at(entry.place.key):
-            following = builder.signal(name, 1, 1, type)
-            if fraction == 1:
-                found[name] = following
-                continue
-            now = builder.signal(name, 0, 0, type)
-            before = builder.multiply(builder.constant(float(1 - fraction)), now)
-            after = builder.multiply(builder.constant(float(fraction)), following)
-            found[name] = builder.add(before, after)
-            builder.name(found[name], f"{name}_at_{fraction.numerator}_{fraction.denominator}")
-    return found
-
 
 def report_between(context: Context) -> None:
-    """Says where `between` cannot be, does nothing, or should be thought of."""
+    """Reports what is wrong with `between` of the inputs of a spec that is lowered."""
     _report_closed(context)
     if context.findings.failed:
         return

@@ -1,4 +1,4 @@
-"""Spec → Program: lowers every entry, reports every mistake of the stage, verifies the result."""
+"""Compiles a spec: lowers every entry, reports every mistake of the stage, verifies the program."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from compiler.elaboration.between_samples import report_between
 from compiler.elaboration.deep_recursion import room_for
+from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
 from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.gradient_variables import gradient_variables
 from compiler.elaboration.histories import Buffers
@@ -180,6 +181,7 @@ def _lowered(linked: Linked, draw: int) -> _Lowered:
     lowered.states.extend(lowered.elaborated.histories.states())
     lowered.states.extend(context.memories.states)
     context.given.report(lowered.elaborated.arrays.all_names)
+    check_fitted_starts(context, lowered.states, lowered.losses)
     _report_log_reads(context, lowered.outputs, lowered.states)
     report_between(context)
     if not context.findings.failed:  # what is left unused by a mistake is no news
@@ -253,10 +255,12 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
                 span=entry.place.key,
                 on_range=entry.range_policy,
                 needs=needs,
+                fit_over=fit_over(context, entry),
             )
         )
-        if entry.range_policy == "reset" and reads_log(start.graph(), first):
-            place = entry.init.span if entry.init is not None else entry.place.key
+        estimated = entry.init is not None and entry.init.fit is not None
+        if entry.range_policy == "reset" and (estimated or reads_log(start.graph(), first)):
+            place = entry.init.place.value if entry.init is not None else entry.place.key
             context.findings.report(state_errors.reset_to_the_log(name, place))
     return found
 

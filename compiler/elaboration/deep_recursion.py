@@ -1,4 +1,4 @@
-"""Room on the stack for what a long spec needs: a chain of equations is lowered inside out."""
+"""Makes room on the stack for long specs: a chain of equations is lowered inside out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equations and outputs: each lowered once for every time and stage at which it is used."""
+"""Lowers equations and outputs, each once for every time and stage at which it is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calls of the spec's functions: the formula is lowered in place, arguments where they are used."""
+"""Inlines calls of the spec's functions: formula in place, arguments where they are used."""
 
 from __future__ import annotations
 

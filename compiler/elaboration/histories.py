@@ -1,4 +1,4 @@
-"""Past samples of states and equations: the buffers that hold them, and what fills these (R5)."""
+"""Keeps past samples of states and equations in buffers, and finds what fills these (R5)."""
 
 from __future__ import annotations
 

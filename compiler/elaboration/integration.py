@@ -1,4 +1,4 @@
-"""Integrators: the continuous states of a model one sample later, all of them together (R6)."""
+"""Integrates the continuous states of a model over one sample, all of them together (R6)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import assert_never
 
-from compiler.elaboration.between_samples import inputs_at
 from compiler.elaboration.linear_implicit import increments
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Add
@@ -187,12 +186,7 @@ class _Steps:
 
     def _stage(self, values: Values, fraction: Fraction) -> Environment:
         """Where right-hand sides are evaluated: at these values of the states, at that time."""
-        stage = IntegratorStage(
-            values=values,
-            inputs=inputs_at(self.context, fraction),
-            fraction=fraction,
-            owner=self.owner,
-        )
+        stage = IntegratorStage(values, fraction, self.owner)
         return Environment(EnvironmentPart.STEP, stage=stage)
 
     def _slopes(self, values: Values, fraction: Fraction) -> Values:

@@ -1,4 +1,4 @@
-"""A call of a declared layer goes to the rule of its kind, which the class of its settings says."""
+"""Sends a call of a declared layer to the rule of its kind, by the class of its settings."""
 
 from __future__ import annotations
 

@@ -22,6 +22,7 @@ from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart, Time
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.moving_input import moving_input
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declaration, Kind, Scope
 from spec_schema.diagnostics.diagnostic import Findings
@@ -85,9 +86,10 @@ class Elaboration:
             return builder.constant(self.context.sampling.required("`dt`", name.span), unit=_SECOND)
         declared = self.declared(name.name, name.span)
         match declared.entry:
-            case Input() if (moving := self._between_samples(name.name, environment)) is not None:
-                return moving
             case Signal() as signal:
+                moving = self._at_a_stage(name.name, signal, environment)
+                if moving is not None:
+                    return moving
                 logged = (
                     declared.kind is Kind.TARGET or environment.part is not EnvironmentPart.STEP
                 )
@@ -222,14 +224,14 @@ class Elaboration:
 
     # ---- inside
 
-    def _between_samples(self, name: str, environment: Environment) -> NodeId | None:
-        """An input at a stage of the integrator; None where it is its sample there."""
+    def _at_a_stage(self, name: str, entry: Signal, environment: Environment) -> NodeId | None:
+        """An input that moves while a right-hand side is evaluated; None where it does not."""
         stage = environment.stage
-        if stage is None or environment.is_elsewhere:
+        if stage is None or environment.is_elsewhere or not isinstance(entry, Input):
             return None
         if stage.fraction:
             self.context.stage_reads.inputs.add((stage.owner, name))
-        return stage.inputs.get(name)
+        return moving_input(self.context, name, entry, environment)
 
     def _signal(
         self,

@@ -1,4 +1,4 @@
-"""What is logged: inputs, targets, and the logs of states that something reads."""
+"""Collects what is logged: inputs, targets, and the logs of states that something reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""States: their value, the integrator's result, and what they become after the step (R4, R6)."""
+"""Lowers states: their value, the integrator's result, what follows after the step (R4, R6)."""
 
 from __future__ import annotations
 
@@ -123,11 +123,11 @@ class States:
     def start(self, name: str, entry: State, builder: GraphBuilder) -> NodeId:
         """The value before the first step, from `init:`; without it 0."""
         type = self._context.type_of(entry)
-        if entry.init is None:
+        if entry.start is None:
             return builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
         at_start = Environment(EnvironmentPart.START)
-        node = lower(self._context, entry.init, at_start)
-        return fitted(self._context, f"`init` of `{name}`", node, type, entry.init, at_start)
+        node = lower(self._context, entry.start, at_start)
+        return fitted(self._context, f"`init` of `{name}`", node, type, entry.start, at_start)
 
     def flow(self, owner: str) -> Mapping[str, NodeId]:
         """The integrator's result of every continuous state of one spec, all together (R6)."""

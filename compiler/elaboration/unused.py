@@ -1,4 +1,4 @@
-"""Entries of a spec that nothing uses: their own mistakes, and that they are not used."""
+"""Lowers entries that nothing uses, for their own mistakes, and warns of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers of a program that goes to fixed point: its weights, and formats out of ranges."""
+"""Chooses the numbers of a program in fixed point: weights, and formats out of ranges."""
 
 from __future__ import annotations
 

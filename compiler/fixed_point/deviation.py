@@ -1,4 +1,4 @@
-"""How far an integer program is from the same program in float64."""
+"""Measures how far an integer program is from the same program in float64."""
 
 from __future__ import annotations
 

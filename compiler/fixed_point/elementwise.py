@@ -1,4 +1,4 @@
-"""Operations on single values that are not linear: extremes, choices, functions, quotients."""
+"""Lowers operations that are not linear to integers: extremes, choices, functions, quotients."""
 
 from __future__ import annotations
 

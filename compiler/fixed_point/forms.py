@@ -1,4 +1,4 @@
-"""Real values before they are rounded: polynomials of degree at most 2 over integer nodes.
+"""Holds real values before they are rounded: polynomials of degree ≤ 2 over integer nodes.
 
 A value stays a form as long as it is linear, so that a filter, a linear layer or an Euler step
 becomes one sum with one rounding, and Σ μᵢ(x) · (wᵢ c + bᵢ) becomes c · Σ μᵢ wᵢ + Σ μᵢ bᵢ.
@@ -72,10 +72,13 @@ class Form:
         return self + (-other)
 
     def __mul__(self, other: Form) -> Form:
+        # times a number: nothing is rounded until the form becomes a node
         if not other.terms:
             return self.times(other.constant).within(share(self.reach, other.error))
         if not self.terms:
             return other.times(self.constant).within(share(other.reach, self.error))
+        # a degree of membership times few terms stays a polynomial, so that sums over neighbouring
+        # sets cancel exactly; any other product is rounded to a node at once
         thin = self.context.is_thin(self) or self.context.is_thin(other)
         if thin and _is_short(self) and _is_short(other):
             return _expanded(self, other)
@@ -116,6 +119,7 @@ def _form(
     largest = max((abs(coefficient) for coefficient in terms.values()), default=0.0)
     kept: list[tuple[Monomial, float]] = []
     for monomial, coefficient in sorted(terms.items()):
+        # what cancelled but for rounding of float64 is left out, and counted as error
         if abs(coefficient) > _NEGLIGIBLE * largest:
             kept.append((monomial, coefficient))
         else:

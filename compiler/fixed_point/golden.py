@@ -1,4 +1,4 @@
-"""Golden steps of an integer program: drawn words and what the integer interpreter answers."""
+"""Draws the words of golden steps, and answers them by the integer interpreter."""
 
 from __future__ import annotations
 

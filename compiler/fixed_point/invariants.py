@@ -1,4 +1,4 @@
-"""Bounds of states that the spec gives no range: of filters, whose memory decays."""
+"""Bounds states without a range in the spec: those of filters, whose memory decays."""
 
 from __future__ import annotations
 
@@ -73,6 +73,8 @@ def _proved(
     starts: Mapping[str, float],
     limited: Mapping[NodeId, tuple[float, float] | None],
 ) -> dict[str, float]:
+    # Each element of the states is a symbol. What their next values are in these symbols gives a
+    # row of A; all that has no symbol in it is bounded, and is d.
     symbols: dict[int, int] = {}
     own: dict[str, Elements] = {}
 
@@ -102,6 +104,7 @@ def _proved(
                 if len(monomial) == 1 and monomial[0] in symbols:
                     matrix[row, symbols[monomial[0]]] = coefficient
             rest = tuple((m, c) for m, c in form.terms if not any(n in symbols for n in m))
+            # settling the rest bounds it with all its roundings, as the real program will have them
             node = lowering.node(Form(lowering, form.constant, rest))
             drive[row] = max(abs(bound) for bound in lowering.builder.bounds(node))
             row += 1
@@ -179,11 +182,13 @@ def _reach(
 ) -> NDArray[np.float64] | None:
     power, driven, started = np.eye(len(drive)), np.zeros(len(drive)), np.zeros(len(drive))
     for _ in range(_LONGEST_MEMORY):
+        # |Aᵏ| |d| is what an input k steps ago can add now; the start fades by the same powers
         size = np.abs(power)
         driven, started = driven + size @ drive, np.maximum(started, size @ first)
         power = power @ matrix
         if not np.isfinite(power).all():
             return None
+        # what is left of the sum is less than _MARGIN allows for
         if np.abs(power).max() < 1e-12:
             return (driven + started) * _MARGIN
     return None

@@ -57,6 +57,7 @@ class Lowering(Elementwise):
 
     def value(self, index: NodeId) -> Elements:
         """The elements of a node, computed with all that they need."""
+        # a stack of its own: a chain of thousands of equations would be too deep for recursion
         pending = [index]
         while pending:
             current = pending[-1]
@@ -117,9 +118,11 @@ class Lowering(Elementwise):
             case ops.Window(name):
                 before, newest = self._states(self, name), values[0]
                 return np.concatenate([before, newest[..., np.newaxis]], -1)
+            # x·x of one word is never negative, which x·y of two equal ones is not known to be
             case ops.Multiply() if values[0] is values[1]:
                 return _each(_square, values[0])
             case ops.Add() | ops.Subtract() | ops.Multiply() | ops.Negate() | ops.Reduction():
+                # linear operations only gather terms; a node is made once a form has grown too long
                 return _each(self.shortened, self._by_numpy(node))
             case ops.Identity() | ops.Structure():
                 return self._by_numpy(node)
@@ -167,6 +170,7 @@ class Lowering(Elementwise):
         builder = self.builder
         node = builder.as_word(self.node(form))
         fraction = builder[node].fraction
+        # the centres in units of the word, so that a value at a centre is exactly there
         knots = [round(math.ldexp(point, fraction)) for point in points.values]
         ramps: list[Form] = []
         for place, (low, high) in enumerate(pairwise(knots)):
@@ -179,6 +183,7 @@ class Lowering(Elementwise):
             begin, end = points.values[place : place + 2]
             off = abs(math.ldexp(low, -fraction) - begin) + builder.errors[node]
             off += abs(math.ldexp(high - low, -fraction) - (end - begin))
+            # the value's bounds do not reach this interval: the ramp is empty or full for good
             if builder[ramp].low == builder[ramp].high:
                 degree = self.number(float(builder[ramp].low > 0))
                 ramps.append(degree.within(off * math.ldexp(1.0, fraction) / (high - low)))
@@ -186,6 +191,8 @@ class Lowering(Elementwise):
             builder.allow(ramp, off)
             self.ramps[ramp] = Ramp(index, place)
             ramps.append(self.form(ramp).times(math.ldexp(1.0, fraction) / (high - low)))
+        # μᵢ = rampᵢ₋₁ − rampᵢ: neighbours share a ramp, so whatever the roundings the degrees sum
+        # to 1
         ends = [self.number(1.0), *ramps, self.number(0.0)]
         degrees = [before - after for before, after in pairwise(ends)]
         return _elements(degrees, self.graph[index].type.shape)

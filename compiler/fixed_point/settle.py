@@ -66,6 +66,7 @@ class Settler:
             self._beside((left, one, mine), (right, other, its)),
             self._beside((right, other, its), (left, one, mine)),
         )
+        # x·y and y·x are one node
         first, second = sorted((one, other))
         node = self.builder.product(first, second, error / abs(mine * its))
         return self.form(node).times(mine * its)
@@ -76,6 +77,8 @@ class Settler:
             return self.builder.as_word(self.node(form)), 1.0
         (((node,), coefficient),) = form.terms
         if form.error:
+            # the word is taken as it is, so the form's own error counts for it: error /
+            # |coefficient|
             known = self.builder.errors[node]
             self.builder.allow(node, known + form.error / abs(coefficient))
         return self.builder.as_word(node), coefficient
@@ -116,6 +119,8 @@ class Settler:
         linear = [(m[0], c) for m, c in form.terms if len(m) == 1]
         rest = {m: c for m, c in form.terms if len(m) > 1}
         while rest:
+            # a·b + a·c = a·(b + c): one product in place of two, by the factor that most products
+            # have
             counts = Counter(node for monomial in rest for node in set(monomial))
             shared = max(counts, key=lambda node: (counts[node], node not in self.ramps, node))
             inner: dict[Monomial, float] = {}
@@ -129,6 +134,8 @@ class Settler:
     def _linear(self, constant: float, terms: list[tuple[int, float]]) -> int:
         if not terms:
             return self._constant(constant)
+        # the scale of a sum is the finest at which no partial sum overflows; finer than the finest
+        # operand it holds nothing more
         terms = self._apart(sorted(terms, key=self._order))
         fraction = self._largest_fraction(constant, terms)
         exact = [self._exact_fraction(node, c) for node, c in terms]
@@ -137,10 +144,13 @@ class Settler:
             fraction = min(fraction, max(needed, self._fraction_of(constant, terms)))
         while True:
             scaled = [self._scaled(node, c, fraction) for node, c in terms]
+            # a coefficient must be a word itself: where one is not, the whole sum gets a coarser
+            # scale
             excess = max(abs(c) for c, _ in scaled)
             if excess <= self.builder.width.largest_word or all(e is not None for e in exact):
                 break
             fraction -= 1
+        # a coefficient that rounds to 0 leaves its term out; the error below counts all of it
         kept = [(c, node) for c, node in scaled if c != 0]
         rounded = round(math.ldexp(constant, fraction))
         error = abs(math.ldexp(rounded, -fraction) - constant)
@@ -180,6 +190,7 @@ class Settler:
             return self.builder.literal(0, 0)
         if not math.isfinite(value):
             raise CannotFitError("is not finite")
+        # the mantissa fills the word; the rounding may carry into the next power of two
         fraction = self.builder.width.word - 1 - math.frexp(abs(value))[1]
         whole = round(math.ldexp(value, fraction))
         if abs(whole) > self.builder.width.largest_word:
@@ -227,6 +238,7 @@ class Settler:
             else:
                 chains.setdefault(ramp.chain, [0]).append(coefficient * ends[1])
         for steps in chains.values():
+            # one ramp of a chain moves at a time, so that the extremes are where intervals meet
             sums = [sum(steps[: count + 1]) for count in range(len(steps))]
             low, high = low + min(sums), high + max(sums)
         return low, high
@@ -240,6 +252,7 @@ class Settler:
         """Integer coefficient and operand of a term at the scale of the sum."""
         exact = self._exact_fraction(node, coefficient)
         sign = 1 if coefficient > 0 else -1
+        # a power of two costs no multiplication: the node is shifted, up here or down below
         if exact is not None and fraction >= exact:
             return sign * 2 ** (fraction - exact), node
         if exact is not None:

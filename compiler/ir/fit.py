@@ -1,4 +1,4 @@
-"""What training fits by least squares before it begins, as a program says it."""
+"""Records in a program what training fits by least squares before it begins."""
 
 from __future__ import annotations
 

@@ -56,6 +56,7 @@ def needed_over_time(
         if isinstance(node.op, ReadState | Window):
             name = node.op.name if isinstance(node.op, ReadState) else node.op.state
             names.add(name)
+            # through a state the search goes on in the same graph, one step earlier
             if name in following:
                 waiting.append(following[name])
     return marked, names
@@ -76,6 +77,7 @@ def states_beside_the_log(
                     reading[index] = name in found or any(reading[arg] for arg in node.args)
                 case _:
                     reading[index] = any(reading[arg] for arg in node.args)
+        # a fixed point: a state that reads one of these reads the log one step later
         more = {name for name, node in following.items() if reading[node]} - found
         if not more:
             return found - needed_over_time(step, following, outputs)[1] if found else found

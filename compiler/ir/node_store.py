@@ -1,4 +1,4 @@
-"""The nodes of a graph that is being built: equal ones are made once."""
+"""Stores the nodes of a graph that is being built, equal ones once."""
 
 from __future__ import annotations
 

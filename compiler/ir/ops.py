@@ -1,4 +1,4 @@
-"""The core operations: the closed set that every backend lowers, each with its numpy meaning.
+"""Defines the core operations, the closed set that every backend lowers, with numpy meanings.
 
 Their base classes say what groups of them have in common, so that a `match` can treat a group as
 one case (`case ops.Structure():`): `Leaf` (of it `Read`, and of that `ReadSamples`), `Elementwise`

@@ -1,4 +1,4 @@
-"""The typed intermediate representation: a synchronous stream program in SSA form."""
+"""Defines the typed intermediate representation: a synchronous stream program in SSA form."""
 
 from __future__ import annotations
 
@@ -159,6 +159,9 @@ class State:
     range by itself; `reset` is for deployed code alone."""
     needs: tuple[str, ...] = ()
     """Sub-models that the `next:` of a discrete state needs in the same step."""
+    fit_over: int | None = None
+    """The first evaluations of each run that decide by least squares where the state starts, from
+    `start` on; None where `start` does."""
 
 
 @dataclass(frozen=True, slots=True)

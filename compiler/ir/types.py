@@ -1,4 +1,4 @@
-"""What is known of a value before anything runs: axes, window, unit, kind, what it predicts."""
+"""Types values before anything runs: axes, window, unit, kind, what they predict."""
 
 from __future__ import annotations
 

@@ -32,6 +32,7 @@ def without_zeros(
         copies[index] = draft.add(replace(node, args=tuple(copies[arg] for arg in node.args)))
     found = {root: copies[root] for root in roots}
     whole = draft.builder.graph()
+    # what only made zeros is dropped before it reaches the builder
     live = needed(whole, found.values())
     moved: dict[NodeId, NodeId] = {}
     for index, node in whole:
@@ -95,6 +96,8 @@ class _Draft:
         axis, start, stop = node.op.axis, node.op.start, node.op.stop
         source = b.node(node.args[0])
         match source.op:
+            # a slice of a slice is one slice; of a concatenation it is in one part, or stays as it
+            # is
             case ops.Slice(inner, before, _) if inner == axis:
                 op = ops.Slice(axis, start + before, stop + before)
                 return self.add(replace(node, op=op, args=source.args))

@@ -69,6 +69,8 @@ class _Entries:
             if part in self._columns:
                 places = [row * self._width + column for column in self._columns[part]]
                 for number, place in enumerate(places):
+                    # two parts of a leaf may overlap, as a vector and one of its elements: their
+                    # slopes add up
                     shared.setdefault(place, []).append((slope, number))
                 self._store(slope, places, self._strides[part])
         for place, terms in shared.items():
@@ -87,6 +89,8 @@ class _Entries:
     def _store(self, slope: NodeId, places: Sequence[int], strides: tuple[int, ...]) -> None:
         op = self._builder.node(slope).op
         number = known_number(self._builder, slope)
+        # structurally zero or constant entries are numbers of the matrix; only the others are
+        # computed
         known = op.values if isinstance(op, Constant) else [number] * len(places)
         for place, value in zip(places, known, strict=True):
             self.known[place] = value

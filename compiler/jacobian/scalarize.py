@@ -70,6 +70,8 @@ def single_elements(graph: Graph, wanted: Iterable[tuple[NodeId, Fixed]]) -> Ele
     A window over a buffer becomes the samples of the state followed by the newest one.
     """
     wanted = list(wanted)
+    # backwards over the graph: an element asks for the elements of operands that it is made of; a
+    # dict keeps their order, and each is made once however many ask
     needs: list[dict[Fixed, None]] = [{} for _ in graph.nodes]
     for node, fixed in wanted:
         needs[node][fixed] = None
@@ -77,6 +79,7 @@ def single_elements(graph: Graph, wanted: Iterable[tuple[NodeId, Fixed]]) -> Ele
         for fixed in needs[index]:
             for operand, inner in _Element(graph, index, fixed).operands():
                 needs[operand][inner] = None
+    # forwards: operands have smaller ids, so what an element is made of exists already
     made = _Made(graph)
     for index in range(len(graph)):
         for fixed in needs[index]:
@@ -115,6 +118,7 @@ class _Element:
             case ops.Reshape():
                 return [(node.args[0], self._before_reshape(node.args[0]))]
             case ops.Slice(axis, start, _):
+                # structure becomes arithmetic on indices; no operation is left of it
                 moved = {n: i + start if n == axis else i for n, i in at.items()}
                 return [(node.args[0], self._in(node.args[0], moved))]
             case ops.Concat(axis) if axis in at:
@@ -123,6 +127,7 @@ class _Element:
             case ops.Window():
                 length = node.type.shape[-1]
                 newest = (node.args[0], self._in(node.args[0], at))
+                # older samples are elements of the state, which is a leaf
                 return [newest] if at.get(WINDOW, length - 1) == length - 1 else []
             case _:
                 return [(arg, self._in(arg, at)) for arg in node.args]
@@ -144,10 +149,12 @@ class _Element:
         """The operand's fixed axes, where every axis is or where the axes only change names."""
         before, after, at = self.graph[operand].type, self.node.type, dict(self.fixed)
         if len(at) == len(after.axes):
+            # in C order the number of an element is the same before and after
             indices = tuple(at[axis.name] for axis in after.axes)
             number = int(np.ravel_multi_index(indices, after.shape)) if indices else 0
             found = np.unravel_index(number, before.shape)
             return tuple((a.name, int(i)) for a, i in zip(before.axes, found, strict=True))
+        # some axes are free: only where they keep their lengths does an index before say one after
         old = [axis for axis in before.axes if axis.size != 1]
         new = [axis for axis in after.axes if axis.size != 1]
         if [axis.size for axis in old] != [axis.size for axis in new]:

@@ -1,4 +1,4 @@
-"""Which elements of a value can be other than 0: the structure of a Jacobian."""
+"""Finds which elements of a value can be other than 0: the structure of a Jacobian."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The values of a kernel on numpy arrays, in float32 or float64."""
+"""Evaluates a kernel on numpy arrays, in float32 or float64."""
 
 from __future__ import annotations
 

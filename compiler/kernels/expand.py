@@ -102,6 +102,8 @@ class _Expansion:
                     }
                     self._store(targets, self.block(called.body, inner), values)
                 case Branch(targets, condition, then, otherwise):
+                    # no control flow in a graph: both blocks are computed and one result is
+                    # selected
                     holds = _truth(self._operand(condition, values))
                     first = self.block(then, values)
                     second = self.block(otherwise, values)
@@ -190,6 +192,7 @@ class _Expansion:
             case _Not(operand):
                 return self._choice(operand, otherwise, then)
             case _Both(left, right):
+                # the core ops have no "and": a condition of two parts is one choice inside another
                 return self._choice(left, self._choice(right, then, otherwise), otherwise)
             case _Either(left, right):
                 return self._choice(left, then, self._choice(right, then, otherwise))

@@ -1,4 +1,4 @@
-"""The kernels by name, with the accuracy that docs/kernels.md shows to hold."""
+"""Lists the kernels by name, with the accuracy that docs/kernels.md shows to hold."""
 
 from __future__ import annotations
 

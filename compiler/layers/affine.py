@@ -1,4 +1,4 @@
-"""A learned affine map of one axis of a value, the part that several layers are made of."""
+"""Applies a learned affine map to one axis of a value, as several layers do."""
 
 from __future__ import annotations
 

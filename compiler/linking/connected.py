@@ -1,4 +1,4 @@
-"""An input of a sub-model that an expression feeds."""
+"""Marks an input of a sub-model that an expression feeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A spec and its sub-models as one spec in which every member has its full name (R11)."""
+"""Links a spec and its sub-models to one spec in which every member has its full name (R11)."""
 
 from __future__ import annotations
 

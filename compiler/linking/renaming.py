@@ -1,4 +1,4 @@
-"""Full names: an entry of a sub-model with every name in it as the whole model calls it."""
+"""Renames an entry of a sub-model, and every name in it, as the whole model calls it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What lowering has at hand everywhere: the spec, the graphs that grow, and what was found."""
+"""Carries what lowering needs everywhere: the spec, the growing graphs, and what was found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an expression stands: the part of the program, the time, the call around it."""
+"""Says where an expression stands: the part of the program, the time, the call around it."""
 
 from __future__ import annotations
 
@@ -27,14 +27,12 @@ class EnvironmentPart(Enum):
     """Evaluated by the compiler: nothing may be read."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class IntegratorStage:
     """Where a right-hand side is evaluated within a step (R6); equal only to itself."""
 
     values: Mapping[str, NodeId]
     """Of the continuous states that are integrated."""
-    inputs: Mapping[str, NodeId]
-    """Of the inputs that move between their samples."""
     fraction: Fraction
     """The part of the step that is over: 0 at sample t, 1 at sample t+1."""
     owner: str = ""

@@ -1,4 +1,4 @@
-"""How lowering goes on after a mistake: the diagnostic is kept, the value is given up."""
+"""Gives up a value after a mistake, whose diagnostic is kept, so that lowering can go on."""
 
 
 class LoweringFailed(Exception):  # noqa: N818  (no error of its own: the diagnostic is)

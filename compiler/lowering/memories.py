@@ -1,4 +1,4 @@
-"""The states that layers and calls keep between steps, one for each signal that they run on."""
+"""Collects the states that layers and calls keep between steps, one for each of their signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What outputs predict, and the axes and unit that they have from it."""
+"""Relates outputs to what they predict, and gives them axes and unit from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the names of a spec stand for: all sections share one namespace."""
+"""Finds what the names of a spec mean: all sections share one namespace."""
 
 from __future__ import annotations
 

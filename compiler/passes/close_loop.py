@@ -79,11 +79,14 @@ def close_loop(program: Program, signals: Iterable[str], warm_up: int = 0) -> Pr
     for index, node in program.step:
         if isinstance(node.op, ReadSignal) and node.op.signal in loops:
             loop = loops[node.op.signal]
+            # at t the tape ends with sample t+ahead−1, the newest that some step has predicted
             if node.op.last > max(loop.ahead - 1, 0):
                 raise LoopError(LoopFault.FUTURE, node.op.signal, span=node.span)
             if loop.ahead == 0 and node.op.last == 0:
                 feeds[index] = loop.output.node
     try:
+        # what is predicted for t itself is an edge from the output to its reader; the nodes may
+        # need another order then, and a loop through such edges alone has no order
         order = evaluation_order(program.step, feeds)
     except CycleError as error:
         raise _cycle_error(program, error) from error
@@ -98,6 +101,7 @@ def close_loop(program: Program, signals: Iterable[str], warm_up: int = 0) -> Pr
         else:
             copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
     starts = GraphBuilder(program.start)
+    # feed-through alone reads no past: no tape
     tapes = [loop.state(builder, starts, copies) for loop in loops.values() if loop.length]
     listed = tuple(replace(s, role=Role.TARGET) if s.name in loops else s for s in program.signals)
     counts = [_countdown(builder, starts, warm_up)] if loops and warm_up else []

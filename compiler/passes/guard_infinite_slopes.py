@@ -68,6 +68,7 @@ class _Guard:
             case Apply("pow") if not never_zero(args[0]):
                 return self._split(0, self._is_zero(args[0]), self._power)
             case Apply("asin" | "acos"):
+                # exact near 1, where it counts (Sterbenz)
                 edge = b.subtract(self._number(1.0), b.apply("abs", args[0]))
                 return self._split(0, self._is_zero(edge), self._arc)
             case _:
@@ -84,6 +85,7 @@ class _Guard:
     def _quotient(self) -> NodeId:
         """±∞ by the signs of both, NaN for 0/0 and NaN."""
         b, (above, below) = self._b, self._args
+        # no comparison tells −0 from 0, 1/x does
         sign_of_zero = self._is_positive(b.divide(self._number(1.0), below))
         infinity = self._chosen(sign_of_zero, math.inf, -math.inf)
         falling = b.negate(self._steep(below))

@@ -73,6 +73,7 @@ def _harmless(
     args: tuple[NodeId, ...],
     conditions: list[tuple[NodeId, bool]],
 ) -> tuple[NodeId, ...]:
+    # the numerator is harmless; dividing by 0 is not
     kept = args[:1] if isinstance(node.op, Divide) else ()
     guarded: list[NodeId] = []
     for arg in args[len(kept) :]:
@@ -90,6 +91,7 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
     """For each node the conditions that hold at all its uses, None where nothing uses it."""
     guards: list[Guard | None] = [None] * len(graph)
     for root in roots:
+        # a root is used unconditionally: nothing above it guards it
         guards[root] = ()
     for index in reversed(range(len(graph))):
         node, guard = graph[index], guards[index]
@@ -98,12 +100,14 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
         for place, arg in enumerate(node.args):
             under = guard
             if isinstance(node.op, Select) and place > 0:
+                # an operand of a `where` is used where the condition holds, or where it does not
                 condition = BranchCondition(graph.unrepeated(node.args[0]), place == 1)
                 under = (*(c for c in guard if c.node != condition.node), condition)[-LONGEST:]
             under = tuple(
                 c for c in under if _reaches(graph[c.node].type.axes, node.op, graph[arg].type.axes)
             )
             before = guards[arg]
+            # of several uses only the conditions that all share are true wherever the value is used
             guards[arg] = under if before is None else tuple(c for c in before if c in under)
     return guards
 

@@ -30,6 +30,8 @@ def retime(program: Program, *, fixed_parameters: bool) -> Program:
         %1: scalar = tanh(%0)
         %2: [t=30] = window(tanh.history, %1)
     """
+    # Liveness over samples: what is read of a buffer's window, other than by more work on the same
+    # samples, decides which functions of x must be kept instead of x.
     buffers = _buffers(program)
     work = samplewise(program.step, frozenset(buffers), parameters=fixed_parameters)
     moves = [
@@ -74,6 +76,7 @@ def _buffers(program: Program) -> dict[str, _Buffer]:
     for state in program.states:
         following = program.step[state.next]
         kept = state.axes[-1].size if state.axes else 0
+        # the buffer's own shift, which is no use of its samples
         moved = following.op == Slice(WINDOW, 1, kept + 1)
         if isinstance(state.origin, History) and moved:
             (window,) = following.args
@@ -107,11 +110,14 @@ def _candidates(
     same = {index: index for index in range(len(graph))}
     groups: dict[NodeId, dict[NodeId, Sampled]] = {}
     for index in uses:
+        # Each value is written as the function of one sample. Equal nodes are one node in a
+        # builder, so that values which are the same f of other samples fall into one group.
         group = at_samples(scratch, graph, index, same, buffer.newest, None, work)
         groups.setdefault(group, {})[index] = work.sampled[index]
     moves: list[_Move] = []
     for group, members in groups.items():
         calls = any(sampled.calls for sampled in members.values())
+        # f(x) = x: somebody needs the samples themselves, the old buffer stays
         plain = group == buffer.newest
         name = buffer.state.name if plain else _name(program, buffer, members, moves)
         moves.append(_Move(buffer, name, members, calls))
@@ -146,6 +152,7 @@ def _fits(program: Program, move: _Move) -> bool:
     if move.name == move.buffer.state.name:
         return False
     types = [program.step[index].type for index in move.uses]
+    # f of a single late sample costs the same wherever it is done
     one_sample = all(type.window == 1 for type in types)
     return not one_sample and all(
         type.kind == "real" and type.window and type.size // type.window <= samples.size
@@ -166,6 +173,7 @@ def _moved(program: Program, moves: list[_Move], work: Samplewise) -> Program:
             with builder.at(node.span):
                 copies[index] = _window_of(builder, program.step, index, copies, move, work)
     states = [_state(program, move, builder, starts, copies, work) for move in moves]
+    # an equation's range is checked where its value is new; the window has it from earlier steps
     expected = tuple(dict.fromkeys(_expected(program, moves, builder, copies, work)))
     program = with_step(program, builder.graph(), copies)
     program = replace(
@@ -207,6 +215,7 @@ def _window_of(
 ) -> NodeId:
     """The samples of f(x) that a value consists of."""
     sampled, like = move.uses[index], graph[index].type
+    # samples older than any that is read need not be kept
     length = move.buffer.kept - move.oldest
     axes = like.axes[:-1]
     if sampled.with_newest:
@@ -235,6 +244,7 @@ def _state(
     newest = at_samples(builder, graph, use, copies, copies[buffer.newest], None, work)
     window = builder.window(move.name, newest, length)
     following = builder.slice(window, WINDOW, 1, length + 1)
+    # the past of f(x) is f of the past, evaluated once before the first step
     past = starts.slice(old.start, WINDOW, move.oldest, buffer.kept)
     start = at_samples(starts, graph, use, {}, past, length, work)
     assert isinstance(old.origin, History)

@@ -1,4 +1,4 @@
-"""How far two sets of arrays are apart: relative to the judge's magnitude, and in bits."""
+"""Measures how far two sets of arrays are apart: relative to the judge's magnitude, in bits."""
 
 from __future__ import annotations
 

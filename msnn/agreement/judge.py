@@ -1,4 +1,4 @@
-"""What the judge, the numpy interpreter, does along a record: states and outputs of every step."""
+"""Runs the judge, the numpy interpreter, along a record: states and outputs of every step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The record along which exports are compared with the judge: measured data, or drawn numbers."""
+"""Makes the record along which exports meet the judge: measured data, or drawn numbers."""
 
 from __future__ import annotations
 

@@ -110,6 +110,16 @@ class EngineName(StrEnum):
     TORCH = "torch"
 
 
+RolloutEngine: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="auto|interpreter|native|torch",
+        help="What simulates; auto: native kernels where they save time.",
+    ),
+]
+
+
 class ResultFormat(StrEnum):
     """How a result is printed."""
 

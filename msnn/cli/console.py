@@ -1,4 +1,4 @@
-"""What a command says and where: results to stdout, all else to stderr, colour where wanted."""
+"""Prints what a command says: results to stdout, all else to stderr, colour where wanted."""
 
 from __future__ import annotations
 

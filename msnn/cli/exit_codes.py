@@ -1,4 +1,4 @@
-"""What the exit code of a command says."""
+"""Defines the exit codes of commands."""
 
 from enum import IntEnum
 

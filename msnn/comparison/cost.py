@@ -1,4 +1,4 @@
-"""What the C of a trained model costs a controller: instructions, flash and RAM of a step."""
+"""Measures what the C of a trained model costs: instructions, flash and RAM of a step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measured data in memory: one series a signal, rows that belong to records, sets and episodes."""
+"""Holds measured data: one series a signal, rows that belong to records, sets and episodes."""
 
 from __future__ import annotations
 

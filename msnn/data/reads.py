@@ -1,4 +1,4 @@
-"""What values read of the log, directly or through everything that they are made of."""
+"""Finds what values read of the log, directly or through all that they are made of."""
 
 from __future__ import annotations
 

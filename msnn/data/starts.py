@@ -1,4 +1,4 @@
-"""Where rollouts may start, so that no window, target or rollout leaves its episode (rule R2)."""
+"""Finds where rollouts may start, so that nothing they read leaves its episode (R2)."""
 
 from __future__ import annotations
 
@@ -47,6 +47,10 @@ class Runs:
 
     def __len__(self) -> int:
         return len(self.t0)
+
+    def begin_as(self, other: Runs) -> bool:
+        """Whether these are the same rollouts in the same order."""
+        return np.array_equal(self.t0, other.t0) and np.array_equal(self.steps, other.steps)
 
     def take(self, members: IntArray) -> Runs:
         return Runs(self.t0[members], self.steps[members], self.skipped, self.longest)

@@ -13,23 +13,26 @@ from msnn.reports.plotting import new_figure, quantity, saved_figure
 
 _MOST_POINTS = 4000
 _LINES = 1024
+_MOST_ROWS = 40
+"""Of each kind: a picture has at most 65,536 points on a side."""
 
 
 def plot_data_check(path: Path, check: DataCheck) -> Path:
     """Draws a row a column, its values with marked findings and its spectrum, then a row a pair.
 
-    Columns are those of the first data section. The name's ending says the format.
+    Columns are those of the first data section; of many the first forty are drawn, as of pairs.
+    The name's ending says the format.
     """
     dataset = check.datasets[0]
     system = check.system
-    pairs = _pairs(system)
-    figure = new_figure(len(dataset.channels) + len(pairs))
-    axes: Any = figure.subplots(len(dataset.channels) + len(pairs), 2, squeeze=False)
+    channels, pairs = dataset.channels[:_MOST_ROWS], _pairs(system)[:_MOST_ROWS]
+    figure = new_figure(len(channels) + len(pairs))
+    axes: Any = figure.subplots(len(channels) + len(pairs), 2, squeeze=False)
     step = None if system is None else system.step
-    for row, one in zip(axes, dataset.channels, strict=False):
+    for row, one in zip(axes, channels, strict=False):
         _values(row[0], one, dataset)
         _spectrum(row[1], one, step)
-    for row, (target, number) in zip(axes[len(dataset.channels) :], pairs, strict=True):
+    for row, (target, number) in zip(axes[len(channels) :], pairs, strict=True):
         assert system is not None
         _response(row, system, target, number)
     return saved_figure(figure, path)

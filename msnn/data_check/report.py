@@ -117,14 +117,15 @@ def _pair_row(
 ) -> tuple[str, ...]:
     found, step = target.found, system.step
     delay, constants, share = found.delays[number], found.constants, found.feedback[number]
+    least = "" if found.sharp[number] or not delay else "≤ "
     seen = delay is not None and constants is not None
     settling = constants.settling if seen and constants else None
     periods = [p for p in constants.periods if math.isfinite(p)] if seen and constants else []
     return (
         target.channel.name,
         name,
-        "none seen" if delay is None else str(delay),
-        "" if delay is None else _number(delay * step),
+        "none seen" if delay is None else f"{least}{delay}",
+        "" if delay is None else f"{least}{_number(delay * step)}",
         ", ".join(_number(mode * step) for mode in dict.fromkeys(constants.modes))
         if seen and constants
         else "",
@@ -223,6 +224,7 @@ def _target_record(system: CheckedSystem, target: CheckedTarget) -> dict[str, An
             {
                 "name": channel.name,
                 "delay": found.delays[number],
+                "sharp": found.sharp[number],
                 "feedback": found.feedback[number],
                 "response": _list(found.responses and found.responses.values[number]),
                 "error": _list(found.responses and found.responses.errors[number]),

@@ -37,8 +37,9 @@ def gaps_in_time(*, file: str, count: int, longest: float, row: int) -> Diagnost
 
 def repeated_times(*, file: str, count: int, row: int, backward: bool) -> Diagnostic:
     """W0813: rows that are not later than the row before."""
-    what = "go back in time" if backward else "have the time of the row before"
-    message = f"{count} rows of {file} {what}, the first is row {row}"
+    what = "back in time" if backward else "at the time of the row before"
+    rows = f"{count} rows, the first is" if count > 1 else "one,"
+    message = f"{file} has rows that are {what}: {rows} row {row}"
     repair = (
         "sort the rows by time and keep one of each time; after a clock was set: `resample: none`"
     )

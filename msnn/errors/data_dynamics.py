@@ -22,6 +22,8 @@ def delayed_response(
     note = f"or `{input}` is computed from `{signal}`, by a controller"
     notes = (note,) if delay == 0 else ()
     repair = f"write `predicts: {_at(signal, delay)}` with `{input}` read up to `t`"
+    if delay == 0:
+        repair = f"write `between: linear` at `{input}` if it moves between rows, or {repair[6:]}"
     return warning("W0820", None, message, notes=notes, help=repair)
 
 

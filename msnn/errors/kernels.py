@@ -1,9 +1,11 @@
-"""E1053, W0950-W0954, W1001-W1002: training kernels, and where they are kept."""
+"""E1042-E1044, E1053, W0950-W0954, W1001-W1003: kernels, and where they are kept."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 _REPORT = "please report this with the spec: it is a mistake of msnn, not of the model"
 
@@ -38,6 +40,32 @@ def foreign_folder_is_not_cleaned(folder: Path, reason: str) -> Diagnostic:
     """E1053: a folder of kernels to be cleaned that is not the user's alone."""
     repair = "close it to others (`chmod go-w`), or set MSNN_CACHE to the folder that is meant"
     return error("E1053", None, f"nothing is removed from {folder}, since {reason}", help=repair)
+
+
+def no_native_rollouts(reason: str) -> Diagnostic:
+    """E1042: kernels asked for to simulate where there can be none."""
+    repair = "leave `--engine` out, or use `--engine interpreter`"
+    return error("E1042", None, f"no kernel can simulate here: {reason}", help=repair)
+
+
+def unknown_engine(name: str, known: Sequence[str]) -> Diagnostic:
+    """E1043: an engine of simulations that there is not."""
+    message = f"there is no engine `{name}`"
+    notes = (f"engines: {', '.join(known)}",)
+    return error("E1043", None, message, notes=notes, help=did_you_mean(nearest(name, known)))
+
+
+def stepper_of_words(dtype: str) -> Diagnostic:
+    """E1044: a stepper of a model whose C computes in fixed point."""
+    message = f"`export: c` says `dtype: {dtype}`, and a stepper takes and gives numbers with units"
+    repair = 'load the model with floats: `msnn.load(path, ["export.c.dtype=float32"])`'
+    return error("E1044", None, message, help=repair)
+
+
+def interpreted_instead(reason: str) -> Diagnostic:
+    """W1003: work that kernels would do in a fraction of the time, done by the interpreter."""
+    message = f"the interpreter simulates, which takes longer than a kernel: {reason}"
+    return warning("W1003", None, message)
 
 
 def _kept(taken: Path | None) -> str:

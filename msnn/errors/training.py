@@ -18,7 +18,7 @@ def cannot_close(signal: str, reason: str, span: Span) -> Diagnostic:
     return error("E0902", span, f"cannot close {reason}", f"this rollout closes `{signal}`")
 
 
-def skips_everything(key: str, skip: int, horizon: int, span: Span) -> Diagnostic:
+def skips_everything(key: str, skip: int, horizon: int, span: Span | None) -> Diagnostic:
     """E0903: a rollout that scores nothing."""
     message = f"{key} {skip} leaves nothing of a horizon of {horizon} evaluations"
     return error("E0903", span, message, "nothing is scored")

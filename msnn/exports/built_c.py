@@ -33,4 +33,4 @@ def built_c(written: Written) -> Generator[CStep]:
             raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
         except CompilerFailedError as error:
             raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
-        yield CStep(alone, library)
+        yield CStep.of_folder(alone, library)

@@ -1,4 +1,4 @@
-"""A model from the file that a command is given: a spec, or what `msnn compile` wrote."""
+"""Loads a model from the file of a command: a spec, or what `msnn compile` wrote."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A model: a program with the spec that says what to do with it."""
+"""Joins a program to the spec that says what to do with it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The data and weights that somebody gives with a model, read as its spec says."""
+"""Reads the data and weights that somebody gives with a model, as its spec says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which weights a command takes: a given file, those of the last training, or the initial ones."""
+"""Chooses the weights of a command: a given file, the last training's, or the initial ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file that `msnn compile` writes: a program, and the spec that it was made of."""
+"""Writes and reads the file of `msnn compile`: a program, and the spec that it was made of."""
 
 from __future__ import annotations
 

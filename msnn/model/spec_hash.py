@@ -1,4 +1,4 @@
-"""What a model was made of, as one hash: the text of its spec, those of its sub-models, weights."""
+"""Hashes what a model was made of: the text of its spec, those of its sub-models, weights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The weights of sub-models: read without trust, mistakes shown where the spec names the file."""
+"""Reads the weights of sub-models without trust; mistakes show where the spec names the file."""
 
 from __future__ import annotations
 

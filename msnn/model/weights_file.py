@@ -1,4 +1,4 @@
-"""Weights on disk: a safetensors file with the physical float64 array of every parameter."""
+"""Keeps weights on disk: a safetensors file with every parameter's physical float64 array."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is installed of all that msnn can use, and how to install what is missing."""
+"""Finds what is installed of all that msnn can use, and how to install what is missing."""
 
 from __future__ import annotations
 

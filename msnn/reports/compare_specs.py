@@ -1,4 +1,4 @@
-"""What differs between two models: entry by entry, and whether only names or comments changed."""
+"""Compares two models entry by entry; says whether only names or comments changed."""
 
 from __future__ import annotations
 

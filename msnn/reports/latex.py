@@ -30,8 +30,8 @@ def formulas(spec: Spec) -> Iterator[tuple[str, str]]:
             yield rf"\dot{{{name_latex(name)}}}", expression_latex(state.der)
         if state.next is not None:
             yield _indexed(name, "t+1"), expression_latex(state.next)
-        if state.init is not None:
-            yield _indexed(name, "t_0"), expression_latex(state.init)
+        if state.start is not None:
+            yield _indexed(name, "t_0"), expression_latex(state.start)
     for name, output in spec.outputs.items():
         left = name_latex(name)
         if output.predicts is not None:

@@ -13,7 +13,7 @@ from msnn.errors.failures import MissingExtraError
 from msnn.simulation.simulate import Simulation
 from msnn.training.records.progress import EpochEnd
 from msnn.validation.measurement import Measurement
-from msnn.validation.report import rollout_text
+from msnn.validation.words import rollout_text
 from spec_schema.units.unit import Unit
 
 _MOST_RUNS = 4
@@ -57,13 +57,16 @@ def _sets(run: Simulation) -> str:
 
 
 def plot_validation(path: Path, measurements: Sequence[Measurement]) -> Path:
-    """Draws of every measurement the error along the scored samples, and how it grows with steps.
+    """Draws of every measurement the error along the scored samples, with what it correlates, and
+    how it grows with steps.
 
-    A row a measurement; without rollouts of several steps there is one column. The name's ending
-    says the format, one of FORMATS.
+    A row a measurement; without rollouts of several steps there are two columns. Of vector outputs
+    the correlations are those of the first element. The name's ending says the format, one of
+    FORMATS.
     """
     figure = new_figure(len(measurements))
-    columns = 2 if any(found.curve is not None for found in measurements) else 1
+    columns = 3 if any(found.curve is not None for found in measurements) else 2
+    figure.set_figwidth(4.5 * columns)
     axes: Any = figure.subplots(len(measurements), columns, squeeze=False)
     for row, found in zip(axes, measurements, strict=True):
         trace, curve = found.trace, found.curve
@@ -73,15 +76,36 @@ def plot_validation(path: Path, measurements: Sequence[Measurement]) -> Path:
         row[0].set_xlabel("scored sample")
         row[0].set_ylabel(quantity(f"error of {found.of}", found.unit))
         row[0].grid(alpha=0.3)
+        _draw_correlations(row[1], found)
         if curve is not None:
-            row[1].plot((curve.first + curve.last) / 2, curve.rmse, ".-", markersize=3)
-            row[1].set_ylim(bottom=0.0)
-            row[1].set_xlabel("step of the rollout")
-            row[1].set_ylabel(quantity("rmse", found.unit))
-            row[1].grid(alpha=0.3)
-        elif columns == 2:
-            row[1].set_axis_off()
+            row[2].plot((curve.first + curve.last) / 2, curve.rmse, ".-", markersize=3)
+            row[2].set_ylim(bottom=0.0)
+            row[2].set_xlabel("step of the rollout")
+            row[2].set_ylabel(quantity("rmse", found.unit))
+            row[2].grid(alpha=0.3)
+        elif columns == 3:
+            row[2].set_axis_off()
     return saved_figure(figure, path)
+
+
+def _draw_correlations(axis: Any, found: Measurement) -> None:
+    """Of the errors with themselves and with each input, each in the band of noise."""
+    first = found.judged.residuals[0]
+    drawn = [] if first.itself is None else [("themselves", first.itself), *first.inputs.items()]
+    if not drawn:
+        axis.set_axis_off()
+        return
+    for number, (name, each) in enumerate(drawn[:_MOST_RUNS]):
+        color = f"C{number}"
+        axis.plot(
+            each.lags, each.values, ".-", markersize=3, linewidth=0.8, color=color, label=name
+        )
+        axis.axhspan(-each.band, each.band, color=color, alpha=0.12, linewidth=0)
+    axis.axhline(0.0, color="black", linewidth=0.8)
+    axis.set_xlabel("lag / samples")
+    axis.set_ylabel("correlation of errors")
+    axis.legend(fontsize="small", title="with (band: 99 % of noise)", title_fontsize="small")
+    axis.grid(alpha=0.3)
 
 
 def plot_losses(path: Path, stages: Sequence[Sequence[EpochEnd]]) -> Path:

@@ -176,6 +176,8 @@ def _expected(program: Program) -> str:
 
 def _origin(state: State) -> str:
     match state.origin:
+        case Declared() if state.fit_over is not None:
+            return f"declared in the spec, its start fitted over {state.fit_over}"
         case Declared():
             return "declared in the spec"
         case LayerMemory():

@@ -1,4 +1,4 @@
-"""A program in one line, as `msnn check` ends with it."""
+"""Summarises a program in one line, with which `msnn check` ends."""
 
 from __future__ import annotations
 

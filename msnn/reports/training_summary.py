@@ -1,4 +1,4 @@
-"""What a training reached: its stages with their losses, and the learned parameters with units."""
+"""Tells what a training reached: stages with their losses, learned parameters with units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lengths of time in the workflow sections, in samples of a program."""
+"""Counts lengths of time of the workflow sections in samples of a program."""
 
 from __future__ import annotations
 

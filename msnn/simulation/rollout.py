@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,9 +86,20 @@ def loss_sums(
 
     `scored` limits a loss to some rows t; elements without a target are not scored.
     """
-    losses = {loss.name: loss for loss in interpreter.program.losses}
-    sums = dict.fromkeys(losses, LossSum(0.0, 0))
-    for moment in moments(interpreter, series, runs, losses=True):
+    rows = moments(interpreter, series, runs, losses=True)
+    return summed(interpreter.program.losses, rows, skip, scored)
+
+
+def summed(
+    losses: Iterable[Loss],
+    moments: Iterable[RolloutRow],
+    skip: int,
+    scored: Mapping[str, BoolArray] | None,
+) -> dict[str, LossSum]:
+    """Every loss over steps of rollouts, as `loss_sums`."""
+    named = {loss.name: loss for loss in losses}
+    sums = dict.fromkeys(named, LossSum(0.0, 0))
+    for moment in moments:
         if moment.number < skip:
             continue
         for name, (prediction, target) in moment.values.losses.items():
@@ -99,8 +110,8 @@ def loss_sums(
                 np.ones(prediction.shape, dtype=np.bool_) if target is None else ~np.isnan(target)
             )
             there &= _along(rows, prediction)
-            each = _factors(losses[name], moment.values, prediction)
-            sums[name] += _sum(losses[name].measure, prediction, target, there, each)
+            each = _factors(named[name], moment.values, prediction)
+            sums[name] += _sum(named[name].measure, prediction, target, there, each)
     return sums
 
 

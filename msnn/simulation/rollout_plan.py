@@ -1,12 +1,13 @@
-"""Where rollouts run: horizons in samples, loops closed, starts in the episodes of a set."""
+"""Plans where rollouts run: horizons in samples, loops closed, starts in a set's episodes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from compiler.differentiation.estimated_starts import estimated_states, with_read_starts
 from compiler.ir.liveness import Extent
 from compiler.ir.program import Program, Role
 from compiler.passes.close_loop import LoopError, close_loop
@@ -21,6 +22,17 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Length
 from spec_schema.sections.training.training import Rollout
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedStarts:
+    """States whose starts the first evaluations of each run decide."""
+
+    program: Program
+    """The program, its loops closed, before it reads what is found."""
+    over: int
+    skip: int
+    """Evaluations that other keys leave unscored."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +51,13 @@ class RolloutPlan:
     """Evaluations at the beginning of each run in which closed signals are read from the log."""
     skip_rows: int = 0
     """Rows at the beginning of each record that are not scored."""
+    starts: PlannedStarts | None = None
+    """How states begin whose `init` is to be fitted; None where there are none."""
+
+    @property
+    def reading(self) -> Program:
+        """The program by which rollouts are placed: with what starts read before they are found."""
+        return self.program if self.starts is None else self.starts.program
 
 
 def plan_rollout(
@@ -47,15 +66,17 @@ def plan_rollout(
     stride: int | None,
     findings: Findings,
     skip_rows: Length | None = None,
+    span: Span | None = None,
 ) -> RolloutPlan | None:
-    """The rollout of a stage or metric; `stride` None makes it equal to the horizon."""
+    """The rollout of a stage or metric at `span`; `stride` None makes it equal to the horizon."""
     unscored = 0 if skip_rows is None else samples(skip_rows, program.sample_time, findings)
     if unscored is None:
         return None
     if rollout is None:
-        return RolloutPlan(
+        one = RolloutPlan(
             program=program, horizon=1, stride=1, skip=0, closed=(), skip_rows=unscored
         )
+        return _with_found_starts(one, span, findings)
     horizon: Horizon | None
     if isinstance(rollout.horizon, str):
         horizon = rollout.horizon
@@ -80,11 +101,7 @@ def plan_rollout(
     if warm_up and not closed:
         findings.report(errors.warms_nothing(rollout.place.value))
     key, unscored_steps = max(("skip", skip), ("warm_up", warm_up), key=lambda one: one[1])
-    if isinstance(horizon, int) and unscored_steps >= horizon:
-        place = rollout.place.value
-        findings.report(errors.skips_everything(key, unscored_steps, horizon, place))
-        return None
-    return RolloutPlan(
+    plan = RolloutPlan(
         program=looped,
         horizon=horizon,
         stride=max(given, 1),
@@ -94,6 +111,36 @@ def plan_rollout(
         warm_up=warm_up,
         skip_rows=unscored,
     )
+    return _with_found_starts(plan, rollout.place.value, findings)
+
+
+def default_rollout(program: Program) -> RolloutPlan:
+    """One step; whole records where one step would not decide where states start."""
+    plan = RolloutPlan(program=program, horizon=1, stride=1, skip=0, closed=())
+    if estimated_states(program):
+        plan = replace(plan, horizon="record")
+    found = _with_found_starts(plan, None, Findings())
+    assert found is not None, "a record has room for starts"
+    return found
+
+
+def _with_found_starts(
+    plan: RolloutPlan, span: Span | None, findings: Findings
+) -> RolloutPlan | None:
+    """The plan with what its fitted starts leave unscored; None where nothing is left."""
+    estimated = estimated_states(plan.program)
+    if estimated:
+        over = max(state.fit_over or 0 for state in estimated)
+        starts = PlannedStarts(plan.program, over, plan.skip)
+        program = with_read_starts(plan.program)
+        plan = replace(plan, program=program, starts=starts)
+        if over > plan.skip:
+            plan = replace(plan, skip=over, skipped_by=f"the fit of `{estimated[0].name}` over")
+    if isinstance(plan.horizon, int) and plan.skip >= plan.horizon:
+        found = errors.skips_everything(plan.skipped_by, plan.skip, plan.horizon, span)
+        findings.report(found)
+        return None
+    return plan
 
 
 def closed_signals(program: Program, rollout: Rollout) -> tuple[str, ...]:
@@ -123,7 +170,7 @@ def set_rollouts(
         known = [known for known in data.sets if data.has(known)]
         findings.report(data_files.no_rows_in_set(name, known, span))
         return None
-    far = reach(plan.program, also)
+    far = reach(plan.reading, also)
     episodes = data.stretches() if plan.horizon == "record" else data.episodes(name)
     once = isinstance(plan.horizon, int) and stride is None
     step = plan.horizon if once and isinstance(plan.horizon, int) else stride or 1
@@ -132,7 +179,7 @@ def set_rollouts(
     if runs.skipped and len(runs):
         total, files = len(episodes), files_skipped(data, episodes, runs)
         findings.report(data_files.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
-    runs = _with_known_starts(plan.program, data, runs)
+    runs = _with_known_starts(plan.reading, data, runs)
     if not len(runs):
         findings.report(data_files.episodes_too_short(name, runs.longest, needed, wanted_by, span))
         return None

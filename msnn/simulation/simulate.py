@@ -8,17 +8,20 @@ from typing import overload
 
 import numpy as np
 
-from compiler.interpreter.interpreter import Interpreter
+from compiler.differentiation.estimated_starts import estimated_states, with_read_starts
 from compiler.ir.liveness import states_beside_the_log
-from compiler.ir.program import Program, Role, Signal
+from compiler.ir.program import NodeId, Program, Role, Signal
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BETWEEN_ROWS, UNASSIGNED, Dataset, FloatArray, IntArray, Record
 from msnn.data.reads import reads
-from msnn.data.starts import reach, rollouts
+from msnn.data.starts import Runs, reach, rollouts
 from msnn.errors import data_files
 from msnn.errors.workflow import records_too_short, unknown_set
-from msnn.simulation.rollout import moments
+from msnn.simulation.engines.engine import first_places
+from msnn.simulation.engines.open_rollouts import open_rollouts
+from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.simulation.rollout_plan import files_skipped
+from msnn.simulation.start_fit import StartFit, uncertain_starts
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 
@@ -85,15 +88,22 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
         predicted = (out.predicts.signal for out in program.outputs if out.predicts is not None)
         close = dict.fromkeys(name for name in predicted if name in inputs)
     closed = close_loop(program, tuple(close))
+    if estimated_states(closed):  # what the losses compare decides where runs start
+        compared = [node for loss in closed.losses for node in loss.nodes]
+        return _reading(replace(closed, fits=()), compared)
     following = {state.name: state.next for state in closed.states}
     outputs = [output.node for output in closed.outputs]
     beside = states_beside_the_log(closed.step, following, outputs)
     kept = tuple(state for state in closed.states if state.name not in beside)
-    closed = replace(closed, losses=(), fits=(), states=kept)
-    wanted = [output.node for output in closed.outputs] + [state.next for state in closed.states]
-    read = {**reads(closed.step, wanted)}
-    read |= reads(closed.start, [state.start for state in closed.states])
-    return replace(closed, signals=tuple(s for s in closed.signals if s.name in read))
+    return _reading(replace(closed, losses=(), fits=(), states=kept), [])
+
+
+def _reading(program: Program, compared: Iterable[NodeId]) -> Program:
+    """The program with those signals alone that a run reads."""
+    wanted = [output.node for output in program.outputs] + [s.next for s in program.states]
+    read = {**reads(program.step, [*wanted, *compared])}
+    read |= reads(program.start, [state.start for state in program.states])
+    return replace(program, signals=tuple(s for s in program.signals if s.name in read))
 
 
 def measured_beside(model: Program, program: Program) -> tuple[Signal, ...]:
@@ -109,16 +119,21 @@ def simulate(
     weights: Mapping[str, FloatArray] | None = None,
     horizon: int | None = None,
     data_set: str | None = None,
+    *,
+    engine: str = "auto",
+    progress: RolloutProgress = nobody,
 ) -> Simulations:
     """Free runs over all stretches of the data, each from its first possible row.
 
     `program` is in window form; what it closes is fed back, what it leaves open is read from the
     data. `horizon` ends every run after so many steps; `data_set` takes the stretches of one set
-    only. Runs in float64. Raises SpecError where there is no such set, or all is too short.
+    only. `engine` is what runs, in float64 (`open_rollouts`). Raises SpecError where there is no
+    such set, or all is too short.
     """
-    judge = Interpreter(program, weights)
     # targets of `predicts` need not be there: a simulation may run past the last of them
-    unscored = replace(program, outputs=tuple(replace(o, predicts=None) for o in program.outputs))
+    unscored = replace(
+        program, outputs=tuple(replace(o, predicts=None) for o in program.outputs), losses=()
+    )
     far = reach(unscored)
     stretches = _stretches(data, data_set)
     runs = rollouts(stretches, far, "record", 1)
@@ -129,31 +144,51 @@ def simulate(
         files = files_skipped(data, stretches, runs)
         skipped = (runs.skipped, len(stretches), far.rows(1))
         warnings += (data_files.episodes_skipped(*skipped, "the simulation", files),)
+    program, series, uncertain = _started(program, data, stretches, runs, weights)
+    warnings += tuple(uncertain)
     if horizon is not None:
         runs = replace(runs, steps=np.minimum(runs.steps, horizon))
-    outputs = {
-        out.name: np.empty(
-            (len(runs), int(runs.steps.max(initial=0)), *program.step[out.node].type.shape)
-        )
-        for out in program.outputs
-    }
-    for moment in moments(judge, data.series, runs, losses=False):
-        for name, value in moment.values.outputs.items():
-            outputs[name][moment.members, moment.number] = value
+    opened = open_rollouts(engine, program, weights or {}, series, runs)
+    count = Count(progress, int(runs.steps.sum()))
+    outputs = opened.engine.outputs(runs, count.advance)
     # a row after a gap was measured at another time than the steps before it predict
     ends = np.append(np.flatnonzero(~data.continues), data.rows)
     unbroken = ends[np.searchsorted(ends, runs.t0, side="right")]
+    places = (column.tolist() for column in (runs.t0, runs.steps, first_places(runs), unbroken))
     found = tuple(
         _simulation(
             program,
             data,
-            range(int(t0), int(t0) + steps),
-            {name: values[i, :steps] for name, values in outputs.items()},
-            int(unbroken[i]),
+            range(t0, t0 + steps),
+            {name: values[first : first + steps] for name, values in outputs.items()},
+            last,
         )
-        for i, (t0, steps) in enumerate(zip(runs.t0, runs.steps.tolist(), strict=True))
+        for t0, steps, first, last in zip(*places, strict=True)
     )
-    return Simulations(found, warnings)
+    return Simulations(found, (*warnings, *opened.notes))
+
+
+def _started(
+    program: Program,
+    data: Dataset,
+    stretches: IntArray,
+    runs: Runs,
+    weights: Mapping[str, FloatArray] | None,
+) -> tuple[Program, Mapping[str, FloatArray], Sequence[Diagnostic]]:
+    """The program and the series with where the runs start, and what is uncertain of that."""
+    estimated = estimated_states(program)
+    if not estimated:
+        return program, data.series, ()
+    far = reach(program)
+    stops = stretches[np.searchsorted(stretches[:, 0], runs.t0, side="right") - 1, 1]
+    room = np.maximum(stops - far.ahead - runs.t0, 0)
+    over = max(state.fit_over or 0 for state in estimated)
+    first = replace(runs, steps=np.minimum(room, over))
+    fit = StartFit(program, over)
+    found = fit.find(data.series, first, weights)
+    series = {**data.series, **found.series(data.rows)}
+    warnings = uncertain_starts(found, data, "the simulation")
+    return with_read_starts(replace(program, losses=())), series, warnings
 
 
 def _stretches(data: Dataset, data_set: str | None) -> IntArray:

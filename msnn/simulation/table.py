@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import csv
-import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from backends.files.atomic_write import write_text
+from backends.files.atomic_write import replacing
 from compiler.ir.program import Output, Program
+from msnn.data.dataset import BETWEEN_ROWS, FloatArray
 from msnn.simulation.simulate import Simulation
+
+_ROWS = 8192
+"""That are made ready at once; bounds the memory."""
 
 
 def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
@@ -21,25 +24,18 @@ def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -
     `row` and `time` are those of the file, so that the table joins it by `file` and `row`; `row`
     is empty for moments that resampling put between two rows.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     timed = any(run.places.time is not None for run in runs)
     logged = [out for out in program.outputs if any(out.name in run.logged for run in runs)]
     header = [label for out in program.outputs for label in _labels(program, out)]
     header += [f"{label}.log" for out in logged for label in _labels(program, out)]
-    writer.writerow(["file", "set", "row", *(["time"] if timed else []), *header])
-    for run in runs:
-        columns = [run.outputs[out.name].reshape(run.steps, -1) for out in program.outputs]
-        for out in logged:
-            values = run.logged.get(out.name, np.full(run.outputs[out.name].shape, np.nan))
-            columns.append(values.reshape(run.steps, -1))
-        table, places = np.concatenate(columns, axis=1), run.places
-        for k in range(run.steps):
-            row = str(places.rows[k]) if places.joins(k) else ""
-            time = [_cell(places.time[k])] if places.time is not None else [""] * timed
-            cells = map(_cell, table[k])
-            writer.writerow([places.files[k], places.sets[k], row, *time, *cells])
-    return write_text(path, text.getvalue())
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["file", "set", "row", *(["time"] if timed else []), *header])
+        for run in runs:
+            for begin in range(0, run.steps, _ROWS):
+                steps = slice(begin, min(begin + _ROWS, run.steps))
+                writer.writerows(_rows(program, run, steps, logged, timed=timed))
+    return path
 
 
 def run_record(run: Simulation) -> dict[str, object]:
@@ -54,8 +50,30 @@ def run_record(run: Simulation) -> dict[str, object]:
     }
 
 
-def _cell(value: float) -> str:
-    return "" if np.isnan(value) else repr(float(value))
+def _rows(
+    program: Program, run: Simulation, steps: slice, logged: Sequence[Output], *, timed: bool
+) -> Iterable[tuple[object, ...]]:
+    """Some rows of the table; numbers are written as `repr` has them."""
+    places, count = run.places, steps.stop - steps.start
+    found = [run.outputs[out.name][steps] for out in program.outputs]
+    for out in logged:
+        there = run.logged.get(out.name)
+        shape = (count, *run.outputs[out.name].shape[1:])
+        found.append(np.full(shape, np.nan) if there is None else there[steps])
+    numbers = np.concatenate([values.reshape(count, -1) for values in found], axis=1)
+    rows = ["" if row == BETWEEN_ROWS else row for row in places.rows[steps].tolist()]
+    columns: list[Sequence[object]] = [places.files[steps], places.sets[steps], rows]
+    if timed:
+        columns.append([""] * count if places.time is None else _cells(places.time[steps]))
+    return zip(*columns, *map(_cells, numbers.T), strict=True)
+
+
+def _cells(values: FloatArray) -> Sequence[object]:
+    missing = np.isnan(values)
+    cells: list[object] = values.tolist()
+    for index in np.flatnonzero(missing).tolist():
+        cells[index] = ""
+    return cells
 
 
 def _labels(program: Program, output: Output) -> list[str]:

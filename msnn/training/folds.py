@@ -28,8 +28,8 @@ from msnn.training.records.training_options import TrainingOptions, in_folder
 from msnn.training.run_line import begun, ended, log
 from msnn.training.train import train
 from msnn.training.training_result import TrainingResult
-from msnn.validation.report import rollout_text, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport, validate
+from msnn.validation.words import rollout_text, unit_text
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 HELD_OUT = "val"

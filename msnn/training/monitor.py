@@ -1,4 +1,4 @@
-"""What decides which weights of a stage are best: its losses over the rollouts that are watched."""
+"""Decides which weights of a stage are best, by its losses over the watched rollouts."""
 
 from __future__ import annotations
 

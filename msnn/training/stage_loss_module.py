@@ -1,4 +1,4 @@
-"""A stage's loss as a torch module, for training loops that people write themselves."""
+"""Gives a stage's loss as a torch module to training loops that people write themselves."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from msnn.training.monitor import loss_values, monitor
 from msnn.training.plans.epoch_order import order_key, shuffled
 from msnn.training.plans.stage_data import StageData, stage_data
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from msnn.training.stage_starts import stage_starts
 from msnn.training.starts.initial_weights_of_run import first_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.sections.training.training import Stage
@@ -72,6 +73,7 @@ class StageLoss(nn.Module):
         for parameter in plan.program.parameters:
             self._model.raw(parameter.name).requires_grad_(parameter.name in plan.trained)
         self._objective = self._opened()
+        self._starts = stage_starts(plan, data, lambda _: None)
         self._sums: LossSums = {}
 
     def _opened(self) -> KernelObjective | TorchObjective:
@@ -101,6 +103,8 @@ class StageLoss(nn.Module):
         plan = self.plan
         self._objective.write(factors_of(plan, self._data.series, epoch))
         runs = self._runs.in_epoch(epoch)
+        if self._starts is not None:
+            self._objective.write(self._starts.for_training(runs, self.weights()))
         order = shuffled(len(runs), order_key(plan.seed, plan.index, epoch))
         yield from batches_of(runs.take(order), plan.batch or len(order))
 
@@ -117,6 +121,9 @@ class StageLoss(nn.Module):
 
     def monitor(self) -> float:
         """What decides which weights of the stage are best, at the present ones."""
+        if self._starts is not None:
+            found = self._starts.for_watching(self._runs.watched, self.weights())
+            self._objective.write(found, watched=True)
         return monitor(self.plan, self._objective.evaluate, self._runs, self.weights)
 
     def weights(self) -> dict[str, FloatArray]:

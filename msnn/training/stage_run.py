@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError
 from msnn.training.monitor import loss_values, monitor, weighted_total
@@ -19,6 +20,7 @@ from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult, Weights
 from msnn.training.records.checkpoint import TrainingPosition
 from msnn.training.records.progress import EpochEnd
+from msnn.training.stage_starts import StageStarts
 
 
 class Interrupted(Exception):  # noqa: N818  (an event, no error)
@@ -36,6 +38,8 @@ class StageRun:
     epoch_ended: Callable[[EpochEnd], None]
     between: Callable[[float], None] = lambda seconds: None
     """Called wherever the run could go on from; so many seconds of work come before the next."""
+    starts: StageStarts | None = None
+    """Finds where runs start; None where the states say it."""
     attempt: int = 0
     epoch: int = 0
     batch: int = 0
@@ -49,6 +53,10 @@ class StageRun:
     _began: float = field(init=False, default_factory=time.monotonic)
     _watching: float = field(init=False, default=0.0)
     """Seconds that the monitor took."""
+    _started: Runs | None = field(init=False, default=None)
+    """The rollouts to train on whose starts were found last."""
+    _kept_starts: Weights = field(init=False, default_factory=dict[str, FloatArray])
+    """Starts of the epoch in which the training was interrupted."""
 
     def resume(self, place: TrainingPosition) -> None:
         """Goes on at a place of this attempt."""
@@ -58,6 +66,7 @@ class StageRun:
         self.best, self.sums, self.left_out = place.best, place.sums, place.left_out
         self.engine.has_left_out = place.left_out > 0  # is said when the epoch ends
         self.reductions = place.reductions
+        self._kept_starts = place.starts
         self._began = time.monotonic() - place.seconds
 
     def run(self) -> StageResult:
@@ -81,6 +90,8 @@ class StageRun:
             self._report(sums, value, runs, rate)
             self.between(pace.seconds)
         assert self.best is not None
+        if self.starts is not None:
+            self.starts.report()
         return StageResult(
             best=self.best,
             best_value=self.best_value,
@@ -106,6 +117,7 @@ class StageRun:
             engine=self.engine.state(),
             reductions=self.reductions,
             seconds=self._seconds,
+            starts={} if self.starts is None or not self.batch else self.starts.values(),
         )
 
     @property
@@ -133,6 +145,8 @@ class StageRun:
 
     def _monitor(self) -> float:
         began = time.monotonic()
+        if self.starts is not None:
+            self._find_watched_starts(self.starts)
         value = monitor(self.plan, self.engine.evaluate, self.data, self.engine.weights)
         self._watching = time.monotonic() - began
         return value
@@ -141,6 +155,8 @@ class StageRun:
         key = order_key(self.plan.seed, self.plan.index, self.epoch, self.attempt)
         order = self.engine.order(len(runs), key)
         self.engine.begin_epoch(self.epoch, rate, self.attempt)
+        if self.starts is not None:
+            self._find_starts(self.starts, runs)
         size = self.plan.batch or max(len(order), 1)
         sums = self.sums or {}
         # a last batch that is smaller is the same as one filled up with members of weight 0
@@ -159,6 +175,25 @@ class StageRun:
         if count and self.left_out == count:  # it would do the same for ever
             raise NonFiniteLossError(runs)
         return sums
+
+    def _find_starts(self, starts: StageStarts, runs: Runs) -> None:
+        """Those of an epoch; where they are unknowns of training, those with which it begins."""
+        if self.batch and self._kept_starts:
+            found = starts.kept(runs, self._kept_starts)
+        elif self.plan.estimates_starts and runs is self._started:
+            return
+        else:
+            found = starts.for_training(runs, self.engine.weights())
+        self._started, self._kept_starts = runs, {}
+        self.engine.write(found, watched=False)
+
+    def _find_watched_starts(self, starts: StageStarts) -> None:
+        """Those of the rollouts that are watched, unless training itself estimates them."""
+        if self.plan.estimates_starts and self.data.watches_training:
+            self._find_starts(starts, self.data.in_epoch(self.epoch))
+        else:
+            found = starts.for_watching(self.data.watched, self.engine.weights())
+            self.engine.write(found, watched=True)
 
     def _keep_if_best(self, value: float) -> None:
         first_finite = np.isfinite(value) and not np.isfinite(self.best_value)

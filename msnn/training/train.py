@@ -38,6 +38,7 @@ from msnn.training.records.standard_errors import standard_errors
 from msnn.training.records.tensorboard_curves import Curves, require_tensorboard
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.stage_run import Interrupted, StageRun
+from msnn.training.stage_starts import stage_starts
 from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.training_result import (
     TrainingDivergedError,
@@ -195,6 +196,7 @@ class _Run:
                 plan=opened.plan,
                 engine=engine,
                 data=data,
+                starts=stage_starts(opened.plan, self.data, self.progress.warned),
                 stop_asked=stop_asked.is_set,
                 epoch_ended=lambda event: self._epoch_ended(event, engine, plan),
                 between=keep,
@@ -237,7 +239,8 @@ class _Run:
 
     def _explained(self, attempt: StageRun, fault: NonFiniteLossError) -> Diagnostic:
         now, epoch = attempt.engine.weights(), attempt.epoch + 1
-        return explain_divergence(attempt.plan, self.data, now, fault, epoch)
+        data = self.data if attempt.starts is None else attempt.starts.data()
+        return explain_divergence(attempt.plan, data, now, fault, epoch)
 
     def _announce(self, plan: StagePlan, data: StageData, epoch: int) -> None:
         self.progress.stage_started(

@@ -1,4 +1,4 @@
-"""What is found of an output that was simulated one way: every metric, and where it errs."""
+"""Measures an output that was simulated one way: every metric, and where it errs."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray, IntArray
+from msnn.validation.judged_errors import JudgedErrors
 from msnn.validation.metrics import Scores, score
 from spec_schema.sections.validation import Metric
 from spec_schema.units.unit import Unit
@@ -60,6 +61,8 @@ class Measurement:
     curve: ErrorCurve | None
     """None where every rollout is one step."""
     trace: ErrorTrace
+    judged: JudgedErrors
+    """What the errors tell of the model."""
 
 
 def scores_of(prediction: FloatArray, target: FloatArray, parameters: int) -> dict[Metric, Scores]:

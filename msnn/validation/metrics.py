@@ -1,4 +1,4 @@
-"""How well predictions meet their targets: one number a metric, for all elements and for each."""
+"""Measures how well predictions meet their targets: one number a metric, for all and for each."""
 
 from __future__ import annotations
 

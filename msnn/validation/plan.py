@@ -1,4 +1,4 @@
-"""What a `validate` entry asks for: names resolved, lengths in samples, limits in its unit."""
+"""Plans a `validate` entry: names resolved, lengths in samples, limits in its unit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msnn.data.reading.file_sets import file_sets, set_of
 from msnn.errors import stages as stage_errors
 from msnn.errors import training as errors
 from msnn.simulation.durations import samples
-from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
+from msnn.simulation.rollout_plan import RolloutPlan, default_rollout, plan_rollout
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Expression, Member, Name, Window
@@ -54,13 +54,13 @@ def plan_checks(
     What is wrong with them goes to `findings`.
     """
     if not checks:
-        one_step = RolloutPlan(program=program, horizon=1, stride=1, skip=0, closed=())
+        default = default_rollout(program)
         return [
             CheckPlan(
                 of=output.name,
                 metric="rmse",
                 target=output.predicts,
-                rollout=one_step,
+                rollout=default,
                 data=None,
                 from_files=False,
                 unit=_unit(program, output),
@@ -89,7 +89,9 @@ def _planned(
     losses = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
     if check.rollout is not None and check.rollout.curriculum is not None:
         findings.report(stage_errors.curriculum_outside_training(check.rollout.curriculum.span))
-    rollout = plan_rollout(program, check.rollout, None, findings, check.skip_rows)
+    rollout = plan_rollout(
+        program, check.rollout, None, findings, check.skip_rows, check.place.value
+    )
     name = check.of.value
     metric: Metric | None
     target: Prediction | None = None

@@ -8,9 +8,10 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from msnn.tables import table_text
+from msnn.validation.errors_report import judged_record
 from msnn.validation.measurement import METRICS, ErrorCurve, Measurement
 from msnn.validation.validate import MetricRow, ValidationReport
-from spec_schema.units.unit import Unit
+from msnn.validation.words import rollout_text, unit_text
 
 
 def metrics_table(report: ValidationReport) -> str:
@@ -132,19 +133,6 @@ def limits(row: MetricRow) -> str:
             return f"{low:g} … {high:g}"
 
 
-def rollout_text(row: MetricRow | Measurement) -> str:
-    """How it was simulated: `one step`, `50 steps, closing x`."""
-    closed = f", closing {', '.join(row.closed)}" if row.closed else ""
-    if row.horizon == "1":
-        return f"one step{closed}"
-    return f"{row.horizon} steps{closed}" if row.horizon.isdecimal() else f"{row.horizon}{closed}"
-
-
-def unit_text(unit: Unit | None) -> str:
-    """The unit as it was written, empty without one."""
-    return "" if unit is None else unit.text
-
-
 def _verdict(row: MetricRow) -> str:
     return {None: "", True: "kept", False: "BROKEN"}[row.passed]
 
@@ -160,6 +148,7 @@ def _measurement_record(found: Measurement) -> dict[str, Any]:
         "rows": found.rows,
         "scored": found.scored,
         "metrics": {metric: scores.value for metric, scores in found.metrics.items()},
+        **judged_record(found.judged),
         "curve": curve
         and {
             "first": curve.first.tolist(),

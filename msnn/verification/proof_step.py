@@ -1,4 +1,4 @@
-"""What one check found, and how a check is run."""
+"""Runs one check and records what it found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The programs that verification runs, and the Debian packages that bring them."""
+"""Lists the programs that verification runs, and the Debian packages that bring them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said to a user about a spec: messages as data, apart from how they are printed."""
+"""Holds what a user is told about a spec as data, apart from how it is printed."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

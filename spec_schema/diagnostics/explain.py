@@ -1,4 +1,4 @@
-"""What a diagnostic code means and how to repair it: the pages in `explanations/`, one a code."""
+"""Explains diagnostic codes and their repair from the pages in `explanations/`."""
 
 import re
 import textwrap

@@ -1,4 +1,4 @@
-"""The full form of a diagnostic: code, place, source lines with underlines, notes and help."""
+"""Renders a diagnostic in full: code, place, underlined source lines, notes and help."""
 
 import unicodedata
 from collections.abc import Iterator, Mapping

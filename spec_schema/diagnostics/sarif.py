@@ -1,4 +1,4 @@
-"""Diagnostics as SARIF 2.1.0, the format in which code hosts show what a checker found."""
+"""Writes diagnostics as SARIF 2.1.0, which code hosts show as what a checker found."""
 
 from collections.abc import Iterable
 from pathlib import Path

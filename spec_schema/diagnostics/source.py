@@ -1,4 +1,4 @@
-"""Places in files: the text a person wrote, and spans that point into it."""
+"""Defines places in files: the text a person wrote, and spans that point into it."""
 
 import re
 from bisect import bisect_right

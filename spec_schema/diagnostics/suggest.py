@@ -1,4 +1,4 @@
-"""Did you mean: the known word nearest to a mistyped one."""
+"""Finds the known word nearest to a mistyped one, for "did you mean"."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""The JSON Schema of specs: what editors complete, show and check while a spec is written."""
+"""Makes the JSON Schema of specs, by which editors complete, show and check while one types."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""A spec as plain values in its canonical form: shorthands written out, defaults filled in."""
+"""Turns a spec into plain values of its canonical form: shorthands expanded, defaults filled in."""
 
 from collections.abc import Mapping
 from typing import Any, cast

@@ -1,5 +1,7 @@
 """E07xx: states and loops."""
 
+from collections.abc import Sequence
+
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 
@@ -16,6 +18,22 @@ def rows_of_no_log(loss: str, read: str, span: Span) -> Diagnostic:
     message = f"`rows` of `{loss}` reads {read}: it says of logged rows how much they count"
     repair = "write it of logged signals: `s`, or `s.meas` for the log of a state"
     return error("E0849", span, message, "not of the log alone", help=repair)
+
+
+def too_few_for_starts(names: Sequence[str], over: int, numbers: int, span: Span) -> Diagnostic:
+    """E0851: fewer evaluations than initial values that they are to decide."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    few = f"{over} evaluation{'' if over == 1 else 's'}"
+    message = f"{few} cannot decide the {numbers} numbers that {listed} start from"
+    repair = f"`over:` at least {numbers}, better several times as many: the log has noise"
+    return error("E0851", span, message, "too few", help=repair)
+
+
+def starts_of_nothing(name: str, span: Span) -> Diagnostic:
+    """E0852: an initial value to be fitted where no loss compares anything with the log."""
+    message = f"nothing decides where `{name}` starts: no loss compares the model with the log"
+    repair = "give an output `predicts:`, or a loss such as `mse(y, z)`"
+    return error("E0852", span, message, "least squares of what?", help=repair)
 
 
 def algebraic_loop(names: tuple[str, ...], span: Span) -> Diagnostic:

@@ -1,4 +1,4 @@
-"""Lengths of time as a spec writes them: `50 ms`, or an integer number of samples."""
+"""Reads lengths of time as a spec writes them: `50 ms`, or an integer number of samples."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Names that the language itself gives meaning to: builtins, loss functions, indices."""
+"""Lists the names to which the language gives meaning: builtins, loss functions, indices."""
 
 from __future__ import annotations
 

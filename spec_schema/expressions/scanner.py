@@ -1,4 +1,4 @@
-"""First look at an expression: characters, brackets, words, durations; then Python parses it."""
+"""Scans an expression before Python parses it: characters, brackets, words, durations."""
 
 import re
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The mathematics of a spec as a tree: a closed union of frozen nodes, each with its place."""
+"""Defines the mathematics of a spec as a closed union of frozen nodes, each with its place."""
 
 from dataclasses import dataclass, field
 from enum import Enum

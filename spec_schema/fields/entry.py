@@ -1,4 +1,4 @@
-"""The base of every mapping in a spec: unknown, planned and missing keys, shorthands, variants."""
+"""Reads mappings of a spec: unknown, planned and missing keys, shorthands, variants."""
 
 from collections.abc import Mapping
 from dataclasses import replace

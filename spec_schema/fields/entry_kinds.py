@@ -1,4 +1,4 @@
-"""The kinds of mappings that a spec has, and which of them contain which."""
+"""Lists the kinds of mappings that a spec has, and which of them contain which."""
 
 import inspect
 from collections.abc import Iterator

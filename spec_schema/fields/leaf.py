@@ -1,4 +1,4 @@
-"""Validators that know what JSON Schema can say of the values they read."""
+"""Ties validators to what JSON Schema can say of the values they read."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -2,14 +2,17 @@
 
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from pydantic import ValidationInfo, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
+from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import states as state_errors
-from spec_schema.fields.entry import Entry, findings_of
+from spec_schema.expressions.tree import Expression
+from spec_schema.fields.entry import Entry, Variant, findings_of, single_key
 from spec_schema.fields.formulas import ExpressionField, PredictionField
 from spec_schema.fields.located import Choice
 from spec_schema.fields.plain import NonNegativeNumber, References, Text, choice, located_choice
-from spec_schema.fields.quantities import RangeField, UnitField
+from spec_schema.fields.quantities import PositiveLength, RangeField, UnitField
+from spec_schema.yaml_tree.nodes import Node, Table
 
 InvalidPolicy: TypeAlias = Literal["clamp", "hold", "flag", "trust"]
 RangePolicy: TypeAlias = Literal["flag", "saturate", "reset"]
@@ -31,6 +34,42 @@ class Signal(Entry):
     on_invalid: Annotated[InvalidPolicy, choice("clamp", "hold", "flag", "trust")] = "flag"
     """What generated code does with a sample that is NaN or out of range."""
     doc: Text | None = None
+
+
+class FittedStart(Entry):
+    """An initial value that the first `over` evaluations of each run decide, by least squares.
+
+    The values of all such states before the first step together minimise the squares of what the
+    losses compare; `from` is where the search begins.
+    """
+
+    noun: ClassVar[str] = "a fitted initial value"
+
+    over: PositiveLength
+    """First evaluations of each run that decide it; they are not scored."""
+    begin: ExpressionField | None = Field(default=None, alias="from")
+    """Where the search begins, from the log: `x.meas`; 0 by default."""
+
+
+class InitialState(Variant):
+    """The value of a state before the first step; a lone expression is `value`."""
+
+    noun: ClassVar[str] = "an initial state"
+
+    value: ExpressionField | None = None
+    """An expression of the log: `x.meas`."""
+    fit: FittedStart | None = None
+    """Found by least squares for each run."""
+
+    @classmethod
+    def canonical(cls, node: Node, findings: Findings) -> Node:
+        named = isinstance(node, Table)
+        return super().canonical(node if named else single_key(node, "value"), findings)
+
+    @property
+    def expression(self) -> Expression | None:
+        """The value, or where the search for it begins."""
+        return self.value if self.fit is None else self.fit.begin
 
 
 class Input(Signal):
@@ -65,8 +104,8 @@ class State(Entry):
     """Derivative with respect to time."""
     next: ExpressionField | None = None
     """Value at t+1."""
-    init: ExpressionField | None = None
-    """Value before the first step, from the log: `x.meas`."""
+    init: InitialState | None = None
+    """Value before the first step, from the log: `x.meas`, or `{fit: {over: 20}}`."""
     history: ExpressionField | None = None
     """Values before the start, where windows reach back that far."""
     range: RangeField | None = None
@@ -76,6 +115,11 @@ class State(Entry):
     )
     """What becomes of a next value outside `range`: a report, its end, or `init`."""
     doc: Text | None = None
+
+    @property
+    def start(self) -> Expression | None:
+        """What `init` says of the value before the first step; None where it says nothing."""
+        return None if self.init is None else self.init.expression
 
     @property
     def range_policy(self) -> RangePolicy:

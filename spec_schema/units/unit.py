@@ -1,4 +1,4 @@
-"""Units of measurement: exponents of SI base units and of angle, scale, canonical text."""
+"""Represents units: exponents of SI base units and of angle, scale, canonical text."""
 
 import math
 from dataclasses import dataclass, field

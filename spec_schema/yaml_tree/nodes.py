@@ -1,4 +1,4 @@
-"""A spec file as a tree of nodes that know their places; what `yaml_reader` makes."""
+"""Represents a spec file as a tree of nodes that know their places."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What a plain scalar means: the core schema of YAML 1.2.2, section 10.3.2."""
+"""Gives plain scalars their meaning by the core schema of YAML 1.2.2, section 10.3.2."""
 
 import re
 

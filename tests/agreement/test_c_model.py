@@ -26,7 +26,7 @@ def test_states_that_are_set_are_there_and_act(sample: str, ring: Ring, tmp_path
     program = to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
     write_c(program, {}, tmp_path, COptions(dtype="float64", ring=ring))
     library = build_library(tmp_path, tmp_path / "model.so")
-    one, other = CStep(tmp_path, library), CStep(tmp_path, library)
+    one, other = CStep.of_folder(tmp_path, library), CStep.of_folder(tmp_path, library)
     random = np.random.default_rng(0)
     for model in (one, other):
         model.init()

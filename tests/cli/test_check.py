@@ -34,6 +34,16 @@ def test_a_blank_line_parts_warnings_from_what_follows(msnn: CommandLine, projec
     assert error.startswith("error[E1036]: ")
 
 
+def test_a_remark_is_a_note_of_check_alone(msnn: CommandLine, project: Path):
+    """Whether a force is held between samples only its author knows."""
+    change(project, "between: hold, ", "")
+    said = msnn("check", SPEC)
+    assert (said.code, said.out) == (0, SUMMARY)
+    assert said.err.startswith("note[W0748]: `F` is held between samples while `m`, `c`, `k` are")
+    assert msnn("check", "--format", "github", SPEC).err.startswith("::notice title=W0748,")
+    assert msnn("show", SPEC).err == ""
+
+
 def test_a_broken_spec_is_explained_on_stderr(msnn: CommandLine, project: Path):
     change(project, "k*x", "kk*x")
     said = msnn("check", SPEC)

@@ -86,7 +86,12 @@ _NOT_WHOLE = {
     "backends.c_language": {"functions", "helper_functions", "literals", "tree"},
     "backends.c_lowering": {"options"},
     "backends.ports": {"identifiers"},
-    "compiler.differentiation": {"gradient_nodes", "reverse_mode", "sums_of_squares"},
+    "compiler.differentiation": {
+        "estimated_starts",
+        "gradient_nodes",
+        "reverse_mode",
+        "sums_of_squares",
+    },
     "compiler.interpreter": {"constant_value", "never_finite", "operations"},
     "compiler.jacobian": {"matrices", "sparsity_pattern"},
     "msnn.agreement": {"judgement", "loaded", "record"},

@@ -98,7 +98,9 @@ def test_text_of_the_pass(name: str, accept: bool) -> None:
 
 def test_every_pass_has_its_text() -> None:
     modules = {path.stem for path in (ROOT / "compiler" / "passes").glob("[a-z]*.py")}
-    assert modules == set(CASES)
+    assert modules == set(CASES), (
+        "write a case of the pass in CASES of tests/compiler/test_passes.py"
+    )
     assert {run.__name__ for run in PASSES} <= set(CASES)
 
 

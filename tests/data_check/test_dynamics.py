@@ -127,6 +127,24 @@ def test_a_slow_input_has_no_power_at_high_frequencies():
     assert found.covered < 0.2
 
 
+@pytest.mark.parametrize("delay", [1, 3, 10])
+def test_a_response_begins_sharply_where_it_is_largest_at_once(delay: int):
+    found = checked(noisy(first_order(INPUTS["steps"], 20, delay), 0.02), INPUTS["steps"])
+    assert found.sharp == (True,)
+
+
+def test_a_response_that_rises_slowly_gives_a_limit_of_the_delay():
+    """Four lags of 10 rows one after the other answer like t³ at first, from row 1 on."""
+    y = INPUTS["white"]
+    for delay in (1, 0, 0, 0):
+        y = first_order(y, 10, delay)
+    found = checked(noisy(y, 0.02), INPUTS["white"])
+    (delay,) = found.delays
+    assert delay is not None
+    assert delay > 1
+    assert found.sharp == (False,)
+
+
 def test_what_weak_inputs_do_is_not_claimed():
     u = multisine(ROWS, 3)
     assert checked(noisy(first_order(u, 20, 4), 0.02), u).delays == (None,)

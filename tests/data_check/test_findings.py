@@ -17,8 +17,6 @@ from spec_schema.diagnostics.explain import known_codes
 from tests.cli.command_line import CommandLine
 from tests.data_check.systems import clock, first_order, held, multisine, noisy
 
-pytest_plugins = ["tests.cli.conftest"]
-
 SPEC = """
 msnn: 1
 name: plant
@@ -135,7 +133,11 @@ def unmoved(table: dict[str, FloatArray]) -> None:
         (uneven, "W0810", ("data.csv", "`resample: linear` under `data:`")),
         (milliseconds, "W0811", ("100 s apart", "unit: ms")),
         (with_gap, "W0812", ("5.1 s before row 1000", "`resample: none`")),
-        (twice, "W0813", ("1 rows of data.csv", "row 100")),
+        (
+            twice,
+            "W0813",
+            ("data.csv has rows that are at the time of the row before: one, row 100",),
+        ),
         (lacking, "W0814", ("2 of 3000", "`u`", "row 500 of data.csv", "`nan: split`")),
         (spiked, "W0815", ("a spike", "row 700 of data.csv", " K")),
         (cut, "W0816", ("largest value 300.8 K", "`filter: y < 300.8`")),
@@ -144,7 +146,7 @@ def unmoved(table: dict[str, FloatArray]) -> None:
         (empty, "W0818", ("`y` has no values in data.csv",)),
         (celsius, "W0819", ("below −120 °C", "unit: degC")),
         (late, "W0820", ("after 4 rows (0.4 s)", "read `u[t-3]`")),
-        (at_once, "W0820", ("in the same row", "write `predicts: y[t]`")),
+        (at_once, "W0820", ("in the same row", "`between: linear` at `u`", "`predicts: y[t]`")),
         (poor, "W0821", ("`u` excites ", "Hz")),
         (slow, "W0822", ("sample times; 10 to 30", "`every: 7`")),
         (slow, "W0824", ("40 rows", "`train.0.rollout.horizon: ")),

@@ -55,7 +55,9 @@ def _examples() -> tuple[Spec, Program, Program]:
 def _example(kind: str) -> str:
     """The example's lines of the spec, and what the program keeps for it."""
     spec, program, redrawn = _examples()
-    (name,) = (n for n, layer in spec.layers.items() if getattr(layer, kind) is not None)
+    names = [n for n, layer in spec.layers.items() if getattr(layer, kind) is not None]
+    assert names, f"declare a layer of kind {kind} in tests/docs/layers.yaml, and an output {kind}"
+    (name,) = names
     lines = [line.strip() for line in _EXAMPLES.read_text(encoding="utf-8").splitlines()]
     (declared,) = (line for line in lines if line.startswith(f"{name}: {{"))
     (called,) = (line for line in lines if line.startswith(f"{kind}: "))

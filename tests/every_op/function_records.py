@@ -61,7 +61,9 @@ SPECIAL: dict[str, list[tuple[float, ...]]] = {
 
 
 def function_records() -> dict[str, Record]:
-    """Records by the function's name; KeyError for a row of the table without a meaning here."""
+    """Records by the function's name; a row of the table must have its meaning here."""
+    missing = SCALAR_FUNCTIONS.keys() - (MEANINGS.keys() & SPECIAL.keys())
+    assert not missing, f"give {missing} their MEANINGS and SPECIAL in {__file__}"
     with np.errstate(all="ignore"):
         return {name: _record(name) for name in SCALAR_FUNCTIONS}
 

@@ -56,7 +56,9 @@ def _built(program: Program, options: COptions) -> CStep:
         folder = Path(name)
         write_c(program, {}, folder, options)
         library = build_library(folder, folder / "op.so", [compiler], ["-O1"])
-        return CStep(folder, library)  # once it is loaded the library's file is not needed
+        return CStep.of_folder(
+            folder, library
+        )  # once it is loaded the library's file is not needed
 
 
 def _values(ports: Iterable[Port], log: Log, t: int) -> Mapping[str, NDArray[Any]]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 import msnn
 from compiler.interpreter.interpreter import Interpreter
+from compiler.passes.close_loop import close_loop
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.exports.built_c import built_c
@@ -196,6 +197,22 @@ def test_a_delay_of_what_is_not_read_ahead_is_an_error(name: str, tmp_path: Path
     with pytest.raises(SpecError) as caught:
         checked_model(tmp_path / "rig.msnn.yaml")
     assert [d.code for d in caught.value.diagnostics] == ["E0227"]
+
+
+def test_a_late_loop_is_the_loop_of_an_earlier_sample(tmp_path: Path) -> None:
+    """The fed-back signal is known a sample earlier too, and no port."""
+    text = RIG.replace("slow: {", "x_log: {}\n  slow: {").replace(
+        'predicts: "x[t]"', 'predicts: "x_log[t+1]"'
+    )
+    text = text.replace("- 0.2 * slow[t-2]", "- 0.2 * slow[t-2] + 0.1 * x_log[t-1]")
+    program = close_loop(prune_outputs(model_of(tmp_path, text).program, ["y", "z"]), ["x_log"])
+    log, rows = log_of() | {"x_log": log_of()["w"] / 2}, np.array([4])
+    early, late = (
+        Interpreter(to_step_form(program, samples)).rollout(log, rows + samples, 20).outputs
+        for samples in (0, 1)
+    )
+    for name, values in early.items():
+        np.testing.assert_array_equal(late[name], values)
 
 
 def test_the_late_step_form_is_the_step_form_of_an_earlier_sample(tmp_path: Path) -> None:

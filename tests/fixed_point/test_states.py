@@ -35,7 +35,7 @@ def _built(folder: Path, text: str) -> tuple[IntegerProgram, CStep]:
     integers = integer_program(plan.program, initial_weights(plan.program), Q15)
     write_export(plan, {}, folder / "c")
     library = build_library(folder / "c", folder / "model.so", ["gcc"], ["-O1", "-Wall", "-Werror"])
-    return integers, CStep(folder / "c", library)
+    return integers, CStep.of_folder(folder / "c", library)
 
 
 @pytest.mark.parametrize("policy", ["flag", "saturate", "reset"])

@@ -17,6 +17,7 @@ from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judgement import FloatType
 from msnn.data.starts import reach
+from msnn.model.load import load_model
 from msnn.model.weights_file import initial_weights
 from tests.agreement.exported import checked, plan_of
 from tests.conditions import require_tool
@@ -221,6 +222,18 @@ def test_a_gradient_in_a_right_hand_side_is_that_at_the_stage() -> None:
     np.testing.assert_allclose(found, 0.1 * (27 - 1) / 2, rtol=1e-14)
 
 
+@pytest.mark.parametrize("u", ["u", "u[t]"])
+def test_a_gradient_at_a_stage_takes_samples_in_windows_as_given(u: str) -> None:
+    """y = u · (u[t-1] + u[t]): the slope in u is the sum, at every stage alike."""
+    text = f"""
+        inputs: {{u: {{between: linear}}}}
+        states: {{x: {{der: "grad(u * sum(u.past(2)), {u})"}}}}
+        outputs: {{y: next(x)}}
+        """
+    found = evaluated(text, {"u": [2.0, 1.0, 5.0]}, t=1)
+    np.testing.assert_allclose(found, 0.1 * 3, rtol=1e-14)
+
+
 TANK = """
 inputs: {inflow: {between: linear}}
 states: {level: {der: inflow - 0.5 * level, init: 1}}
@@ -321,8 +334,16 @@ def test_simulation_and_slopes_have_the_sample_at_the_end_of_the_step(tmp_path: 
         outputs: {y: next(x)}
         """
     model = model_of(tmp_path, text)
-    (found,) = msnn.simulate(model, {"u": np.arange(10.0)})
+    (found,), (kernel,) = (
+        msnn.simulate(model, {"u": F[:10]}, engine=engine) for engine in ("interpreter", "native")
+    )
     assert len(found.outputs["y"]) == 9
+    # a stable state: the promise of free runs
+    np.testing.assert_allclose(kernel.outputs["y"], found.outputs["y"], atol=1e-12)
+    stepped = msnn.stepper(load_model(tmp_path / "main.yaml", ["export={c: {dtype: float64}}"]))
+    for t in range(9):
+        y = stepped.step(u=F[t : t + 2])["y"]
+        np.testing.assert_allclose(y, found.outputs["y"][t], atol=1e-12)
     slopes = msnn.linearize(model, {"u": [1.0, 3.0]}, {"x": 0.5}).matrices
     # x + h (u[t]/2 + u[t+1]/2 - x - h/2 (u[t] - x)) with h = 0.1
     np.testing.assert_allclose(slopes["A"], [[1 - 0.1 + 0.005]], rtol=1e-14)

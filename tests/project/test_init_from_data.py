@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -15,14 +14,12 @@ from msnn import api
 from msnn.data.dataset import FloatArray
 from msnn.model.model_data import read_data
 from msnn.project.from_data.columns import columns_of
-from msnn.project.from_data.new_spec import spec_from_data
+from msnn.project.from_data.new_spec import TargetNotNamedError, spec_from_data
 from msnn.project.from_data.time_column import time_of
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.format_spec import format_spec
 from tests.cli.command_line import CommandLine
 from tests.data_check.systems import clock, first_order, held, noisy
-
-pytest_plugins = ["tests.cli.conftest"]
 
 ROWS = 600
 STEP = 0.1
@@ -342,4 +339,20 @@ def test_the_sample_project_gives_a_model_of_its_mass(made_project: Path, tmp_pa
     report = api.validate(model, api.train(model, runs=None).weights)
     x = np.loadtxt(file, delimiter=",", skiprows=1)[160:, 2]
     assert report.rows[1].value < 0.1 * np.std(x)
-    assert json.dumps(spec)
+
+
+DRONE = Path(__file__).resolve().parents[3] / "shared" / "data" / "quarter_drone"
+
+
+@pytest.mark.skipif(not DRONE.is_dir(), reason="the records are not beside this checkout")
+def test_records_of_a_real_drone_arm_in_closed_loop(tmp_path: Path):
+    """The command of its controller is an input; a free run of 20 s stays within 2 degrees."""
+    file = DRONE / "sinal4_multiseno_malha_fechada.csv"
+    with pytest.raises(TargetNotNamedError, match="outputs: Saida_y; like inputs: Referencia"):
+        spec_from_data("drone", file, tmp_path, None)
+    spec = spec_from_data("drone", file, tmp_path, "Saida_y").text
+    assert "from_Controle_u" in spec
+    (tmp_path / "drone.yaml").write_text(spec)
+    model = api.load(tmp_path / "drone.yaml")
+    report = api.validate(model, api.train(model, runs=None).weights)
+    assert report.rows[1].value < 2

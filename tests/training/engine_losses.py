@@ -9,6 +9,7 @@ from msnn.simulation.rollout import LossSum
 from msnn.training.engines.open_engine import open_engine
 from msnn.training.plans.stage_data import stage_data
 from msnn.training.plans.stage_plan import plan_stages
+from msnn.training.stage_starts import stage_starts
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.training.cases import compiled
 
@@ -28,6 +29,10 @@ def losses(
     findings.raise_errors()
     assert found is not None
     engine = open_engine(plans[0], data.series, weights, found).engine
+    starts = stage_starts(plans[0], data, lambda _: None)
+    if starts is not None:
+        engine.write(starts.for_watching(found.watched, engine.weights()), watched=True)
+        engine.write(starts.for_training(found.train, engine.weights()), watched=False)
     watched = engine.evaluate(found.watched)
     engine.begin_epoch(0, 1.0)
     trained = engine.train_batches(found.train, len(found.train))

@@ -13,6 +13,7 @@ from msnn.errors.failures import MissingExtraError
 from msnn.training.engines.devices import CPU, Device, find_device, on_device
 from msnn.training.engines.optimizer_state import placed_like
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from msnn.training.records.stage_record import stage_record
 from msnn.training.stage_loss_module import stage_loss
 from msnn.training.train import (
     TrainingInterruptedError,
@@ -138,7 +139,7 @@ def test_a_card_is_for_every_stage_that_does_not_insist_on_kernels() -> None:
 
 def test_the_device_is_part_of_a_run() -> None:
     (plan,) = on_device(plans(STAGES["adam"]), CARD, Findings())
-    assert plan.record()["device"] == "cuda"
+    assert stage_record(plan)["device"] == "cuda"
 
 
 def test_a_loaded_state_goes_where_the_optimiser_has_its_parts() -> None:

@@ -17,7 +17,7 @@ from backends.native.kernel_source import KernelSource
 from backends.native.sensitivity_source import SensitivitySource
 from compiler.differentiation.sensitivities import Sensitivities
 from compiler.differentiation.training_step import TrainingStep
-from msnn.training.engines.native.kernel_check import WrongKernelError
+from msnn.simulation.engines.kernel_trials import WrongKernelError
 from msnn.training.stage_loss_module import stage_loss
 from msnn.training.train import (
     TrainingInterruptedError,

@@ -21,11 +21,8 @@ from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
-from msnn.training.engines.native.kernel_check import (
-    WrongKernelError,
-    check_kernel,
-    check_sensitivities,
-)
+from msnn.simulation.engines.kernel_trials import WrongKernelError
+from msnn.training.engines.native.kernel_check import check_kernel, check_sensitivities
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, initial, log_of

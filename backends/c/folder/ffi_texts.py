@@ -1,4 +1,4 @@
-"""The Python file that calls generated code, and the loop over steps that it calls."""
+"""Writes the Python file that calls generated code, and the loop over steps that it calls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The text of every file of a generated folder, from one program in step form."""
+"""Writes the text of every file of a generated folder, from one program in step form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The public header: types with units, ranges and places in the spec, and the prototypes."""
+"""Writes the public header: types with units, ranges and places in the spec, prototypes."""
 
 from __future__ import annotations
 

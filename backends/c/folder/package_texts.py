@@ -1,4 +1,4 @@
-"""What build systems want beside the sources: Zephyr, Arduino and CMake find the same files."""
+"""Writes what Zephyr, Arduino and CMake want beside the sources; all find the same files."""
 
 from __future__ import annotations
 

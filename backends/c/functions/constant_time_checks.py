@@ -1,4 +1,4 @@
-"""What a step does about inputs outside their range, in the same instructions for every value."""
+"""Checks inputs against their range in the same instructions for every value."""
 
 from __future__ import annotations
 

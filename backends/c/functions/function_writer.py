@@ -1,4 +1,4 @@
-"""What every function of a controller begins with: its block, its names, where values stand."""
+"""Begins every function of a controller: its block, its names, where values are."""
 
 from __future__ import annotations
 

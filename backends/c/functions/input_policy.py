@@ -1,4 +1,4 @@
-"""What step and reset do about inputs outside their range, in C."""
+"""Checks inputs against their range in step and reset, and acts by their policy, in C."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The functions that an export with a Jacobian has beside the step."""
+"""Writes the functions that an export with a Jacobian has beside the step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Jacobian of a step in C: check inputs, write what is known, compute the rest."""
+"""Writes the Jacobian of a step in C: check inputs, write what is known, compute the rest."""
 
 from __future__ import annotations
 

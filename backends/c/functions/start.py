@@ -1,4 +1,4 @@
-"""The functions that set the states before the first step: `init` without data, `reset` with it."""
+"""Writes what sets the states before the first step: `init` without data, `reset` with it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What generated code does about states that left their range or are no numbers."""
+"""Reports in generated C states that left their range or are no numbers."""
 
 from __future__ import annotations
 

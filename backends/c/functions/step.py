@@ -1,4 +1,4 @@
-"""The step of a controller: check inputs, compute, give outputs, then commit all states at once."""
+"""Writes the step: check inputs, compute, give outputs, then commit all states at once."""
 
 from __future__ import annotations
 

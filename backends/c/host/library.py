@@ -17,13 +17,18 @@ Array = NDArray[Any]
 class CStep:
     """One instance of a model.
 
-    `folder` is what `write_c` wrote, `library` what `build_library` made of it. Values go by their
-    names in the spec, in the shape of the port. ValueError for a missing or unknown name or a wrong
-    shape.
+    `layout` is what the JSON file of the folder says of its C. Values go by their names in the
+    spec, in the shape of the port. ValueError for a missing or unknown name or a wrong shape.
+    `weights` take the place of the trained values in the library, where these are no part of its
+    code.
     """
 
-    def __init__(self, folder: Path, library: Path) -> None:
-        layout = _layout(folder)
+    def __init__(
+        self,
+        layout: Mapping[str, Any],
+        library: ctypes.CDLL,
+        weights: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
         self._prefix: str = layout["prefix"]
         types = _NUMBERS[layout["dtype"]]
         self.dtype = np.dtype(types.get("real", types.get("word")))
@@ -32,9 +37,16 @@ class CStep:
         """Bits of step and self-test by the names of their macros."""
         self._structs = {name: _Struct(fields, types) for name, fields in layout["structs"].items()}
         self._states: list[dict[str, Any]] = layout.get("states", [])
-        self._library = ctypes.CDLL(str(library))
+        self._library = library
         self._state = self._structs["state"].new(1)
-        self._parameters = self._default_parameters() if layout["takes_parameters"] else None
+        self._parameters: Array | None = None
+        if layout["takes_parameters"]:
+            self._parameters = self._own_parameters(weights)
+
+    @classmethod
+    def of_folder(cls, folder: Path, library: Path) -> CStep:
+        """An instance of what `write_c` wrote and `build_library` compiled."""
+        return cls(_layout(folder), ctypes.CDLL(str(library)))
 
     @property
     def start_shapes(self) -> dict[str, tuple[int, ...]]:
@@ -48,13 +60,13 @@ class CStep:
 
     def init(self) -> None:
         """Sets the states that need no data."""
-        self._function("init")(*self._instance())
+        self._function("init")(*self.instance)
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
         """Sets all states, from samples around the first step; its status bits."""
         start = self._structs["init"].filled(windows, 1)
         reset = self._function("reset", ctypes.c_uint32)
-        return int(reset(*self._instance(), start.ctypes.data))
+        return int(reset(*self.instance, start.ctypes.data))
 
     def step(self, inputs: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
         """Outputs and status bits of one step."""
@@ -69,7 +81,7 @@ class CStep:
         given = self._structs["in"].filled(inputs, steps)
         outputs = self._structs["out"].new(steps)
         status = np.zeros(steps, np.uint32)
-        instance = self._instance()
+        instance = self.instance
         if hasattr(self._library, f"{self._prefix}_run"):  # the loop of the FFI was built too
             addresses = (given.ctypes.data, outputs.ctypes.data, status.ctypes.data)
             self._function("run")(*instance, *addresses, steps)
@@ -85,7 +97,7 @@ class CStep:
         given = self._structs["in"].filled(inputs, 1)
         slopes = self._structs["jacobian"].new(1)
         call = self._function("linearize", ctypes.c_uint32)
-        status = call(*self._instance(), given.ctypes.data, slopes.ctypes.data)
+        status = call(*self.instance, given.ctypes.data, slopes.ctypes.data)
         values = self._structs["jacobian"].values(slopes)
         return {name: value[0] for name, value in values.items()}, int(status)
 
@@ -118,17 +130,29 @@ class CStep:
         for state in self._states:
             _set_value(state, self._state[0], np.asarray(values[state["name"]], self.dtype))
 
+    def word(self, field: str) -> int:
+        """A number of the state struct that the spec does not name."""
+        return int(self._state[0][field])
+
+    def set_word(self, field: str, value: int) -> None:
+        """Writes such a number."""
+        self._state[0][field] = value
+
     def selftest(self) -> int:
         """Bits of the self-test; 0 if all is well."""
         return int(self._function("selftest", ctypes.c_uint32)())
 
-    def _default_parameters(self) -> Array:
+    def _own_parameters(self, weights: Mapping[str, ArrayLike] | None) -> Array:
         struct = self._structs["params"]
+        if weights is not None:
+            return struct.filled({name: weights[name] for name in struct.shapes}, 1)
         first = ctypes.c_char.in_dll(self._library, f"{self._prefix}_params_default")
         text = ctypes.string_at(ctypes.addressof(first), struct.dtype.itemsize)
         return np.frombuffer(text, struct.dtype)
 
-    def _instance(self) -> tuple[int, ...]:
+    @property
+    def instance(self) -> tuple[int, ...]:
+        """The addresses that every function takes first."""
         state = self._state.ctypes.data
         return (state,) if self._parameters is None else (state, self._parameters.ctypes.data)
 

@@ -1,4 +1,4 @@
-"""What the header says beside each field: unit, limits, axes, meaning, line of the spec."""
+"""Describes each field of the header: unit, limits, axes, meaning, line of the spec."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the generated C shows to its user: its structs and their fields."""
+"""Plans what the generated C shows to its user: its structs and their fields."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Interface:
     windows: tuple[tuple[Field, Port], ...]
     """Raw samples around t0 that `reset` computes states from."""
     supplied: tuple[tuple[Field, State], ...]
-    """States that start from future samples: `reset` takes their values."""
+    """States that start from future samples, as fitted ones do: `reset` takes their values."""
     from_record: frozenset[str]
     """States that only `reset` can set; `init` cannot know them."""
     ready: str
@@ -126,6 +126,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
     """The interface of a program in step form; ValueError where it is not."""
     prefix = c_identifier(options.prefix or program.name, set())
     newest = _newest_of_record(program)
+    newest |= {state.name: 1 for state in program.states if state.fit_over is not None}
     supplied = {name for name, sample in newest.items() if sample > 0}
     computed = tuple(state for state in program.states if state.name not in supplied)
     step, start = step_interface(program), step_interface(replace(program, states=computed))

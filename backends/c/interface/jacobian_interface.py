@@ -1,4 +1,4 @@
-"""What the header shows of a Jacobian: its matrices, and where quantities begin in its vectors."""
+"""Plans what the header shows of a Jacobian: its matrices, and the places in its vectors."""
 
 from __future__ import annotations
 

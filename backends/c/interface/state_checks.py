@@ -1,4 +1,4 @@
-"""Which states a step looks at when it has computed them, and what it says of them."""
+"""Chooses the states that a step checks when it has computed them, and what it reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bits that `step`, `reset` and `selftest` return, on which a safety layer may act."""
+"""Defines the bits of `step`, `reset` and `selftest`, on which a safety layer may act."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which status bits a model can return: the header declares these and no others."""
+"""Finds which status bits a model can return: the header declares these and no others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The structs of the generated header, field by field in their order in memory."""
+"""Lays out the structs of the generated header, field by field in their order in memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Golden values of what copies structs into vectors, as C that compares them."""
+"""Compares, in C, copies of structs in vectors with their golden values."""
 
 from __future__ import annotations
 

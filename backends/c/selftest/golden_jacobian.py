@@ -1,4 +1,4 @@
-"""Golden Jacobians as C: compares the entries with what the interpreter says they are."""
+"""Writes golden Jacobians as C, which compares the entries with the interpreter's."""
 
 from __future__ import annotations
 

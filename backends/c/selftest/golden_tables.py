@@ -1,4 +1,4 @@
-"""Golden steps as C functions that hold tables: they feed the step and compare its results."""
+"""Writes golden steps as C functions that hold tables, feed the step and compare its results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Golden vectors as C: functions that hold them, feed the step with them and compare results."""
+"""Writes golden vectors as C functions, which feed the step with them and compare results."""
 
 from __future__ import annotations
 

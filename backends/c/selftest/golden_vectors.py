@@ -18,6 +18,7 @@ from backends.c.selftest.drawn_inputs import (
     drawn_series,
     knots_of,
 )
+from backends.c.selftest.first_steps import emptied, log_of_step, unset
 from backends.c.selftest.golden_starts import GoldenStart, golden_start
 from backends.c.selftest.policy_reference import apply_policy, first_held
 from backends.c.selftest.state_reference import (
@@ -111,14 +112,14 @@ def golden_vectors(
             seen[name], bits = checked[0], bits | checked[1]
             accepted[name][k] = seen[name]
         if start is None and interface.from_record and k == 0:
-            states = _emptied(interface, states)
+            states = emptied(interface, states)
         if linearized is not None:
-            slopes.append(linearized.matrices(*_log_of_step(interface, seen), states))
+            slopes.append(linearized.matrices(*log_of_step(interface, seen), states))
         if start is None and interface.from_record:
-            states = _unset(interpreter, interface, states, _log_of_step(interface, seen), k)
+            states = unset(interpreter, interface, states, log_of_step(interface, seen), k)
             waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
             bits |= Status.UNINITIALISED if waits else Status(0)
-        result = interpreter.step(*_log_of_step(interface, seen), states, losses=False)
+        result = interpreter.step(*log_of_step(interface, seen), states, losses=False)
         for name, values in outputs.items():
             values[k] = result.outputs[name][0]
         bits |= equation_bits(program, result.outputs, dtype)
@@ -158,47 +159,3 @@ def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
 
 def _one_after_the_other(series: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     return {name: np.concatenate([each[name] for each in series]) for name in series[0]}
-
-
-def _emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Array]:
-    """States as `init` leaves them: what only a record can give is 0."""
-    return {
-        name: np.zeros_like(value) if name in interface.from_record else value
-        for name, value in states.items()
-    }
-
-
-def _unset(
-    interpreter: Interpreter,
-    interface: Interface,
-    states: dict[str, Array],
-    log: tuple[dict[str, Array], int],
-    step: int,
-) -> dict[str, Array]:
-    """States after `init`: the first step fills buffers with its newest sample.
-
-    A buffer's sample may be computed from other buffers, so they are filled until none changes.
-    """
-    if step > 0:
-        return states
-    filled = dict(states)
-    for _ in interface.filled_by_first:
-        following = interpreter.step(*log, filled, losses=False).next_states
-        for name in interface.filled_by_first:
-            newest = following[name][..., -1:]
-            filled[name] = np.broadcast_to(newest, filled[name].shape).copy()
-    return filled
-
-
-def _log_of_step(interface: Interface, seen: Mapping[str, Array]) -> tuple[dict[str, Array], int]:
-    """A log, and the row in it that sees exactly the samples of one step."""
-    ports = {input.field.name: input.port for input in interface.inputs}
-    row = max([0, *(-port.first for port in ports.values())])
-    rows = row + 1 + max([0, *(port.last for port in ports.values())])
-    log: dict[str, Array] = {}
-    for name, port in ports.items():
-        values = seen[name]
-        samples = values[np.newaxis] if port.type.window is None else np.moveaxis(values, -1, 0)
-        log[name] = np.zeros((rows, *samples.shape[1:]), values.dtype)
-        log[name][row + port.first : row + port.last + 1] = samples
-    return log, row

@@ -1,4 +1,4 @@
-"""A hash of the bits of a Jacobian: all entries of many steps would be long files."""
+"""Hashes the bits of a Jacobian: all entries of many steps would be long files."""
 
 from __future__ import annotations
 

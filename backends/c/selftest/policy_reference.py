@@ -1,4 +1,4 @@
-"""What the input policies mean, in numpy: the judge of the checks in the generated C."""
+"""Applies the input policies in numpy: the judge of the checks in generated C."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The self-test that runs on the target, and the test program for the host."""
+"""Writes the self-test that runs on the target, and the test program for the host."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the checks of states and equations mean, in numpy: the judge of those in generated C."""
+"""Checks states and equations in numpy: the judge of those checks in generated C."""
 
 from __future__ import annotations
 

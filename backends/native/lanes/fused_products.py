@@ -74,6 +74,7 @@ def _expression(expression: Expression) -> Expression:
     match expression:
         case Binary("+" | "-" as operator, left, right):
             negative = operator == "-"
+            # a − b·c is fused(−b, c, a): a changed sign rounds nothing
             if (factors := _factors(right, negative=negative)) is not None:
                 return Call(FUSED, (*factors, _expression(left)))
             if (factors := _factors(left)) is not None:

@@ -1,4 +1,4 @@
-"""Where the values of a rollout stand: signals and buffers as arrays over time, never rings."""
+"""Places the values of a rollout: signals and buffers as arrays over time, never rings."""
 
 from __future__ import annotations
 
@@ -44,6 +44,8 @@ class LaneTape:
 
     def place(self, shape: tuple[int, ...], first: int, count: int | None) -> ArrayView:
         """Samples t+first … (`count` of them as the last axis of the shape, None for one)."""
+        # A row a time means that t+k is a fixed distance away: no index is taken modulo anything,
+        # and a window is a view that overlaps the one of the step before.
         offset = Index((first - self.first) * self.elements)
         if count is None:
             return ArrayView(Name(self.name), shape, c_strides(shape), offset)
@@ -68,6 +70,7 @@ class LaneMemory:
         for graph in (self.program.step, self.program.start):
             for log in (True, False):
                 for name, extent in extents(graph, log=log).items():
+                    # step and start get pointers to the same rows: they cover what either reads
                     before = found.get(name)
                     found[name] = before.union(extent) if before else extent
         taken: set[str] = set()

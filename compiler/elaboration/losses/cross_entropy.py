@@ -1,4 +1,4 @@
-"""`cross_entropy(logits, target)`: how improbable the recorded class is by the context."""
+"""Lowers `cross_entropy(logits, target)`: how improbable the recorded class is."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Losses: what of each sample is compared with what, and how it becomes a number (R9)."""
+"""Lowers losses: what of each sample is compared with what, and how it becomes a number (R9)."""
 
 from __future__ import annotations
 

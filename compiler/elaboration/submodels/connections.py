@@ -1,4 +1,4 @@
-"""What is connected to an input of a sub-model takes the input's dims and unit."""
+"""Gives what is connected to an input of a sub-model the input's dims and unit."""
 
 from __future__ import annotations
 

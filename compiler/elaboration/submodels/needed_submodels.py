@@ -1,4 +1,4 @@
-"""Which sub-models a value needs in the same step: those whose equations or states it reads."""
+"""Finds the sub-models that a value needs in the same step, by what its equations read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A step in integers: every value has proved bounds, and stands for integer · 2^−fraction."""
+"""Defines programs of integers: every value has proved bounds and means integer · 2^−fraction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the axes of two operands meet: by name, a missing one is broadcast (rule R3)."""
+"""Aligns the axes of two operands by name; a missing one is broadcast (R3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rule of each op: what its operands and its type must be to make a legal node."""
+"""Checks each op: what its operands and its type must be to make a legal node."""
 
 from __future__ import annotations
 

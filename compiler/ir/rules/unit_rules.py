@@ -1,4 +1,4 @@
-"""How units flow through the operations; an unknown unit (None) never conflicts."""
+"""Derives units through the operations; an unknown unit (None) never conflicts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The operations in which derivatives and definitions of scalar functions are written."""
+"""Declares the operations in which slopes and definitions of scalar functions are written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every scalar function of the language, one row each: meaning, derivative, units, spellings."""
+"""Lists every scalar function of the language: meaning, derivative, units, spellings."""
 
 from __future__ import annotations
 

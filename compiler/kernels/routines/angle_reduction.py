@@ -1,4 +1,4 @@
-"""An angle as quarter turns and a small rest in two words, exact enough for every finite angle."""
+"""Reduces an angle to quarter turns and a small rest in two words, for every finite angle."""
 
 from __future__ import annotations
 

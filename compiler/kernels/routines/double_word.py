@@ -1,4 +1,4 @@
-"""Arithmetic on numbers held as an unevaluated sum of two reals, and exact errors of + and ×.
+"""Calculates with unevaluated sums of two reals, and with the exact errors of + and ×.
 
 Algorithms of T. J. Dekker, "A floating-point technique for extending the available precision",
 Numerische Mathematik 18 (1971), and D. E. Knuth's two-sum.

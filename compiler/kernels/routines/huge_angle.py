@@ -1,4 +1,4 @@
-"""Reduction of huge angles with as many bits of 2/π as the angle needs, in integers.
+"""Reduces huge angles with as many bits of 2/π as the angle needs, in integers.
 
 After M. H. Payne and R. N. Hanek, "Radian reduction for trigonometric functions", ACM SIGNUM
 Newsletter 18 (1983): x = M·2^E with an integer M, and the bits of 2/π that give x·2/π a multiple

@@ -1,4 +1,4 @@
-"""The two IEEE 754 formats that a kernel is written for, and what a kernel must know of them."""
+"""Describes the two IEEE 754 formats that kernels are written for."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from compiler.kernels.tables.formats import RealName
 
-_HEXADECIMAL: dict[tuple[str, RealName], str] = {
+HEXADECIMAL: dict[tuple[str, RealName], str] = {
     ("acos", "float"): (
         "0x1.8a9d860000000p-1 0x1.a1965e0000000p-1 -0x1.d5d2c00000000p-3 0x1.c36ee40000000p-2"
     ),
@@ -263,5 +263,8 @@ _HEXADECIMAL: dict[tuple[str, RealName], str] = {
 
 def telling_arguments(kernel: str, real: RealName, arity: int) -> list[tuple[float, ...]]:
     """The arguments of a kernel, which takes `arity` of them, beside those of its branches."""
-    numbers = [float.fromhex(text) for text in _HEXADECIMAL[kernel, real].split()]
+    if (kernel, real) not in HEXADECIMAL:
+        message = f"run benchmarks/kernel_accuracy/choose_arguments.py {kernel}"
+        raise KeyError(message)
+    numbers = [float.fromhex(text) for text in HEXADECIMAL[kernel, real].split()]
     return [tuple(numbers[i : i + arity]) for i in range(0, len(numbers), arity)]

@@ -1,4 +1,4 @@
-"""What a kernel may do with symbolic values besides arithmetic and comparison."""
+"""Gives kernels what symbolic values can do besides arithmetic and comparison."""
 
 from __future__ import annotations
 

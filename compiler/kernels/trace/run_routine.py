@@ -120,6 +120,8 @@ class _Watch:
         first = _read(left, values, format)
         decided = ~first if statement.operation.operator is Operator.BOTH else first
         for number, (operand, watch) in enumerate(((left, self), (right, self.where(~decided)))):
+            # C stops at the first operand that decides: the second counts as looked at only
+            # elsewhere
             watch.tell((*which, number), _read(operand, values, format))
             if operand in self.joined:
                 watch._decide((*which, number), self.joined[operand], values, format)
@@ -150,6 +152,8 @@ def _run_block(
                     here, there = watch.where(holds), watch.where(~holds)
                 if holds.all():
                     _store(targets, _run_block(then, values, format, here), values)
+                # an array that takes one side does not compute the other, which is usually the dear
+                # one
                 elif not holds.any():
                     _store(targets, _run_block(otherwise, values, format, there), values)
                 else:

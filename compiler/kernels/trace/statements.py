@@ -1,4 +1,4 @@
-"""What a traced kernel consists of: the one form that numpy evaluates and C is made of.
+"""Defines the statements of a traced kernel, the one form that numpy evaluates and C is made of.
 
 A routine is straight-line code in single assignment with structured branches. Every operation is
 exact or correctly rounded by IEEE 754, so that executing the same statements in the same order

@@ -1,4 +1,4 @@
-"""A kernel as Python text, and the routine that tracing it gives."""
+"""Joins a kernel as Python text with the routine that tracing it gives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Symbolic values: arithmetic on them is recorded by the tracer that they belong to."""
+"""Records arithmetic on symbolic values in the tracer that they belong to."""
 
 from __future__ import annotations
 

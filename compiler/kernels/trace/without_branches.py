@@ -62,6 +62,8 @@ class _Flattening:
                 case Call(targets, routine, arguments):
                     self._statements.append(Call(targets, without_branches(routine), arguments))
                 case Branch(targets, condition, then, otherwise):
+                    # both blocks run for every argument; their locals have names of their own, so
+                    # none collide
                     first, second = self._flatten(then), self._flatten(otherwise)
                     for target, one, other in zip(targets, first, second, strict=True):
                         self._statements.append(Assign(target, Select(condition, one, other)))
@@ -71,6 +73,8 @@ class _Flattening:
 
     def _guarded(self, operation: Operation, kind: Kind) -> Operation:
         match operation:
+            # a real beyond the integers, an index beyond a table, a shift by the width or more: C
+            # leaves them undefined, and a block that is not chosen may now meet them
             case Convert(Local(_, Kind.REAL) as real):
                 return Convert(self._within(real, 2.0 ** _BITS[kind]))
             case Lookup(table, Local() as index):

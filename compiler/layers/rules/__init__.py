@@ -1,1 +1,1 @@
-"""What layers share: arguments, memory, arrays, initial fits."""
+"""Holds what layers share: arguments, memory, arrays, initial fits."""

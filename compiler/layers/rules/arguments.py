@@ -1,4 +1,4 @@
-"""How layers read their arguments: one value, a time window, or several values side by side."""
+"""Reads the arguments of layers: one value, a time window, or several values side by side."""
 
 from __future__ import annotations
 

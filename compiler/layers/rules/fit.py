@@ -1,4 +1,4 @@
-"""`fit:` of layers that are linear filters: what training makes them follow before it begins."""
+"""Declares what `fit:` makes a linear filter follow before training begins."""
 
 from __future__ import annotations
 

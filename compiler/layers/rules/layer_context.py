@@ -1,4 +1,4 @@
-"""What a layer has while it expands: the call, the graph, and the arrays that it learns."""
+"""Gives a layer what it needs to expand: the call, the graph, and the arrays that it learns."""
 
 from __future__ import annotations
 

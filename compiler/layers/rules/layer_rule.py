@@ -1,4 +1,4 @@
-"""What a kind of layer is to the compiler: its settings, how it reads arguments, its expansion."""
+"""Joins a kind of layer to its settings, its way to read arguments, and its expansion."""
 
 from __future__ import annotations
 

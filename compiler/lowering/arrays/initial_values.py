@@ -1,4 +1,4 @@
-"""The initial values of a learnable array: numbers, formulas of the index, draws, shapes, files."""
+"""Makes the initial values of an array: numbers, formulas of the index, draws, shapes, files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random numbers for initial values: different for every array, the same on every machine."""
+"""Draws initial values by an array's name: different for each, the same on every machine."""
 
 from __future__ import annotations
 

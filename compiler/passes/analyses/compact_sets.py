@@ -40,6 +40,7 @@ def compact_sets(graph: Graph) -> dict[NodeId, CompactSets]:
             (axis,) = graph[found.points].type.axes
             make = _FORMULAS[found.shape]
             again[index] = (make(FuzzySets(builder, found.value, axis, found.points)), found)
+    # the formula written here and the one of the program are equal where folding gives one node
     _, copies = folded(builder.graph()) if again else (graph, {})
     return {index: found for index, (made, found) in again.items() if copies[made] == copies[index]}
 
@@ -116,10 +117,13 @@ def _compared(
 def _support(graph: Graph, node: Node, known: list[dict[str, NodeId]]) -> dict[str, NodeId]:
     operands = [known[arg] for arg in node.args]
     match node.op:
+        # 0 times a finite number is 0, whichever factor is
         case ops.Multiply():
             return _both(*operands)
         case ops.Broadcast() | ops.Negate():
             return operands[0]
+        # −0 + 0 is +0: `settle_zeros` adds it, so that what is left out has the sign of what is
+        # there
         case ops.Add() if is_positive_zero(graph, node.args[1]):
             return operands[0]
         case ops.Reshape():
@@ -128,6 +132,7 @@ def _support(graph: Graph, node: Node, known: list[dict[str, NodeId]]) -> dict[s
                 return {}
             names = dict(zip(old.axis_names, new.axis_names, strict=True))
             return {names[axis]: sets for axis, sets in operands[0].items()}
+        # sums over the axis itself are where sets may be left out; behind them the axis is gone
         case ops.Slice(axis) | ops.Sum(axis):
             return {name: sets for name, sets in operands[0].items() if name != axis}
         case ops.Contract(axis):

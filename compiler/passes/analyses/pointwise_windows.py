@@ -49,6 +49,8 @@ def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Sa
                 if name in buffers:
                     count = node.type.axes[-1].size
                     sampled[index] = Sampled(name, 0, count, isinstance(node.op, ops.Window))
+            # a log is not shifted by the step: what is made of it is no function of buffered
+            # samples
             case ops.ReadSamples():
                 pass
             case _ if all(arg in fixed for arg in node.args):
@@ -79,6 +81,7 @@ def at_samples(
         axes = tuple(axis for axis in found.type.axes if axis.name != WINDOW)
         if count is not None and found.type.window is not None:
             axes = (*axes, Axis(WINDOW, count))
+        # a number repeated for each sample was broadcast to the old window: take it before that
         if index in work.fixed:
             repeated = found.type.window is not None
             fixed = _copied(builder, graph, found.args[0] if repeated else index, copies)
@@ -86,6 +89,7 @@ def at_samples(
         elif isinstance(found.op, ops.Window | ops.ReadState):
             made[index] = samples
         elif isinstance(found.op, ops.Slice) and found.op.axis == WINDOW:
+            # which samples a slice takes is said by `Sampled`, not by the function of one sample
             made[index] = made[found.args[0]]
         elif isinstance(found.op, ops.Broadcast):
             made[index] = builder.broadcast(made[found.args[0]], axes)
@@ -149,6 +153,7 @@ def _of_operands(
     """The samples that all operands are made of, besides what is the same for every sample."""
     found = [sampled[arg] for arg in node.args if arg in sampled]
     others = [arg for arg in node.args if arg not in sampled]
+    # x[t-1] + x[t] is made of two samples: only operands with the same samples make f(x)
     spans = {replace(operand, calls=False) for operand in found}
     if len(spans) != 1 or not all(arg in fixed and _repeated(graph, arg) for arg in others):
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,7 @@ from msnn.cli.arguments import (
     OutputFormat,
     PlotFile,
     ResultFormat,
+    RolloutEngine,
     RunsFolder,
     Settings,
     SpecFile,
@@ -42,6 +44,7 @@ def simulate(
     runs: RunsFolder = RUNS,
     data_root: DataRoot = None,
     settings: Settings = None,
+    engine: RolloutEngine = "auto",
     horizon: Annotated[
         str, typer.Option(metavar="record|N", help="Steps of each run; default: whole records.")
     ] = "record",
@@ -59,6 +62,7 @@ def simulate(
     """
     from msnn import api
     from msnn.cli.console import json_result, note, report, result
+    from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
     from msnn.simulation.simulate import simulation_program
@@ -75,9 +79,17 @@ def simulate(
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     steps = None if horizon == "record" else int(horizon)
-    found = api.simulate(
-        model, data, chosen.weights, horizon=steps, data_root=data_root, data_set=data_set
-    )
+    with StepProgress(sys.stderr) as progress:
+        found = api.simulate(
+            model,
+            data,
+            chosen.weights,
+            horizon=steps,
+            data_root=data_root,
+            data_set=data_set,
+            engine=engine,
+            progress=progress.told,
+        )
     report(found.warnings, model.sources)
     program = simulation_program(model.program)
     write_simulation(out, program, found)

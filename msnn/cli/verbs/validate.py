@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,7 @@ from msnn.cli.arguments import (
     OutputFormat,
     PlotFile,
     ResultFormat,
+    RolloutEngine,
     RunsFolder,
     Settings,
     SpecFile,
@@ -31,6 +33,7 @@ def validate(
     runs: RunsFolder = RUNS,
     data_root: DataRoot = None,
     settings: Settings = None,
+    engine: RolloutEngine = "auto",
     junit: Annotated[
         Path | None,
         typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, a test a limit."),
@@ -46,8 +49,10 @@ def validate(
     """
     from msnn import api
     from msnn.cli.console import json_result, note, report, result
+    from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
+    from msnn.validation.errors_report import regions_table, residuals_table
     from msnn.validation.report import (
         curves_table,
         junit_text,
@@ -63,7 +68,10 @@ def validate(
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
-    found = api.validate(model, chosen.weights, data_root=data_root)
+    with StepProgress(sys.stderr) as progress:
+        found = api.validate(
+            model, chosen.weights, data_root=data_root, engine=engine, progress=progress.told
+        )
     report(found.warnings, model.sources)
     if junit is not None:
         from backends.files.atomic_write import write_text
@@ -72,7 +80,13 @@ def validate(
     if format is ResultFormat.JSON:
         json_result("validate", metrics_record(found))
     else:
-        tables = (metrics_table(found), measurements_table(found), curves_table(found))
+        tables = (
+            metrics_table(found),
+            measurements_table(found),
+            curves_table(found),
+            residuals_table(found.measurements),
+            regions_table(found.measurements),
+        )
         result("\n\n".join(table for table in tables if table))
     if plot is not None:
         from msnn.reports.plotting import plot_validation

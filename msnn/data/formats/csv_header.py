@@ -1,4 +1,4 @@
-"""The header of a CSV file: names of columns, their order, and the delimiter that would fit."""
+"""Reads the header of a CSV file: names of columns, and the delimiter that would fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which formats data files may have, by suffix, and what must be installed to read each."""
+"""Lists the formats of data files by suffix, and what must be installed to read each."""
 
 from __future__ import annotations
 

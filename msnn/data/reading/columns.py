@@ -1,4 +1,4 @@
-"""Which columns feed each signal of a program, and how their numbers become the signal's."""
+"""Chooses the columns that feed each signal, and converts their numbers to the signal's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The files that entries of `validate:` name: sets of their own, laid out like the spec's data."""
+"""Reads the files that entries of `validate:` name, as sets of their own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data of a session in place of files: frames of pandas or polars, mappings of arrays."""
+"""Reads data of a session in place of files: frames of pandas or polars, mappings of arrays."""
 
 from __future__ import annotations
 

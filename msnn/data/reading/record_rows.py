@@ -1,4 +1,4 @@
-"""The rows of one record: picked by `from`, `to` and `every`, resampled or checked for gaps."""
+"""Picks the rows of one record by `from`, `to` and `every`, resampled or checked for gaps."""
 
 from __future__ import annotations
 

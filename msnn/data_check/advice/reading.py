@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from compiler.ir.program import Output, Role
 from msnn.data.reading.rows import GAP_TOLERANCE
@@ -35,7 +35,7 @@ def reading_findings(model: Model, system: CheckedSystem) -> Iterator[Diagnostic
             if predicts is not None and predicts.signal == target.channel.signal.name:
                 yield from _delays(model, system, target, output)
                 yield from _window(model, system, target, output)
-        yield from _horizon(model, target)
+    yield from _horizon(model, system.targets)
 
 
 def _sampling(target: CheckedTarget, constants: TimeConstants, step: float) -> Iterator[Diagnostic]:
@@ -52,9 +52,9 @@ def _delays(
 ) -> Iterator[Diagnostic]:
     assert output.predicts is not None
     read = reads(model.program.step, [output.node])
-    for channel, delay in zip(system.inputs, target.found.delays, strict=True):
-        extent = read.get(channel.signal.name)
-        if delay is None or extent is None:
+    for number, channel in enumerate(system.inputs):
+        delay, extent = target.found.delays[number], read.get(channel.signal.name)
+        if delay is None or extent is None or not target.found.sharp[number]:
             continue
         ahead = output.predicts.ahead
         newest = ahead - delay
@@ -104,22 +104,27 @@ def _windows(model: Model) -> list[str]:
     ]
 
 
-def _horizon(model: Model, target: CheckedTarget) -> Iterator[Diagnostic]:
-    constants = target.found.constants
+def _horizon(model: Model, targets: Sequence[CheckedTarget]) -> Iterator[Diagnostic]:
+    """Of models that feed back what they predict: a rollout must last as long as a motion."""
     inputs = {s.name for s in model.program.signals if s.role is Role.INPUT}
-    fed_back = target.channel.signal.name in inputs or bool(model.program.states)
-    if constants is None or not math.isfinite(constants.slowest) or not fed_back:
-        return
+    moving = [
+        (target.found.constants.slowest, target.channel.name)
+        for target in targets
+        if target.found.constants is not None
+        and (target.channel.signal.name in inputs or model.program.states)
+        and math.isfinite(target.found.constants.slowest)
+    ]
     longest: tuple[int, int] | None = None
     for plan in plan_stages(model.program, model.spec.train, Findings()):
         if isinstance(plan.rollout.horizon, str):
             return
         if longest is None or plan.rollout.horizon >= longest[0]:
             longest = plan.rollout.horizon, plan.index
-    if longest is not None and longest[0] < constants.slowest:
+    slowest, name = max(moving, default=(0.0, ""))
+    if longest is not None and longest[0] < round(slowest):
         yield errors.short_horizon(
-            signal=target.channel.name,
+            signal=name,
             horizon=longest[0],
-            constant=constants.slowest,
+            constant=slowest,
             key=f"train.{longest[1]}.rollout.horizon",
         )

@@ -18,8 +18,8 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _COARSE = 0.01
 """Rounding of so much of a signal's deviation is seen in a `fit` in percent."""
-_LITTLE = 0.25
-"""Of a declared range: a model that has seen less of it mostly extrapolates."""
+_LITTLE = 0.1
+"""Of a declared range: these are declared with room, but who has seen less knows little."""
 
 
 def sampling_findings(

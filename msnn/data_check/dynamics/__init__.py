@@ -1,1 +1,1 @@
-"""What columns of a log show together: responses, delays, time constants, excitation."""
+"""Finds what columns of a log show together: responses, delays, time constants, excitation."""

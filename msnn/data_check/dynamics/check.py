@@ -25,6 +25,8 @@ class TargetCheck:
     responses: Responses | None
     delays: tuple[int | None, ...]
     """None where no response is visible, or the input excites too little to tell."""
+    sharp: tuple[bool, ...]
+    """Whether the response begins with the delay, or only has begun by then."""
     constants: TimeConstants | None
     feedback: tuple[float | None, ...]
 
@@ -63,6 +65,7 @@ def check_target(
         rows=rows_of(pieces),
         responses=found,
         delays=tuple(delays),
+        sharp=tuple(found is not None and found.begins_sharply(i) for i in range(count)),
         constants=None if found is None else time_constants(pieces, found),
         feedback=tuple(feedback(pieces, number) for number in range(count))
         if found

@@ -19,6 +19,10 @@ _OWN = 20
 _ROWS_A_NUMBER = 5
 _MOST_NUMBERS = 400
 """Of one fit: its time grows with their square."""
+_SHARPNESS = 3.0
+"""A response that rises out of the band goes through once and twice the band before."""
+_SHARE_AT_ONCE = 0.1
+"""Less in the same row is what sampling and holding of inputs leave of the next one."""
 _NEGLIGIBLE = 0.01
 """Of the largest value of a response: less is what a linear model leaves of another one."""
 
@@ -44,6 +48,20 @@ class Responses:
         least = np.maximum(self.factor * self.errors[number], _NEGLIGIBLE * values.max())
         beyond = np.flatnonzero(values > least)
         return int(beyond[0]) if len(beyond) else None
+
+    def begins_sharply(self, number: int) -> bool:
+        """Whether the response begins with the delay: nothing of its size could hide before it.
+
+        One that rises slowly out of the band may have begun earlier; its delay is a limit only.
+        """
+        delay = self.delay(number)
+        if delay is None:
+            return False
+        values = np.abs(self.values[number])
+        if delay == 0:
+            return bool(values[0] > _SHARE_AT_ONCE * values.max())
+        hidden = self.factor * self.errors[number, :delay].max()
+        return bool(values[delay] > _SHARPNESS * hidden)
 
     def settled(self, number: int, share: float = 0.02) -> int | None:
         """The lag after which the response to a step stays within a share of its span.

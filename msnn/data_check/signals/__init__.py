@@ -1,1 +1,1 @@
-"""What one column of a log shows by itself: its rows, its values, its faults."""
+"""Finds what one column of a log shows by itself: its rows, its values, its faults."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Matrix
-from msnn.agreement.judgement import Arrays, Beginning, Promise
+from msnn.agreement.judgement import Arrays, Beginning
 from msnn.agreement.loaded import Loaded, Slopes, loaded_by_steps, stacked
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, float_plan
@@ -63,7 +63,6 @@ TARGET: Target[CasadiExport, None] = Target(
     entry=CasadiExport,
     dtype="float64",
     options=None,
-    promise=lambda dtype: Promise.ROUNDING,
     prepare=_prepare,
     write=_write,
     load=_load,

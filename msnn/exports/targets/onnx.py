@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from msnn.agreement.judgement import Arrays, Beginning, Promise
+from msnn.agreement.judgement import Arrays, Beginning
 from msnn.agreement.loaded import Loaded, loaded_by_steps, stacked
 from msnn.exports.prepare import float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
@@ -48,7 +48,6 @@ TARGET: Target[OnnxExport, None] = Target(
     entry=OnnxExport,
     dtype="float64",
     options=None,
-    promise=lambda dtype: Promise.ROUNDING,
     prepare=_prepare,
     write=_write,
     load=_load,

@@ -24,7 +24,7 @@ _LONGEST_ROLLOUT = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Baseline:
-    """y[t+1] = Σ aᵢ y[t+1−i] + Σⱼ Σᵢ bⱼᵢ uⱼ[t+1−dⱼ−i] + c."""
+    """y[t+1] = Σ aᵢ y[t−i] + Σⱼ Σᵢ bⱼᵢ uⱼ[t+1−dⱼ−i] + c, i from 0 to order − 1."""
 
     order: int
     delays: tuple[int, ...]
@@ -49,13 +49,19 @@ def choose_baseline(
     pieces = pieces_of(target.values, table, follows)
     found = responses(pieces)
     delays = [None if found is None else found.delay(i) for i in range(len(inputs))]
-    used = tuple(max(delay or 1, 1) for delay in delays)
-    delayed = table.copy()
-    for column, delay in enumerate(used):
-        delayed[:, column] = _later(table[:, column], delay - 1)
+    sharp = [found is not None and found.begins_sharply(i) for i in range(len(inputs))]
+    seen = tuple(max(delay or 1, 1) for delay in delays)
+    # a response that rises slowly has begun earlier, or rises after a delay
+    least = tuple(delay if s else 1 for delay, s in zip(seen, sharp, strict=True))
     cut = int(len(follows) * (1 - _VALIDATION))
-    train = pieces_of(target.values[:cut], delayed[:cut], follows[:cut])
-    order = _order(train, pieces_of(target.values, delayed, follows))
+    tried: list[tuple[float, int, tuple[int, ...]]] = []
+    for used in dict.fromkeys((least, seen)):
+        delayed = table.copy()
+        for column, delay in enumerate(used):
+            delayed[:, column] = _later(table[:, column], delay - 1)
+        train = pieces_of(target.values[:cut], delayed[:cut], follows[:cut])
+        tried.append((*_order(train, pieces_of(target.values, delayed, follows)), used))
+    _, order, used = min(tried, key=lambda one: one[0])
     late = target.values[cut:]
     return Baseline(
         order=order,
@@ -68,16 +74,17 @@ def choose_baseline(
     )
 
 
-def _order(train: Sequence[Piece], pieces: Sequence[Piece]) -> int:
+def _order(train: Sequence[Piece], pieces: Sequence[Piece]) -> tuple[float, int]:
+    """The error of the smallest order that is about as good as the best, and that order."""
     errors: dict[int, float] = {}
     for order in _ORDERS:
         model = fit_arx(train, Orders(order, order, first=1))
         if model is not None and np.all(np.abs(np.roots(model.denominator)) < 1):
             errors[order] = sum(_simulation_error(model, piece) for piece in pieces)
     if not errors:
-        return 2
+        return np.inf, 2
     best = min(errors.values())
-    return next(order for order, error in errors.items() if error <= _AS_GOOD**2 * best)
+    return next((e, order) for order, e in errors.items() if e <= _AS_GOOD**2 * best)
 
 
 def _simulation_error(model: Arx, piece: Piece) -> float:

@@ -1,4 +1,4 @@
-"""The random factors of dropout, one series a mask: a counter decides them, the same ones ever."""
+"""Draws the factors of dropout, one series a mask, by a counter: the same ones ever."""
 
 from __future__ import annotations
 

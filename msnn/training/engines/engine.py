@@ -1,4 +1,4 @@
-"""What a training engine must do; stages drive any engine through this interface alone."""
+"""Defines what a training engine must do; stages drive any engine through this alone."""
 
 from __future__ import annotations
 
@@ -53,6 +53,10 @@ class Engine(Protocol):
 
         The same however often it is asked; each `attempt` at the stage has its own.
         """
+        ...
+
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
+        """Replaces series by which runs start: of those that are watched, or trained on."""
         ...
 
     def order(self, count: int, key: int) -> IntArray:

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: damped Gauss-Newton steps on all rollouts of a stage at once.
+"""Steps by Levenberg-Marquardt: damped Gauss-Newton on all rollouts of a stage at once.
 
 A step δ of the raw variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F
 and 2A its curvature without second derivatives of residuals. D is the largest diagonal of A so far
@@ -9,8 +9,7 @@ Residuals whose slopes are infinite have no share in A and g, but one in F.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,6 +19,8 @@ from compiler.ir.program import Parameter
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.engines.joint_starts import JointStarts
+from msnn.training.engines.normal_equations import Model, in_raw_variables
 from msnn.training.engines.quadratic_terms import quadratic_terms
 from msnn.training.engines.squares import Squares, loss_sums_of
 from msnn.training.plans.epoch_order import shuffled
@@ -28,29 +29,10 @@ from spec_schema.sections.training.optimizers import LevenbergMarquardt
 
 NAME = "levenberg_marquardt"
 
+Weights = Mapping[str, FloatArray]
+
 _MOST_DAMPING = 1e16
 """Times the curvature: a step that is so much shorter is lost in the rounding of the variables."""
-
-_ROUNDED = 1e-9
-"""Part by which two sums of the factors of the same rows may differ."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Model:
-    """The total near the raw variables: F + 2gᵀδ + δᵀAδ, in variables scaled by 1/√D."""
-
-    total: float
-    slope: FloatArray
-    curvatures: FloatArray
-    """Eigenvalues of A, none below 0."""
-    directions: FloatArray
-    """Their eigenvectors, in columns."""
-
-    def step(self, damping: float) -> tuple[FloatArray, float]:
-        """The scaled step at this damping, and how much the model of the total falls by it."""
-        along = -(self.directions.T @ self.slope) / (self.curvatures + damping)
-        fall = float(np.sum(along * along * (self.curvatures + 2.0 * damping)))
-        return self.directions @ along, fall
 
 
 class LevenbergMarquardtEngine:
@@ -79,17 +61,22 @@ class LevenbergMarquardtEngine:
             p.name for p, (_, off) in zip(self._parameters, raws, strict=True) if off
         )
         self._raw = np.concatenate([raw.ravel() for raw, _ in raws])
+        self._learned = len(self._raw)
+        self._joint = JointStarts(plan, series) if plan.estimates_starts else None
+        self._begun: Weights = {}  # series of the starts with which runs begin
+        self._started: Runs | None = None  # whose starts are the last variables, in their order
+        self._watches_training = True
         self._largest = np.zeros_like(self._raw)
-        self._damping = self._options.damping
-        self._growth = 2.0
+        self._damping, self._growth = self._options.damping, 2.0
         self.finished: str | None = None
         self._ahead: tuple[Runs, Mapping[str, Products]] | None = None
         """The products at the present variables, where the last step has looked at them."""
-        self._squares = squares(plan, series, train_rows, evaluation_rows)
+        as_squares = plan if self._joint is None else self._joint.plan
+        self._squares = squares(as_squares, series, train_rows, evaluation_rows)
 
     def check(self, runs: Runs) -> None:
         """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
-        self._squares.check(runs, self.weights())
+        self._squares.check(runs, self._all(self.weights()))
 
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
@@ -97,6 +84,15 @@ class LevenbergMarquardtEngine:
 
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0) -> None:
         """Nothing: it leaves nothing out, as its steps compare totals, and has no rate."""
+
+    def write(self, series: Weights, *, watched: bool) -> None:
+        """Replaces series by which runs start; those that are variables begin there."""
+        if watched:
+            self._watches_training = False
+        else:
+            self._begun, self._ahead = series, None
+        if watched or self._joint is None:
+            self._squares.write(series, watched=watched)
 
     def train_batches(
         self,
@@ -112,6 +108,7 @@ class LevenbergMarquardtEngine:
         if self.finished is not None:  # with other rollouts it goes on
             self.finished, self._damping, self._growth = None, self._options.damping, 2.0
         in_order = runs.take(np.argsort(runs.t0, kind="stable"))  # so that sums do not shuffle
+        self._begin(in_order)
         products = self._products(in_order)
         if not self._is_finite(products):
             raise NonFiniteLossError(runs, self._without_slopes(products))
@@ -126,7 +123,11 @@ class LevenbergMarquardtEngine:
 
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of these rollouts at the current weights, on the rows that count."""
-        return self._squares.watched_costs(runs, self.weights())
+        if self._joint is not None and self._watches_training:
+            in_order = runs.take(np.argsort(runs.t0, kind="stable"))
+            self._begin(in_order)
+            return self._costs_at(in_order, self._raw)
+        return self._squares.watched_costs(runs, self._all(self.weights()))
 
     def state(self) -> EngineState:
         """Raw variables, scales and damping as they are now."""
@@ -136,7 +137,10 @@ class LevenbergMarquardtEngine:
             "growth": self._growth,
             "finished": self.finished,
         }
-        return EngineState({"raw": self._raw.copy(), "largest": self._largest.copy()}, structure)
+        arrays = {"raw": self._raw.copy(), "largest": self._largest.copy()}
+        if self._started is not None:
+            arrays |= {n: getattr(self._started, n).astype(float) for n in ("t0", "steps")}
+        return EngineState(arrays, structure)
 
     def restore(self, state: EngineState) -> None:
         """Goes back to a state of the same stage; KeyError or ValueError for any other."""
@@ -149,18 +153,49 @@ class LevenbergMarquardtEngine:
         self._growth = float(state.structure["growth"])
         self.finished = state.structure["finished"]
         self._ahead = None
+        if "t0" in state.arrays:
+            t0, steps = (state.arrays[name].astype(np.int64) for name in ("t0", "steps"))
+            self._started = Runs(t0, steps, 0, 0)
 
-    # ---- one step
+    def _begin(self, runs: Runs) -> None:
+        """Takes the starts of other runs as variables than so far."""
+        if self._joint is None or (self._started is not None and self._started.begin_as(runs)):
+            return
+        n, starts = self._learned, self._joint.flat(self._begun, runs.t0)
+        self._raw = np.append(self._raw[:n], starts)
+        self._largest = np.append(self._largest[:n], np.zeros_like(starts))
+        self._started, self._ahead = runs, None
+
+    def _all(self, weights: Weights) -> Weights:
+        """The weights of the program that the squares are of."""
+        return weights if self._joint is None else self._joint.moved(weights)
+
+    def _products_at(self, runs: Runs, raw: FloatArray) -> Mapping[str, Products]:
+        weights = self._weights_at(raw)
+        if self._joint is None:
+            return self._squares.products(runs, weights)
+        self._write_starts(runs, raw)
+        return self._joint.products(self._squares, runs, weights)
+
+    def _costs_at(self, runs: Runs, raw: FloatArray) -> LossSums:
+        self._write_starts(runs, raw)
+        return self._squares.train_costs(runs, self._all(self._weights_at(raw)))
+
+    def _write_starts(self, runs: Runs, raw: FloatArray) -> None:
+        if self._joint is not None:
+            series = self._joint.series(raw[self._learned :], runs.t0)
+            self._squares.write(series, watched=False)
 
     def _products(self, runs: Runs) -> Mapping[str, Products]:
         """The products at the present variables."""
-        if self._ahead is not None and _same(self._ahead[0], runs):
+        if self._ahead is not None and self._ahead[0].begin_as(runs):
             return self._ahead[1]
-        return self._squares.products(runs, self.weights())
+        return self._products_at(runs, self._raw)
 
     def _is_model(self, products: Mapping[str, Products]) -> bool:
         """Whether a next step follows from these."""
-        return self._is_finite(products) and not _nothing_left(self._counting(products))
+        nothing = all(one.is_left_out for one in self._counting(products))
+        return self._is_finite(products) and not nothing
 
     def _is_finite(self, products: Mapping[str, Products]) -> bool:
         """Whether a step can be made of these; rows of losses that do not count may be anything."""
@@ -168,20 +203,21 @@ class LevenbergMarquardtEngine:
             np.isfinite(one.cost)
             and np.isfinite(one.slope).all()
             and np.isfinite(one.curvature).all()
+            and (one.starts is None or np.isfinite(one.starts.curvature).all())
             for one in self._counting(products)
         )
 
     def _note_left_out(self, products: Mapping[str, Products]) -> None:
         counting = self._counting(products)
         self.has_left_out = self.has_left_out or any(one.left_out for one in counting)
-        self.left_out = int(bool(counting) and _nothing_left(counting))
+        self.left_out = int(bool(counting) and all(one.is_left_out for one in counting))
 
     def _without_slopes(self, products: Mapping[str, Products]) -> tuple[str, ...]:
         """The parameters in which a loss has no finite slope though its value is one."""
         counting = self._counting(products)
         if not all(np.isfinite(one.cost) for one in counting):
             return ()
-        bad = np.zeros(len(self._raw), bool)
+        bad = np.zeros(self._learned, bool)
         for one in counting:
             bad |= ~np.isfinite(one.slope) | ~np.isfinite(np.diagonal(one.curvature))
         return tuple(p.name for p, part in self._parts(bad) if part.any())
@@ -193,41 +229,34 @@ class LevenbergMarquardtEngine:
             if weight and products[name].count
         ]
 
-    def _model(self, products: Mapping[str, Products]) -> _Model:
-        physical_by_raw = self._slopes_of_physical()
-        slope, curvature = np.zeros_like(self._raw), np.zeros((len(self._raw),) * 2)
-        total = 0.0
-        for name, weight in self._plan.loss_weights.items():
-            found = products[name]
-            if weight and found.count:
-                share = weight / found.count
-                total += share * found.cost
-                slope += share * found.slope * physical_by_raw
-                curvature += share * found.curvature * np.outer(physical_by_raw, physical_by_raw)
-        known = quadratic_terms(self._raw, self._plan.weight_decay)
-        total += known.value
-        slope += known.slope
-        curvature += np.diag(known.curvature)
-        self._largest = np.maximum(self._largest, np.diagonal(curvature))
-        scale = self._scale()
-        values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
-        return _Model(total, slope * scale, np.maximum(values, 0.0), vectors)
+    def _model(self, products: Mapping[str, Products]) -> Model:
+        shares = {
+            name: weight / products[name].count
+            for name, weight in self._plan.loss_weights.items()
+            if weight and products[name].count
+        }
+        losses = in_raw_variables(products, shares, self._slopes_of_physical())
+        found = losses.plus(quadratic_terms(self._raw[: self._learned], self._plan.weight_decay))
+        # D never shrinks, so that a variable which loses its influence does not run away (Moré
+        # 1978)
+        self._largest = np.maximum(self._largest, found.diagonal)
+        return found.model(self._scale())
 
-    def _descend(self, runs: Runs, model: _Model) -> None:
+    def _descend(self, runs: Runs, model: Model) -> None:
         """Takes the first step that lowers the total, shorter ones until one does."""
         while self._damping < _MOST_DAMPING:
             scaled, fall = model.step(self._damping)
             step = scaled * self._scale()
+            # the model promises no more than rounding
             if fall <= np.finfo(float).eps * model.total or not step.any():
                 break
             trial = self._raw + step
+            # the cost alone first: slopes take as many times longer as there are learned numbers
             total = self._total_at(runs, trial)
-            ahead = (
-                self._squares.products(runs, self._weights_at(trial))
-                if total < model.total
-                else None
-            )
+            ahead = self._products_at(runs, trial) if total < model.total else None
             if ahead is not None and self._is_model(ahead):
+                # 1 where the model was right: the damping falls to a third; Nielsen's rule is
+                # smooth between
                 gain = (model.total - total) / fall
                 self._raw, self._ahead = trial, (runs, ahead)
                 self._damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
@@ -235,6 +264,7 @@ class LevenbergMarquardtEngine:
                 if max(model.total - total, fall) <= self._options.tolerance * model.total:
                     self.finished = "converged"
                 return
+            # rejected: doubled, then times 4, 8, …, so that a bad start takes few trials
             self._damping *= self._growth
             self._growth *= 2.0
         else:
@@ -245,14 +275,13 @@ class LevenbergMarquardtEngine:
     def _total_at(self, runs: Runs, raw: FloatArray) -> float:
         """The weighted total; NaN, which is below nothing, where a rollout leaves the numbers."""
         with np.errstate(over="ignore"):
-            weights = self._weights_at(raw)
-        sums = self._squares.train_costs(runs, weights)
+            sums = self._costs_at(runs, raw)
         losses = sum(
             weight * sums[name].total / sums[name].count
             for name, weight in self._plan.loss_weights.items()
             if weight and sums[name].count
         )
-        return losses + quadratic_terms(raw, self._plan.weight_decay).value
+        return losses + quadratic_terms(raw[: self._learned], self._plan.weight_decay).value
 
     def _scale(self) -> FloatArray:
         """1/√D; 1 in a variable that no residual depends on."""
@@ -271,17 +300,8 @@ class LevenbergMarquardtEngine:
     def _parts(self, raw: FloatArray) -> list[tuple[Parameter, FloatArray]]:
         shapes = [self._given[p.name].shape for p in self._parameters]
         ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
-        parts = np.split(raw, ends[:-1])
+        parts = np.split(raw[: self._learned], ends[:-1])
         return [
             (parameter, part.reshape(shape))
             for parameter, part, shape in zip(self._parameters, parts, shapes, strict=True)
         ]
-
-
-def _nothing_left(products: Sequence[Products]) -> bool:
-    """Whether the slopes of everything that is scored are infinite."""
-    return all(one.left_out >= (1.0 - _ROUNDED) * one.count for one in products)
-
-
-def _same(one: Runs, other: Runs) -> bool:
-    return np.array_equal(one.t0, other.t0) and np.array_equal(one.steps, other.steps)

@@ -11,8 +11,8 @@ from backends.native.kernel_cache.folders import kernel_folder
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.errors import training as errors
+from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
 from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
-from msnn.training.engines.native.kernel_folder_warnings import kernel_folder_warnings
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.native.native_squares import NativeSquares

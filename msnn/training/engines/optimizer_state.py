@@ -1,4 +1,4 @@
-"""An optimiser's nested state as named arrays and JSON, for files that hold no code."""
+"""Stores an optimiser's nested state as arrays and JSON, for files that hold no code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What second-order methods ask of a stage: residuals of its losses, their slopes, their costs."""
+"""Defines what second-order methods ask of a stage: residuals, their slopes, their costs."""
 
 from __future__ import annotations
 
@@ -28,6 +28,10 @@ class Squares(Protocol):
 
     def check(self, runs: Runs, weights: Mapping[str, FloatArray]) -> None:
         """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        ...
+
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
+        """Replaces series by which runs start: of those that are watched, or trained on."""
         ...
 
     def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:

@@ -1,4 +1,4 @@
-"""The horizons that a stage goes through before its own, and up to which epoch each holds."""
+"""Plans the horizons before a stage's own, and up to which epoch each holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The order of an epoch's rollouts: a counter decides it, so that a resumed run has the same."""
+"""Orders an epoch's rollouts by a counter, so that a resumed run has the same order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The learning rate of each epoch, as a factor of the optimiser's own."""
+"""Computes the learning rate of each epoch, as a factor of the optimiser's own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rollouts of a stage: those it trains on, and those that decide which weights are best."""
+"""Chooses the rollouts of a stage: those to train on, those that judge the weights."""
 
 from __future__ import annotations
 
@@ -37,6 +37,11 @@ class StageData:
     watched_rows: Mapping[str, BoolArray] | None
     watched_set: str
     lessons: tuple[Lesson, ...] = ()
+
+    @property
+    def watches_training(self) -> bool:
+        """Whether the rows to train on decide which weights are best."""
+        return self.watched_set == TRAIN
 
     def in_epoch(self, epoch: int) -> Runs:
         """What is trained on after `epoch` complete epochs."""

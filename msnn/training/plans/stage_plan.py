@@ -1,4 +1,4 @@
-"""A training stage with every default filled in, names resolved and lengths in samples."""
+"""Plans a training stage: defaults filled in, names resolved, lengths in samples."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from msnn.training.plans.torch_optimizer_options import check_torch_optimizer
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.names import no_parameter
-from spec_schema.fields.entry import Entry
 from spec_schema.fields.located import Located
 from spec_schema.sections.training.optimizers import (
     Adam,
@@ -82,38 +81,20 @@ class StagePlan:
         """Epochs after which rollouts have their whole horizon."""
         return self.phases[-1].until if self.phases else 0
 
-    def record(self) -> dict[str, object]:
-        """The stage as plain data, for the description of a run."""
-        return {
-            "name": self.name,
-            "epochs": self.epochs,
-            "batch": self.batch,
-            "optimizer": _variant(self.optimizer),
-            "rollout": {
-                "horizon": self.rollout.horizon,
-                "stride": self.rollout.stride,
-                "skip": self.rollout.skip,
-                "warm_up": self.rollout.warm_up,
-                "close": list(self.rollout.closed),
-                "curriculum": {str(phase.until): phase.horizon for phase in self.phases},
-            },
-            "skip_rows": self.rollout.skip_rows,
-            "losses": dict(self.loss_weights),
-            "trained": list(self.trained),
-            "lr": dict(self.lr_factors),
-            "schedule": None if self.schedule is None else _variant(self.schedule),
-            "clip": self.clip,
-            "weight_decay": self.weight_decay,
-            "monitor": self.monitor,
-            "patience": self.patience,
-            "seed": self.seed,
-            "dtype": self.dtype,
-            "engine": self.engine,
-            "device": self.device,
-            "threads": self.threads,
-            "reproducible": self.reproducible,
-            "starts": self.attempts,
-        }
+    @property
+    def estimates_starts(self) -> bool:
+        """Whether fitted starts are unknowns of training, together with the parameters.
+
+        Whole episodes have one start each, and least squares a place for it in their equations.
+        """
+        whole = isinstance(self.rollout.horizon, str)
+        return self.rollout.starts is not None and whole and self.optimizer.needs_squares
+
+    @property
+    def train_skip(self) -> int:
+        """Evaluations that training leaves unscored: none for starts that it estimates itself."""
+        starts = self.rollout.starts
+        return starts.skip if starts is not None and self.estimates_starts else self.rollout.skip
 
 
 def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -> list[StagePlan]:
@@ -131,7 +112,7 @@ def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -
 def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> StagePlan | None:
     name = stage.name.value if stage.name is not None else f"stage_{index + 1}"
     span = stage.place.key
-    rollout = plan_rollout(program, stage.rollout, 1, findings, stage.skip_rows)
+    rollout = plan_rollout(program, stage.rollout, 1, findings, stage.skip_rows, span)
     learned = [parameter.name for parameter in program.parameters if parameter.learn]
     frozen = {
         parameter
@@ -225,22 +206,6 @@ def _rate(
             return check_torch_optimizer(optimizer, stage.weight_decay, moved, findings)
         case LevenbergMarquardt():
             return None
-
-
-def _variant(options: Entry) -> dict[str, object]:
-    name = options.noun.split()[-2]  # the adam optimizer, the cosine schedule
-    keys = (key for key in type(options).model_fields if key != "place")
-    return {name: {key: _plain(getattr(options, key)) for key in keys}}
-
-
-def _plain(value: object) -> object:
-    match value:
-        case Located():
-            return value.value
-        case dict():
-            return {name: _plain(found) for name, found in value.items()}
-        case _:
-            return value
 
 
 _NOT_OF_SECOND_ORDER: Mapping[str, str] = {

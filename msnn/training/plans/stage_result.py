@@ -1,4 +1,4 @@
-"""How a stage of training ended."""
+"""Records how a stage of training ended."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `optimizer: {torch: NAME}` takes, so that a spec is checked without torch.
+"""Checks what `optimizer: {torch: NAME}` takes, without torch.
 
 A test compares the table with the installed torch.
 """

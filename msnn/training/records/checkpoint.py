@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,8 @@ class TrainingPosition:
     """Of the learning rate so far."""
     seconds: float
     """Since the attempt began, without the time between an end and going on."""
+    starts: Mapping[str, FloatArray] = field(default_factory=dict[str, FloatArray])
+    """Where the runs of the epoch start that is not complete, of each state that is fitted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +85,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     if checkpoint.place is not None:
         place = checkpoint.place
         arrays |= _above("best", place.best) | _above("engine", place.engine.arrays)
+        arrays |= _above("starts", place.starts)
         record["place"] = {
             "epoch": place.epoch,
             "batch": place.batch,
@@ -135,6 +138,7 @@ def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Train
         engine=EngineState(_below("engine", arrays), record["engine"]),
         reductions=Reductions(*map(int, record["reductions"])),
         seconds=float(record["seconds"]),
+        starts=_below("starts", arrays),
     )
 
 

@@ -1,4 +1,4 @@
-"""Learned parameters with their standard errors as JSON values."""
+"""Writes learned parameters with their standard errors as JSON values."""
 
 from __future__ import annotations
 

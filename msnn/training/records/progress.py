@@ -1,4 +1,4 @@
-"""What a training run says while it runs; a command line shows it, a program may ignore it."""
+"""Tells what a training does while it runs; a command line shows it, a program may ignore it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The folder of one training run: `runs/<name>/<time>/`, and `latest`, the last to be used."""
+"""Manages the folder of a run: `runs/<name>/<time>/`, and `latest`, the last to be used."""
 
 from __future__ import annotations
 

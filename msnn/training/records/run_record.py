@@ -1,4 +1,4 @@
-"""What a run was made of, for `run.json`: its stages, data and versions; and what has changed."""
+"""Records what a run was made of in `run.json`, and finds what has changed since."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from msnn.data.dataset import Dataset
 from msnn.model.spec_hash import SubmodelFile
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.bits_record import bits_record
+from msnn.training.records.stage_record import stage_record
 from spec_schema.version import __version__
 
 _FORMAT = 1
@@ -39,7 +40,7 @@ def run_record(
             **{name: version(name) for name in _LIBRARIES},
         },
         "bits": bits_record(program, plans),
-        "stages": [plan.record() for plan in plans],
+        "stages": [stage_record(plan) for plan in plans],
         "data": {
             "files": [record.file for record in data.records],
             "rows": {name: int(data.in_set(name).sum()) for name in data.sets},

@@ -1,4 +1,4 @@
-"""How well the data determine the learned parameters: standard errors at the end of a training.
+"""Estimates how well the data determine the learned parameters, when a training ends.
 
 Near the minimum of the total F = Σ cₗ rₗᵀrₗ the estimate is linear in the noise of the residuals:
 cov θ = H⁻¹ (Σ cₗ² σₗ² JₗᵀJₗ) H⁻¹ with H = Σ cₗ JₗᵀJₗ and σₗ² = rₗᵀrₗ / (nₗ − pₗ), where
@@ -6,7 +6,8 @@ pₗ = tr(H⁻¹ cₗ JₗᵀJₗ) are the parameters that loss l determines. Wi
 σ²(JᵀJ)⁻¹, σ² = rᵀr / (n − p) (Ljung, System Identification, 1999, ch. 9). The residuals are taken
 as white: rows that are correlated say less than they seem to, and the errors come out too small.
 Where a row has a factor w, r and J are √w times what they are, as if its noise were σ/√w; n counts
-every row with w > 0 once.
+every row with w > 0 once. Starts that were estimated with the parameters are eliminated from H and
+JₗᵀJₗ first, and count among the pₗ.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from compiler.ir.program import Loss, Measure, Parameter, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.simulation.start_fit import StartFit
+from msnn.training.engines.joint_starts import JointStarts, without_starts
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.squares import Squares
@@ -81,14 +84,17 @@ def standard_errors(
         return _none("no loss is a sum of squares")
     if numbers > MOST_NUMBERS:
         return _none(f"more than {MOST_NUMBERS} numbers are learned")
-    rollout = replace(plan.rollout, program=program)
+    starts = plan.rollout.starts
+    if starts is not None:
+        starts = replace(starts, program=_squared(starts.program, plan))
+    rollout = replace(plan.rollout, program=program, starts=starts)
     runs = set_rollouts(rollout, data, TRAIN, None, "standard errors", plan.span, Findings())
     if runs is None:
         return _none("no rollout fits the data")
     rows = counted_rows(rollout, data, TRAIN)
-    squares, notes = _squares(replace(plan, rollout=rollout), data, rows, runs, weights)
-    products = squares.products(runs, weights)
-    return replace(_estimated(plan, parameters, weights, products), notes=notes)
+    plan = replace(plan, rollout=rollout)
+    products, notes = _products(plan, data, rows, runs, weights)
+    return replace(_estimated(plan, parameters, weights, *products), notes=notes)
 
 
 def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
@@ -139,6 +145,36 @@ def _numbers(products: Mapping[str, Products], name: str) -> float:
     return number * (1.0 - one.left_out / one.count)
 
 
+def _products(
+    plan: StagePlan,
+    data: Dataset,
+    rows: Mapping[str, np.ndarray] | None,
+    runs: Runs,
+    weights: Mapping[str, FloatArray],
+) -> tuple[tuple[Mapping[str, Products], Mapping[str, float]], tuple[Diagnostic, ...]]:
+    """The products of every loss, and how many of its residuals starts have used up.
+
+    Starts that were found before the training are given; those estimated with it are found again at
+    its end, from all that is scored, where the total is lowest in them too.
+    """
+    starts = plan.rollout.starts
+    if starts is None:
+        squares, notes = _squares(plan, data, rows, runs, weights)
+        return (squares.products(runs, weights), {}), notes
+    joint = plan.estimates_starts
+    fit = StartFit(starts.program, None if joint else starts.over, starts.skip if joint else 0)
+    found = fit.find(data.series, runs, weights, plan.loss_weights, rows if joint else None)
+    unknown = JointStarts(plan, data.series)
+    as_squares = unknown.plan if joint else plan
+    moved = unknown.moved(weights) if joint else weights
+    squares, notes = _squares(as_squares, data, rows, runs, moved)
+    squares.write(found.series(data.rows), watched=False)
+    if not joint:
+        return (squares.products(runs, weights), {}), notes
+    products = unknown.products(squares, runs, weights)
+    return without_starts(products, _shares(plan, products)), notes
+
+
 def _squares(
     plan: StagePlan,
     data: Dataset,
@@ -174,15 +210,12 @@ def _estimated(
     parameters: list[Parameter],
     weights: Mapping[str, FloatArray],
     products: Mapping[str, Products],
+    used_up: Mapping[str, float],
 ) -> StandardErrors:
     held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
     free = np.flatnonzero(~held)
     names = [n for p in parameters for n in _number_names(p.name, weights[p.name].shape)]
-    shares = {
-        name: _share(plan, name, products[name])
-        for name in plan.loss_weights
-        if name in products and products[name].count
-    }
+    shares = _shares(plan, products)
     curvatures = {
         name: share * products[name].curvature[np.ix_(free, free)] for name, share in shares.items()
     }
@@ -195,6 +228,7 @@ def _estimated(
     for name in measured & curvatures.keys():
         one, curvature = products[name], curvatures[name]
         freedom = _numbers(products, name) - float(np.sum(inverse * curvature))
+        freedom -= used_up.get(name, 0.0)
         variance = one.squares / freedom if freedom > 0 else np.nan
         noise[name] = float(np.sqrt(variance))
         spread += shares[name] * variance * curvature
@@ -213,6 +247,12 @@ def _estimated(
         noise=noise,
         residuals=round(sum(_numbers(products, name) for name in noise)),
     )
+
+
+def _shares(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, float]:
+    """Of the losses that score something."""
+    names = [name for name in plan.loss_weights if name in products and products[name].count]
+    return {name: _share(plan, name, products[name]) for name in names}
 
 
 def _share(plan: StagePlan, name: str, found: Products) -> float:

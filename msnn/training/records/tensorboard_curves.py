@@ -1,4 +1,4 @@
-"""Curves of a training for TensorBoard, beside its weights, written without torch or TensorFlow."""
+"""Writes the curves of a training for TensorBoard, without torch or TensorFlow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a training is run and kept, beside what its spec says."""
+"""Defines how a training is run and kept, beside what its spec says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stable filter as the arrays of the layers that are stable by construction."""
+"""Converts a stable filter to the arrays of the layers that are stable by construction."""
 
 from __future__ import annotations
 

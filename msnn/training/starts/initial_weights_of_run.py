@@ -1,4 +1,4 @@
-"""The weights that training begins with: initial values, statistics and fits to the data (R12)."""
+"""Finds the weights that training begins with: initial values, statistics, fits (R12)."""
 
 from __future__ import annotations
 

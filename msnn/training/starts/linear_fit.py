@@ -1,4 +1,4 @@
-"""The stable linear filter from one signal to another that is nearest in least squares.
+"""Fits the stable linear filter from one signal to another, in least squares.
 
 Least squares of the equation error (Ljung, System Identification, 2nd ed. 1999, §4.2), then the
 iterations of Steiglitz and McBride (IEEE Trans. Automatic Control 10, 1965), which weigh it towards

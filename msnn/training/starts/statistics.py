@@ -1,4 +1,4 @@
-"""The parameters that are statistics of the training data, set before the first stage (R12)."""
+"""Sets the parameters that are statistics of the training data, before the first stage (R12)."""
 
 from __future__ import annotations
 

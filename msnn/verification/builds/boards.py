@@ -1,4 +1,4 @@
-"""The boards that QEMU stands in for, and how C is compiled for each."""
+"""Lists the boards that QEMU emulates, and how C is compiled for each."""
 
 from __future__ import annotations
 

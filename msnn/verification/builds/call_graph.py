@@ -1,4 +1,4 @@
-"""The deepest stack that a function can need, from the call graphs that gcc writes."""
+"""Finds the deepest stack that a function can need, from the call graphs that gcc writes."""
 
 from __future__ import annotations
 

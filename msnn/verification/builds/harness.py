@@ -1,4 +1,4 @@
-"""The harness around an export: templates filled for one model, written beside what they build."""
+"""Writes the harness around an export: templates filled for one model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the fuzzer's valid start and second instance need: inputs as their policies leave them."""
+"""Gives the fuzzer's valid start and second instance inputs as their policies leave them."""
 
 from __future__ import annotations
 

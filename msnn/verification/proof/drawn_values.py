@@ -1,4 +1,4 @@
-"""What the proof assumes of a step's state and inputs, as C that draws them."""
+"""Assumes, as C that draws them, the states and inputs of a step that is proved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Eva is told of the math functions of generated C: bounds of their values.
+"""Tells Eva bounds of the values of math functions of generated C.
 
 Inside them two quantities that belong together look independent to an analysis by intervals, and
 each function is tested on its own over all floats. Eva knows exp, log, pow, sin and cos of an

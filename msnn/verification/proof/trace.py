@@ -1,4 +1,4 @@
-"""Which statements of generated C come from which line of the spec, as their comments say."""
+"""Traces statements of generated C to lines of the spec, by their comments."""
 
 from __future__ import annotations
 

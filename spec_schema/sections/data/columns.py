@@ -1,4 +1,4 @@
-"""Which columns of a file feed a signal: `col`, an index, a list or `tau{1..6}`; unit, scale."""
+"""Says which columns feed a signal: `col`, an index, a list or `tau{1..6}`; unit, scale."""
 
 import re
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""How records are divided into the sets train, val and test."""
+"""Divides records into the sets train, val and test."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal, TypeAlias

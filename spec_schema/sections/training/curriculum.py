@@ -1,4 +1,4 @@
-"""A curriculum: up to which epoch the rollouts of a stage are how long."""
+"""Lets the rollouts of a stage grow: each entry has a length and the epoch up to which it holds."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, TypeAlias

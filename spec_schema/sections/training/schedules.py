@@ -1,4 +1,4 @@
-"""How the learning rate of a stage changes from epoch to epoch."""
+"""Changes the learning rate of a stage from epoch to epoch."""
 
 from typing import Annotated, ClassVar
 

@@ -38,7 +38,7 @@ def built(
     """The program's C, written into the folder, compiled and loaded."""
     write_c(program, weights or {}, folder, options)
     library = folder / f"lib{len(list(folder.glob('*.so')))}.so"
-    return CStep(folder, build_library(folder, library, compiler, flags))
+    return CStep.of_folder(folder, build_library(folder, library, compiler, flags))
 
 
 def golden(program: Program, options: COptions, steps: int, seed: int) -> GoldenVectors:

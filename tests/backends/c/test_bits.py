@@ -34,7 +34,9 @@ def test_float32_has_no_differing_bit_for_any_compiler_and_level(name: str, tmp_
     for number, compiler in enumerate(compilers):
         for level in LEVELS:
             library = tmp_path / f"{number}{level}.so"
-            step = CStep(tmp_path, build_library(tmp_path, library, (compiler,), (level,)))
+            step = CStep.of_folder(
+                tmp_path, build_library(tmp_path, library, (compiler,), (level,))
+            )
             outputs, status = replay(step, vectors)
             assert_same_bits(outputs, vectors.outputs)
             assert np.array_equal(status, vectors.status)
@@ -100,7 +102,7 @@ def test_two_instances_do_not_touch_each_other(tmp_path: Path) -> None:
     program, options = closed_sample("fuzzy_local_models"), COptions(params="tunable")
     first = built(program, tmp_path, options)
     library = next(tmp_path.glob("*.so"))
-    second = CStep(tmp_path, library)
+    second = CStep.of_folder(tmp_path, library)
     second.tune({"model.gain": np.array([0.9, 0.1, 0.5])})
     vectors = [golden(program, options, 100, seed) for seed in (7, 8)]
     alone = [replay(step, v)[0] for step, v in zip((first, second), vectors, strict=True)]

@@ -10,12 +10,9 @@ from typing import Generic, TypeVar
 from backends.files.c_compiler import CompilerMissingError
 from msnn.errors import kernels
 from msnn.errors import training as errors
-from msnn.training.engines.native.kernel_check import WrongKernelError
+from msnn.simulation.engines.kernel_trials import NO_FALLBACK, WrongKernelError
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
-
-NO_FALLBACK = "MSNN_NO_FALLBACK"
-"""The variable that makes every such mistake an exception; the test-suite sets it."""
 
 Made = TypeVar("Made")
 

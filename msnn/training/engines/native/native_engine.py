@@ -1,4 +1,4 @@
-"""The native engine: batches, gradients and optimiser steps run inside a generated kernel."""
+"""Trains inside a generated kernel: batches, gradients and optimiser steps."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from backends.native.lanes.lane_groups import Groups
 from backends.native.variables import Method, Rule
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
-from msnn.training.engines.dropout_masks import factors_of, with_all_kept
+from msnn.training.engines.dropout_masks import factors_of
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
-from msnn.training.engines.native.kernel_check import check_if_fresh, check_kernel
+from msnn.training.engines.native.kernel_check import check_kernel
+from msnn.training.engines.own_series import own_series
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.sections.training.optimizers import (
     Adam,
@@ -60,9 +62,8 @@ class NativeEngine:
         rates = {name: rate * plan.lr_factors.get(name, 1.0) for name in plan.trained}
         self._variables = self._kernel.variables(rule, weights, rates)
         self.moved = self._variables.moved
-        series = with_all_kept(series, plan.masks)
-        own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
-        self._train = self._kernel.data(own, plan.rollout.skip, train_rows)
+        series = own_series(plan, series)
+        self._train = self._kernel.data(own_series(plan, series), plan.rollout.skip, train_rows)
         self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
         names = self._kernel.source.losses
         self._loss_weights = [plan.loss_weights[name] for name in names]
@@ -86,6 +87,10 @@ class NativeEngine:
         """
         self._train.write(factors_of(self._plan, self._series, epoch, attempt))
         self._variables.scale_rates(rate)
+
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
+        """Replaces series by which runs start: of those that are watched, or trained on."""
+        (self._evaluation if watched else self._train).write(series)
 
     def train_batches(
         self,

@@ -1,4 +1,4 @@
-"""Residuals, slopes and costs by training kernels."""
+"""Computes residuals, slopes and costs by training kernels."""
 
 from __future__ import annotations
 
@@ -13,13 +13,11 @@ from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import LossSums
-from msnn.training.engines.native.kernel_check import (
-    check_if_fresh,
-    check_kernel,
-    check_sensitivities,
-)
+from msnn.training.engines.native.kernel_check import check_kernel, check_sensitivities
+from msnn.training.engines.own_series import own_series
 from msnn.training.plans.stage_plan import StagePlan
 
 Weights = Mapping[str, FloatArray]
@@ -36,14 +34,15 @@ class NativeSquares:
         evaluation_rows: Mapping[str, BoolArray] | None,
     ) -> None:
         program = with_compared_squares(plan.rollout.program)
-        self._plan, self._series, self._program = plan, series, program
+        self._plan, self._program = plan, program
+        self._series = series = own_series(plan, series)
         self._costs = Kernel(program, "float64", plan.threads)
         self._sensitivities = sensitivities(program, plan.trained)
         self._slopes = SensitivityKernel(self._sensitivities)
-        skip = plan.rollout.skip
-        self._train = self._slopes.data(series, skip, train_rows)
-        self._train_costs = self._costs.data(series, skip, train_rows)
-        self._evaluation = self._costs.data(series, skip, evaluation_rows)
+        own, skip = own_series(plan, series), plan.train_skip
+        self._train = self._slopes.data(own, skip, train_rows)
+        self._train_costs = self._costs.data(own, skip, train_rows)
+        self._evaluation = self._costs.data(series, plan.rollout.skip, evaluation_rows)
 
     def check(self, runs: Runs, weights: Weights) -> None:
         """Compares fresh kernels with the interpreter. Raises WrongKernelError."""
@@ -53,6 +52,11 @@ class NativeSquares:
             slopes.built,
             lambda: check_sensitivities(slopes, self._sensitivities, series, runs, weights),
         )
+
+    def write(self, series: Weights, *, watched: bool) -> None:
+        """Replaces series by which runs start: of those that are watched, or trained on."""
+        for data in (self._evaluation,) if watched else (self._train, self._train_costs):
+            data.write(series)
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
         """Of every loss: products of its residuals and slopes."""

@@ -1,4 +1,4 @@
-"""What a torch optimiser minimises: the losses of rollouts, unrolled in torch or by a kernel."""
+"""Gives torch optimisers what they minimise: losses unrolled in torch or by a kernel."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Measure
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
-from msnn.training.engines.dropout_masks import with_all_kept
 from msnn.training.engines.engine import LossSums
-from msnn.training.engines.native.kernel_check import check_if_fresh, check_kernel
+from msnn.training.engines.native.kernel_check import check_kernel
+from msnn.training.engines.own_series import own_series
 from msnn.training.engines.torch.torch_losses import batch_losses, evaluated, scoring
 from msnn.training.plans.stage_plan import StagePlan
 
@@ -44,8 +45,8 @@ class Objective(Protocol):
         """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
         ...
 
-    def write(self, series: Mapping[str, FloatArray]) -> None:
-        """Replaces series that rollouts to train on read: the factors of dropout."""
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
+        """Replaces series that rollouts to train on, or those watched, read (`own_series`)."""
         ...
 
     def scored(self, runs: Runs) -> Scored:
@@ -70,18 +71,18 @@ class TorchObjective:
     ) -> None:
         self._model, self._plan = model, plan
         self.has_infinite_slopes = training_step(plan.program).has_infinite_slopes
-        series = with_all_kept(series, plan.masks)
-        own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
-        self._train = scoring(model, own, plan.rollout.skip, train_rows)
+        series = own_series(plan, series)
+        self._train = scoring(model, own_series(plan, series), plan.rollout.skip, train_rows)
         self._evaluation = scoring(model, series, plan.rollout.skip, evaluation_rows)
 
     def check(self, runs: Runs) -> None:
         """Nothing: torch was built by others."""
 
-    def write(self, series: Mapping[str, FloatArray]) -> None:
-        """Replaces series that rollouts to train on read: the factors of dropout."""
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
+        """Replaces series that rollouts to train on, or those watched, read (`own_series`)."""
+        into = self._evaluation if watched else self._train
         for name, values in series.items():
-            self._train.series[name].copy_(torch.from_numpy(values))
+            into.series[name].copy_(torch.from_numpy(values))
 
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""
@@ -111,12 +112,11 @@ class KernelObjective:
         train_rows: RowsByLoss | None,
         evaluation_rows: RowsByLoss | None,
     ) -> None:
-        series = with_all_kept(series, plan.masks)
+        series = own_series(plan, series)
         self._model, self._plan, self._series = model, plan, series
         self._kernel = Kernel(plan.program, plan.dtype, plan.threads)
         self.has_infinite_slopes = self._kernel.source.has_infinite_slopes
-        own = with_all_kept(series, plan.masks)  # the factors of dropout change in these
-        self._train = self._kernel.data(own, plan.rollout.skip, train_rows)
+        self._train = self._kernel.data(own_series(plan, series), plan.rollout.skip, train_rows)
         self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
         self._weights = [plan.loss_weights[name] for name in self._kernel.source.losses]
 
@@ -125,9 +125,9 @@ class KernelObjective:
         kernel, weights = self._kernel, self._model.weights()
         check_if_fresh(kernel.built, lambda: check_kernel(kernel, self._series, runs, weights))
 
-    def write(self, series: Mapping[str, FloatArray]) -> None:
-        """Replaces series that rollouts to train on read: the factors of dropout."""
-        self._train.write(series)
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
+        """Replaces series that rollouts to train on, or those watched, read (`own_series`)."""
+        (self._evaluation if watched else self._train).write(series)
 
     def scored(self, runs: Runs) -> Scored:
         """The losses of rollouts to train on."""

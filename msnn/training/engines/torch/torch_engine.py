@@ -1,4 +1,4 @@
-"""The torch engine: a torch optimiser moves raw variables along the slopes of an objective."""
+"""Trains in torch: an optimiser moves raw variables along the slopes of an objective."""
 
 from __future__ import annotations
 
@@ -93,6 +93,10 @@ class TorchEngine:
         self._objective.write(factors_of(self._plan, self._series, epoch, attempt))
         for group, usual in zip(self._optimizer.param_groups, self._rates, strict=True):
             group["lr"] = rate * usual
+
+    def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
+        """Replaces series by which runs start: of those that are watched, or trained on."""
+        self._objective.write(series, watched=watched)
 
     def train_batches(
         self,

@@ -1,4 +1,4 @@
-"""Residuals, slopes and costs in torch, the slopes by its own forward mode."""
+"""Computes residuals, slopes and costs in torch, the slopes by its own forward mode."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from compiler.ir.scalars.slope_products import LARGEST_SLOPE
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import LossSums, batches_of
+from msnn.training.engines.own_series import own_series
 from msnn.training.engines.torch.torch_losses import (
     TorchScoring,
     cost,
@@ -53,12 +54,18 @@ class TorchSquares:
         }
         """Whether a residual of the loss can have an infinite slope."""
         self._model = build_module(program, torch.float64, plan.device).requires_grad_(False)
-        skip = plan.rollout.skip
-        self._train = scoring(self._model, series, skip, train_rows)
-        self._evaluation = scoring(self._model, series, skip, evaluation_rows)
+        series, skip = own_series(plan, series), plan.train_skip
+        self._train = scoring(self._model, own_series(plan, series), skip, train_rows)
+        self._evaluation = scoring(self._model, series, plan.rollout.skip, evaluation_rows)
 
     def check(self, runs: Runs, weights: Weights) -> None:
         """Nothing: torch was built by others."""
+
+    def write(self, series: Weights, *, watched: bool) -> None:
+        """Replaces series by which runs start: of those that are watched, or trained on."""
+        into = self._evaluation if watched else self._train
+        for name, values in series.items():
+            into.series[name].copy_(torch.from_numpy(values))
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
         """Of every loss: products of its residuals and slopes."""

@@ -1,0 +1,156 @@
+"""Steps a program in the interpreter as its C would: policies of inputs, states that wait."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from backends.c.functions.state_reports import BUFFERS_EMPTY, STATES_UNSET
+from backends.c.interface.interface import Field, Interface
+from backends.c.interface.status import Status
+from backends.c.selftest.first_steps import emptied, log_of_step, unset
+from backends.c.selftest.policy_reference import apply_policy, apply_policy_to_window, first_held
+from backends.c.selftest.state_reference import (
+    equation_bits,
+    first_state_bits,
+    next_state_bits,
+    restarted,
+    saturation_bits,
+    with_checked,
+)
+from backends.c_language.literals import Dtype
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
+
+Array = NDArray[Any]
+
+
+class InterpretedStep:
+    """One instance of a program in step form, in the arithmetic of its C.
+
+    `inputs` and `outputs` are the values of the step as one array of reals, field after field.
+    """
+
+    def __init__(
+        self, program: Program, interface: Interface, weights: Mapping[str, ArrayLike]
+    ) -> None:
+        self._program, self._interface = program, interface
+        self._dtype: Dtype = interface.options.dtype
+        real = ctypes.c_float if self._dtype == "float32" else ctypes.c_double
+        self.inputs = (real * max(sum(input.field.size for input in interface.inputs), 1))()
+        self.outputs = (real * max(sum(field.size for field in interface.outputs), 1))()
+        self._given = _parts(self.inputs, [input.field for input in interface.inputs], self._dtype)
+        self._answers = _parts(self.outputs, interface.outputs, self._dtype)
+        self._judge = Interpreter(with_checked(program), weights, self._dtype)
+        supplied = {state.name for _, state in interface.supplied}
+        self._supplied = supplied
+        computed = tuple(state for state in program.states if state.name not in supplied)
+        known = tuple(s for s in program.states if s.name not in interface.from_record)
+        bare = replace(program, losses=(), outputs=())
+        self._from_record = Interpreter(replace(bare, states=computed), weights, self._dtype)
+        self._without = Interpreter(replace(bare, states=known), weights, self._dtype)
+        self._states: dict[str, Array] = {}
+        self._first: dict[str, Array] = {}
+        self._seen: dict[str, Array] = {}
+        self.waiting = 0
+        """Bits as those of the field `ready` in C."""
+        self.init()
+
+    def init(self) -> None:
+        """Sets the states that need no data."""
+        interface = self._interface
+        zeros = {
+            state.name: np.zeros((1, *(axis.size for axis in state.axes)), self._dtype)
+            for state in self._program.states
+        }
+        known = self._without.start({}, 0)
+        self._states = {name: known.get(name, value) for name, value in zeros.items()}
+        self._states = emptied(interface, self._states)
+        self._begin()
+        self.waiting = BUFFERS_EMPTY if interface.filled_by_first else 0
+        self.waiting |= STATES_UNSET if interface.from_record - interface.filled_by_first else 0
+
+    def reset(self, windows: Mapping[str, ArrayLike]) -> int:
+        """Sets all states, from samples around the first step; its status bits."""
+        bits = Status(0)
+        ports = {field.name: port for field, port in self._interface.windows}
+        row = max([0, *(-port.first for port in ports.values())])
+        log: dict[str, Array] = {}
+        for name, port in ports.items():
+            values = np.asarray(windows[name], self._dtype)
+            single = port.first == port.last
+            samples = values[np.newaxis] if single else np.moveaxis(values, -1, 0)
+            checked, said = apply_policy_to_window(port.signal, samples, self._dtype)
+            log[name] = np.zeros((row + max(port.last, 0) + 1, *checked.shape[1:]), self._dtype)
+            log[name][row + port.first : row + port.last + 1] = checked
+            bits |= said
+        self._states = self._from_record.start(log, row)
+        for name in self._supplied:
+            self._states[name] = np.asarray(windows[name], self._dtype)[np.newaxis]
+        self._begin()
+        self.waiting = 0
+        return int(bits | first_state_bits(self._interface, self._states))
+
+    def step(self) -> int:
+        """Outputs of the inputs that stand in `inputs`; status bits."""
+        bits = Status(0)
+        for input in self._interface.inputs:
+            name, signal = input.field.name, input.port.signal
+            given = self._given[name].copy()
+            self._seen[name], said = apply_policy(signal, given, self._seen[name], self._dtype)
+            bits |= said
+        log, row = log_of_step(self._interface, self._seen)
+        if self.waiting & STATES_UNSET:
+            bits |= Status.UNINITIALISED
+        if self.waiting & BUFFERS_EMPTY:
+            self._states = unset(self._judge, self._interface, self._states, (log, row), 0)
+            self.waiting &= ~BUFFERS_EMPTY
+        found = self._judge.step(log, row, self._states, losses=False)
+        for name, place in self._answers.items():
+            place[...] = found.outputs[name][0]
+        bits |= equation_bits(self._program, found.outputs, self._dtype)
+        bits |= saturation_bits(self._program, found.outputs)
+        bits |= next_state_bits(self._interface, found.next_states)
+        again = restarted(self._interface, found.next_states, self._first)
+        self._states = {**found.next_states, **again}
+        return int(bits)
+
+    def states(self) -> dict[str, Array]:
+        """The values of all states."""
+        return {name: np.array(value[0]) for name, value in self._states.items()}
+
+    def set_states(self, values: Mapping[str, ArrayLike]) -> None:
+        """Sets all states."""
+        self._states = {
+            name: np.array(values[name], self._dtype).reshape(value.shape)
+            for name, value in self._states.items()
+        }
+
+    def no_longer_waits(self, bits: int) -> None:
+        """Takes bits away from `waiting`."""
+        self.waiting &= ~bits
+
+    def _begin(self) -> None:
+        """Remembers what there is before the first step."""
+        restarting = {s.name for s in self._program.states if s.on_range == "reset"}
+        self._first = {n: value for n, value in self._states.items() if n in restarting}
+        self._seen = {
+            input.field.name: first_held(input.port.signal, input.field.shape, self._dtype)
+            for input in self._interface.inputs
+        }
+
+
+def _parts(memory: Any, fields: Iterable[Field], dtype: Dtype) -> dict[str, Array]:
+    """Views of the fields that stand in the memory one after the other."""
+    numbers = np.frombuffer(memory, dtype)
+    found: dict[str, Array] = {}
+    begin = 0
+    for field in fields:
+        found[field.name] = numbers[begin : begin + field.size].reshape(field.shape)
+        begin += field.size
+    return found

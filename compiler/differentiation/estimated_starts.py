@@ -1,0 +1,76 @@
+"""Makes the programs by which initial values are found, and that run from those found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Parameter, Program, Role, Signal, State
+from compiler.ir.types import Type
+
+
+def start_signal(state: State) -> str:
+    """The series whose row t0 has the value from which a run at t0 starts."""
+    return f"{state.name}.start"
+
+
+def offset_parameter(state: State) -> str:
+    """The parameter, 0, that moves all starts of a state; its slope in a run is the start's."""
+    return f"{state.name}.offset"
+
+
+def estimated_states(program: Program) -> tuple[State, ...]:
+    """The states whose starts are found by least squares."""
+    return tuple(state for state in program.states if state.fit_over is not None)
+
+
+def with_read_starts(program: Program) -> Program:
+    """The program with initial values that are to be found read from series of their own.
+
+    Before: window form. After: no state is to be fitted; each that was starts from the row t0 of
+    the target `<state>.start`.
+
+        state x: scalar m, next %1, start %0, fitted over 20   # %0: scalar m = 0
+
+        state x: scalar m, next %1, start %0                   # %0: scalar m = log(x.start, 0, 0)
+    """
+    return _with_starts(program, {})
+
+
+def with_moved_starts(program: Program) -> Program:
+    """As `with_read_starts`; to each start a parameter `<state>.offset` is added, which is 0.
+
+    One such number moves the starts of all runs alike, so that the slope of a run in it is the
+    slope in the start of that run.
+    """
+    states = estimated_states(program)
+    parameters = tuple(
+        Parameter(offset_parameter(state), state.axes, state.unit, (0.0,) * Type(state.axes).size)
+        for state in states
+    )
+    moved = replace(program, parameters=(*program.parameters, *parameters))
+    return _with_starts(moved, {state.name: offset_parameter(state) for state in states})
+
+
+def _with_starts(program: Program, offsets: Mapping[str, str]) -> Program:
+    builder = GraphBuilder(program.start)
+    signals: list[Signal] = []
+    states: list[State] = []
+    for state in program.states:
+        if state.fit_over is None:
+            states.append(state)
+            continue
+        type = Type(state.axes, state.unit)
+        name = start_signal(state)
+        start = builder.log(name, 0, 0, type)
+        if state.name in offsets:
+            start = builder.add(start, builder.parameter(offsets[state.name], type))
+        signals.append(Signal(name, Role.TARGET, state.axes, state.unit))
+        states.append(replace(state, start=start, fit_over=None))
+    return replace(
+        program,
+        signals=(*program.signals, *signals),
+        states=tuple(states),
+        start=builder.graph(),
+    )

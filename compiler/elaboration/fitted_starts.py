@@ -1,0 +1,40 @@
+"""Checks initial values that the first evaluations of each run decide: enough rows, a loss (R7)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from compiler.ir.program import Loss, Measure, State
+from compiler.ir.types import Type
+from compiler.lowering.context import Context
+from compiler.lowering.failure import LoweringFailed
+from spec_schema.errors import states as errors
+from spec_schema.sections import signals
+
+
+def fit_over(context: Context, entry: signals.State) -> int | None:
+    """The evaluations that decide a state's initial value; None where its `init` says it."""
+    if entry.init is None or entry.init.fit is None:
+        return None
+    try:
+        return context.sampling.samples(entry.init.fit.over)
+    except LoweringFailed:
+        return None
+
+
+def check_fitted_starts(context: Context, states: Sequence[State], losses: Sequence[Loss]) -> None:
+    """Reports too few evaluations for the numbers that they decide, and that nothing compares."""
+    estimated = [state for state in states if state.fit_over is not None]
+    numbers = sum(Type(state.axes).size for state in estimated)
+    most = max((state.fit_over or 0 for state in estimated), default=0)
+    for state in estimated[:1]:
+        entry = context.spec.states[state.name]
+        assert entry.init is not None
+        assert entry.init.fit is not None
+        names = [one.name for one in estimated]
+        if most < numbers:
+            place = entry.init.fit.over.span
+            context.findings.report(errors.too_few_for_starts(names, most, numbers, place))
+        if all(loss.measure is Measure.MEAN for loss in losses):
+            place = entry.init.fit.place.key
+            context.findings.report(errors.starts_of_nothing(state.name, place))

@@ -1,0 +1,54 @@
+"""Shows how far a simulation is, where somebody waits for it."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import TextIO
+
+from msnn.cli.console import is_live
+
+_FIRST = 1.0
+"""Seconds before anything is said: most simulations are over by then."""
+
+_AGAIN = 0.1, 5.0
+"""Seconds between two messages, on a terminal and elsewhere."""
+
+
+class StepProgress:
+    """Lines on a stream; on a terminal one line that is rewritten, and gone at the end."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._live = stream, is_live(stream)
+        self._began: tuple[float, int] | None = None
+        """When it was first told anything, and of how many steps."""
+        self._next = 0.0
+        self._said = False
+
+    def told(self, done: int, total: int) -> None:
+        """So many steps are done, of so many."""
+        now = time.monotonic()
+        if self._began is None:
+            self._began, self._next = (now, done), now + _FIRST
+        if now < self._next or done >= total:
+            return
+        self._next = now + _AGAIN[0 if self._live else 1]
+        began, before = self._began
+        left = (now - began) / (done - before) * (total - done)
+        text = f"  {done:,} of {total:,} steps, {left:.0f} s left"
+        self._stream.write(f"\r\x1b[2K{text}" if self._live else f"{text}\n")
+        self._stream.flush()
+        self._said = True
+
+    def __enter__(self) -> StepProgress:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._said and self._live:
+            self._stream.write("\r\x1b[2K")
+            self._stream.flush()

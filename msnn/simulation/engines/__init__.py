@@ -1,0 +1,1 @@
+"""Runs rollouts: in the interpreter, in native kernels, in torch."""

@@ -1,0 +1,148 @@
+"""Tries fresh kernels on a few short rollouts, beside the interpreter.
+
+Both run the same graphs in the same precision. Every value may differ by what rounding explains,
+which is bounded along the computation (decision 0180), and by nothing more: no model and no data
+make a right kernel fail.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from backends.native.compile_kernel import Built
+from compiler.interpreter.bounded_rollouts import Rollouts
+from compiler.ir.ops import ReadSignal
+from compiler.ir.program import Program, Role
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
+from msnn.data.starts import Runs, reach
+
+NO_FALLBACK = "MSNN_NO_FALLBACK"
+"""The variable that makes every mistake of msnn an exception; the test-suite sets it."""
+
+_AS_GIVEN = 4
+"""Steps of the rollouts over the data as they are."""
+
+LONGEST = 10
+"""Steps of the rollouts over drawn rows: kernels take up to eight at once, then one by one."""
+
+_GAP = 3
+"""One of so many targets is missing among drawn rows."""
+
+_NEARBY = 0.05
+"""Weights are drawn so near, relative to each, that a model stays what it is."""
+
+Weights = Mapping[str, FloatArray]
+
+
+class WrongKernelError(Exception):
+    """A kernel's losses or slopes are not those of the program: a bug of msnn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Rollouts at some weights."""
+
+    runs: Rollouts
+    weights: Weights
+
+
+def check_if_fresh(built: Built, check: Callable[[], None]) -> None:
+    """Checks a kernel that nobody has found right since it was built."""
+    if not built.is_checked:
+        check()
+        built.mark_checked()
+
+
+def cases(
+    program: Program, series: Weights, runs: Runs, weights: Weights, members: int
+) -> Iterable[Case]:
+    """A few rollouts over the data at the weights; the same over drawn rows at weights nearby.
+
+    Where the model fits its data the first leave nothing but rounding: rows that do not belong
+    together have residuals as large as the signals.
+    """
+    random = np.random.Generator(np.random.Philox(180))
+    longest = int(runs.steps.max())
+    for wanted, drawn in ((_AS_GIVEN, False), (LONGEST, True)):
+        steps = min(wanted, longest)
+        starts = runs.t0[runs.steps >= steps]
+        t0 = np.sort(random.choice(starts, members))
+        few = Rollouts(series, t0, steps, skip=min(1, steps - 1))
+        if drawn:
+            log = _without_some_targets(program, _drawn_rows(program, series, random), t0)
+            few = replace(few, log=log)
+        yield Case(few, _nearby(program, weights, random) if drawn else weights)
+
+
+def _drawn_rows(program: Program, series: Weights, random: np.random.Generator) -> Weights:
+    """The logs with whole rows drawn from those in which no input is missing."""
+    rows = len(next(iter(series.values())))
+    whole = np.ones(rows, bool)
+    for signal in program.signals:
+        if signal.role is Role.INPUT and signal.name in series:
+            whole &= np.isfinite(series[signal.name]).reshape(rows, -1).all(axis=1)
+    among = np.flatnonzero(whole) if whole.any() else np.arange(rows)
+    chosen = random.choice(among, rows)
+    return {name: values[chosen] for name, values in series.items()}
+
+
+def _without_some_targets(program: Program, log: Weights, t0: IntArray) -> Weights:
+    """The logs with gaps where only losses read them, so that what tells them apart is run too."""
+    read = {node.op.signal for _, node in program.step if isinstance(node.op, ReadSignal)}
+    around = reach(program)
+    begun = np.arange(-around.back, around.start_ahead + 1)
+    gaps = np.ones(len(next(iter(log.values()))), bool)
+    gaps[(t0[:, None] + begun).ravel()] = False  # what the start reads
+    gaps[np.arange(len(gaps)) % _GAP != 0] = False
+    return {
+        name: values if name in read else _with_gaps(values, gaps) for name, values in log.items()
+    }
+
+
+def _with_gaps(values: FloatArray, gaps: BoolArray) -> FloatArray:
+    found = np.array(values, float)
+    found[gaps] = np.nan
+    return found
+
+
+def _nearby(program: Program, weights: Weights, random: np.random.Generator) -> Weights:
+    """Weights near the given ones, inside their bounds; those that are 0 are not any more."""
+    found: dict[str, FloatArray] = {}
+    for parameter in program.parameters:
+        value = np.asarray(weights[parameter.name], float)
+        size = np.where(value == 0.0, parameter.scale, value)
+        moved = value + _NEARBY * size * random.uniform(-1.0, 1.0, value.shape)
+        found[parameter.name] = np.clip(moved, parameter.minimum, parameter.maximum)
+    return found
+
+
+def compare(
+    built: Built,
+    what: str,
+    found: FloatArray | float,
+    right: FloatArray | float,
+    off: FloatArray | float,
+) -> None:
+    """Raises WrongKernelError where a number is farther off than rounding explains.
+
+    That is twice `off`, since both may be that far from the exact one. Where nothing bounds it, as
+    beyond the numbers of the precision, it proves nothing.
+    """
+    values, expected = np.asarray(found, float), np.asarray(right, float)
+    with np.errstate(invalid="ignore"):
+        allowed = np.broadcast_to(2.0 * np.asarray(off), expected.shape)
+        alike = ~np.isfinite(values) & ~np.isfinite(expected)
+        wrong = ~(np.abs(values - expected) <= allowed) & np.isfinite(allowed) & ~alike
+    if wrong.any():
+        place = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
+        what = f"{what} {values[place]:.9g} instead of {expected[place]:.9g}"
+        explained = f"where rounding explains {allowed[place]:.1g}"
+        raise WrongKernelError(said(built, f"{what}, {explained}"))
+
+
+def said(built: Built, what: str) -> str:
+    """What is wrong with which kernel."""
+    return f"kernel {built.name} computes {what}"

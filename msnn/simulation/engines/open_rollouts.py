@@ -1,0 +1,123 @@
+"""Chooses what runs rollouts: kernels where the work is worth a compiler, else the interpreter."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from typing import get_args
+
+import numpy as np
+
+from backends.files.c_compiler import CompilerMissingError
+from compiler.ir.liveness import needed
+from compiler.ir.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
+from msnn.errors import kernels
+from msnn.simulation.engines.engine import EngineName, OpenedRollouts
+from msnn.simulation.engines.stepwise import SIDE_BY_SIDE, interpreted_rollouts
+from spec_schema.diagnostics.diagnostic import SpecError
+
+AUTO = "auto"
+ENGINES: tuple[str, ...] = (AUTO, *get_args(EngineName))
+"""What may be asked for."""
+
+_TO_COMPILE = 0.7
+"""Seconds to load the emitter and to compile a kernel (decision 0218)."""
+
+_TO_COMPILE_A_NODE = 1.5e-3
+"""And for each operation of the step."""
+
+_SECONDS_A_NODE = 0.8e-6
+"""That numpy takes to call one operation, 0.4 to 0.9 µs there."""
+
+_SECONDS_A_NUMBER = 1e-9
+"""And for each number that the operation computes."""
+
+Arrays = Mapping[str, FloatArray]
+
+
+def open_rollouts(
+    engine: str, program: Program, weights: Arrays, series: Arrays, runs: Runs
+) -> OpenedRollouts:
+    """The engine that is asked for, ready for a program whose loops are closed.
+
+    `auto` takes a kernel where these rollouts are worth it, and the interpreter where there is no
+    compiler. Raises SpecError for kernels that cannot be had.
+    """
+    match engine:
+        case "interpreter":
+            return OpenedRollouts(interpreted_rollouts(program, weights, series), engine)
+        case "torch":
+            from msnn.simulation.engines.torch_rollouts import torch_rollouts
+
+            return OpenedRollouts(torch_rollouts(program, weights, series), engine)
+        case "native":
+
+            def refused(reason: str, by: Exception) -> OpenedRollouts:
+                raise SpecError([kernels.no_native_rollouts(reason)]) from by
+
+            return _native(program, weights, series, runs, refused)
+        case "auto":
+
+            def interpreted(reason: str, by: Exception) -> OpenedRollouts:
+                del by
+                note = kernels.interpreted_instead(reason)
+                judge = interpreted_rollouts(program, weights, series)
+                return OpenedRollouts(judge, "interpreter", (note,))
+
+            if interpreter_seconds(program, runs) < kernel_seconds(program):
+                return open_rollouts("interpreter", program, weights, series, runs)
+            return _native(program, weights, series, runs, interpreted)
+        case _:
+            raise AssertionError("`known_engine` lets no other through")
+
+
+def known_engine(name: str) -> str:
+    """The name, if it is one of `ENGINES`. Raises SpecError."""
+    if name not in ENGINES:
+        raise SpecError([kernels.unknown_engine(name, ENGINES)])
+    return name
+
+
+def kernel_seconds(program: Program) -> float:
+    """About how long it takes to have a kernel that must be compiled first."""
+    return _TO_COMPILE + len(program.step) * _TO_COMPILE_A_NODE
+
+
+def interpreter_seconds(program: Program, runs: Runs) -> float:
+    """About how long the interpreter takes on a machine of today."""
+    wanted = [output.node for output in program.outputs]
+    wanted += [state.next for state in program.states]
+    wanted += [node for loss in program.losses for node in loss.nodes]
+    live = needed(program.step, wanted)
+    sizes = [node.type.size for index, node in program.step if live[index]]
+    longest = np.sort(runs.steps)[::-1][::SIDE_BY_SIDE]
+    calls, steps = int(longest.sum()), int(runs.steps.sum())
+    return calls * len(sizes) * _SECONDS_A_NODE + steps * sum(sizes) * _SECONDS_A_NUMBER
+
+
+def _native(
+    program: Program,
+    weights: Arrays,
+    series: Arrays,
+    runs: Runs,
+    otherwise: Callable[[str, Exception], OpenedRollouts],
+) -> OpenedRollouts:
+    # jinja2 and the emitter are loaded only where kernels are made
+    from backends.native.kernel_cache.folders import kernel_folder
+    from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
+    from msnn.simulation.engines.kernel_trials import NO_FALLBACK
+    from msnn.simulation.engines.native_rollouts import NativeRollouts
+
+    try:
+        made = NativeRollouts(program, weights, series)
+        made.check(runs)
+    except CompilerMissingError as error:
+        return otherwise(str(error), error)
+    except Exception as error:
+        if os.environ.get(NO_FALLBACK):
+            raise
+        reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]
+        return otherwise(f"{reason} (a mistake of msnn: please report it with the spec)", error)
+    return OpenedRollouts(made, "native", kernel_folder_warnings(kernel_folder()))

@@ -1,0 +1,123 @@
+"""Minimises sums of squares of many small problems side by side: Gauss-Newton with halved steps.
+
+A step is −(JᵀJ)⁺Jᵀr, r the residuals and J their slopes, in variables scaled to a curvature of 1
+each, so that units do not decide what is small. It is halved until F = rᵀr falls (Björck, Numerical
+Methods for Least Squares Problems, 1996, ch. 9).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
+
+MOST_STEPS = 20
+
+_NOTHING = 1e-10
+"""Curvature, relative to that of single numbers, below which a direction decides nothing."""
+
+_PART = 1e-3
+"""Part of a direction that nothing decides from which on a number is named as a part of it."""
+
+_LEAST_FALL = 1e-16
+"""Part of F that a step must promise: then a number is within 1e-8 of its standard error."""
+
+_UNSEEN = 1e-12
+"""Part of F by which rounding may raise it."""
+
+_ROUNDING = 1e-24
+"""The same relative to the squares of the targets, where nothing but rounding is left of F."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunProducts:
+    """Of every problem: F = rᵀr, Jᵀr, JᵀJ, and the squares of the targets."""
+
+    squares: FloatArray
+    slope: FloatArray
+    curvature: FloatArray
+    size: FloatArray
+
+    def __add__(self, other: RunProducts) -> RunProducts:
+        return RunProducts(
+            self.squares + other.squares,
+            self.slope + other.slope,
+            self.curvature + other.curvature,
+            self.size + other.size,
+        )
+
+    def take(self, members: IntArray) -> RunProducts:
+        return RunProducts(
+            self.squares[members], self.slope[members], self.curvature[members], self.size[members]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Descended:
+    """Where the problems ended."""
+
+    values: FloatArray
+    """(problems, numbers)."""
+    settled: BoolArray
+    """Problems whose next step would change nothing."""
+    undecided: BoolArray
+    """(problems, numbers): what a direction that changes no residual is made of."""
+
+
+def descended(
+    begin: FloatArray, products: Callable[[IntArray, FloatArray], RunProducts]
+) -> Descended:
+    """The minima from `begin` on, at most MOST_STEPS steps away.
+
+    `products` are those of some problems at these values of their numbers.
+    """
+    values = begin.copy()
+    everything = np.arange(len(begin))
+    undecided = np.zeros(begin.shape, np.bool_)
+    settled = np.zeros(len(begin), np.bool_)
+    now, members = products(everything, values), everything
+    length = np.ones(len(begin))
+    for _ in range(MOST_STEPS + 1):
+        step, fall, nothing = _steps(now)
+        undecided[members] = nothing
+        done = fall <= _LEAST_FALL * now.squares + _ROUNDING * now.size
+        settled[members] = done
+        left = np.flatnonzero(~done & np.isfinite(now.squares))
+        if not len(left):
+            break
+        members, now, step, length = members[left], now.take(left), step[left], length[left]
+        trial = values[members] + length[:, None] * step
+        after = products(members, trial)
+        better = after.squares <= (1.0 + _UNSEEN) * now.squares  # false for NaN
+        values[members[better]] = trial[better]
+        now = _chosen(better, after, now)
+        length = np.where(better, np.minimum(2.0 * length, 1.0), 0.5 * length)
+    return Descended(values, settled, undecided)
+
+
+def _steps(now: RunProducts) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """The whole step of each problem, by how much its model falls, and what is undecided."""
+    curvature = np.where(np.isfinite(now.curvature), now.curvature, 0.0)
+    slope = np.where(np.isfinite(now.slope), now.slope, 0.0)
+    diagonal = np.diagonal(curvature, axis1=1, axis2=2)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = curvature * scale[:, :, None] * scale[:, None, :]
+    found, directions = np.linalg.eigh(scaled)
+    decides = found > _NOTHING
+    along = np.einsum("rni,rn->ri", directions, slope * scale)
+    shares = np.where(decides, along / np.where(decides, found, 1.0), 0.0)
+    step = -scale * np.einsum("rni,ri->rn", directions, shares)
+    lost = np.where(decides[:, None, :], 0.0, directions * directions).sum(axis=2)
+    return step, np.sum(shares * np.where(decides, along, 0.0), axis=1), lost > _PART * _PART
+
+
+def _chosen(which: BoolArray, one: RunProducts, other: RunProducts) -> RunProducts:
+    return RunProducts(
+        np.where(which, one.squares, other.squares),
+        np.where(which[:, None], one.slope, other.slope),
+        np.where(which[:, None, None], one.curvature, other.curvature),
+        np.where(which, one.size, other.size),
+    )

@@ -1,0 +1,1 @@
+"""Steps a model from Python, a sample at a time: what simulators and control loops need."""

@@ -1,0 +1,64 @@
+"""Opens a stepper: the C of the model compiled here, or the interpreter where nothing compiles."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import cast
+
+from backends.c.interface.interface import c_interface
+from backends.c_lowering.options import COptions
+from backends.files.c_compiler import CompilerMissingError
+from msnn.data.dataset import FloatArray
+from msnn.errors import kernels
+from msnn.exports.export import plan_exports
+from msnn.exports.target import ExportPlan
+from msnn.model.model import Model
+from msnn.simulation.engines.kernel_trials import NO_FALLBACK
+from msnn.stepping.engine import StepEngine
+from msnn.stepping.stepper import Stepper
+from spec_schema.diagnostics.diagnostic import Findings, SpecError, describe
+
+
+def open_stepper(model: Model, weights: Mapping[str, FloatArray]) -> Stepper:
+    """The model as its spec says that it is exported to C.
+
+    Without a compiler it steps in the interpreter, and a RuntimeWarning says so. Raises SpecError
+    for an export that is wrong, or in fixed point.
+    """
+    findings = Findings()
+    plans = plan_exports(model, ["c"], findings)
+    if findings.failed:
+        raise SpecError(findings.in_order, model.sources)
+    (plan,) = plans
+    if plan.target.name != "c" or not isinstance(plan.options, COptions):
+        raise SpecError([kernels.stepper_of_words(str(plan.dtype))], model.sources)
+    plan = cast("ExportPlan[COptions]", plan)
+    options = replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
+    interface = c_interface(plan.program, options)
+    engine: StepEngine
+    try:
+        # jinja2 and the emitter are loaded only where something is compiled
+        from backends.native.native_step import NativeStep
+
+        engine = NativeStep(plan.program, interface, weights)
+    except CompilerMissingError as error:
+        engine = _interpreted(str(error), plan, options, weights)
+    except Exception as error:
+        if os.environ.get(NO_FALLBACK):
+            raise
+        reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]
+        engine = _interpreted(reason, plan, options, weights)
+    return Stepper(engine, interface, model.name, model.program.sample_time)
+
+
+def _interpreted(
+    reason: str, plan: ExportPlan[COptions], options: COptions, weights: Mapping[str, FloatArray]
+) -> StepEngine:
+    from backends.c.host.interpreted_step import InterpretedStep
+
+    said = describe(kernels.interpreted_instead(reason))
+    warnings.warn(said, RuntimeWarning, stacklevel=4)
+    return InterpretedStep(plan.program, c_interface(plan.program, options), weights)

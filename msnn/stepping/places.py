@@ -1,0 +1,85 @@
+"""Finds the values of a step by their names: where they stand, and what is taken of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from backends.c.interface.interface import Field, Interface
+from compiler.ir.program import Signal
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A value among the reals of a struct: one number at `index`, or the array `view`."""
+
+    name: str
+    index: int
+    view: Array | None
+    refuses: bool = False
+    """Whether numbers that are not finite are refused: nothing replaces them."""
+
+    def number(self, value: Any) -> float:
+        """What is given for one number. ValueError where it is none, or not finite."""
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise ValueError(f"`{self.name}` is a number, not {value!r}") from None
+        if self.refuses and not isfinite(number):
+            raise ValueError(not_finite(self.name, number))
+        return number
+
+    def put(self, value: ArrayLike) -> None:
+        """Writes an array. ValueError for another shape, or numbers that are not finite."""
+        assert self.view is not None
+        array = np.asarray(value, np.float64)
+        if array.shape != self.view.shape:
+            raise ValueError(f"`{self.name}` has shape {array.shape}, not {self.view.shape}")
+        if self.refuses and not np.isfinite(array).all():
+            raise ValueError(not_finite(self.name, array[~np.isfinite(array)][0]))
+        with np.errstate(over="ignore"):  # too large for float32: the step says so
+            self.view[...] = array
+
+
+def not_finite(name: str, value: float) -> str:
+    """Why a value is refused, and what would take it."""
+    return (
+        f"`{name}` is {value}: `on_invalid: clamp` or `hold` of the input replaces such values, "
+        "`trust` lets them pass"
+    )
+
+
+def refuses(signal: Signal) -> bool:
+    """Whether the C would only report what is not finite, and go on with it."""
+    return signal.on_invalid == "flag"
+
+
+def input_places(interface: Interface, memory: Any) -> dict[str, Place]:
+    """The inputs of a step in its memory."""
+    fields = [input.field for input in interface.inputs]
+    checked = {input.field.name: refuses(input.port.signal) for input in interface.inputs}
+    return {
+        place.name: Place(place.name, place.index, place.view, checked[place.name])
+        for place in _places(fields, memory, interface)
+    }
+
+
+def output_places(interface: Interface, memory: Any) -> tuple[Place, ...]:
+    """The outputs of a step in its memory."""
+    return tuple(_places(interface.outputs, memory, interface))
+
+
+def _places(fields: Iterable[Field], memory: Any, interface: Interface) -> Iterable[Place]:
+    numbers = np.frombuffer(memory, interface.options.dtype)
+    begin = 0
+    for field in fields:
+        view = numbers[begin : begin + field.size].reshape(field.shape) if field.shape else None
+        yield Place(field.name, begin, view)
+        begin += field.size

@@ -1,0 +1,68 @@
+"""Describes a stage as plain data, for the record of a run."""
+
+from __future__ import annotations
+
+from compiler.differentiation.estimated_starts import estimated_states
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.fields.entry import Entry
+from spec_schema.fields.located import Located
+
+
+def stage_record(plan: StagePlan) -> dict[str, object]:
+    """The stage with every default filled in."""
+    return {
+        "name": plan.name,
+        "epochs": plan.epochs,
+        "batch": plan.batch,
+        "optimizer": _variant(plan.optimizer),
+        "rollout": {
+            "horizon": plan.rollout.horizon,
+            "stride": plan.rollout.stride,
+            "skip": plan.rollout.skip,
+            "warm_up": plan.rollout.warm_up,
+            "starts": _starts(plan),
+            "close": list(plan.rollout.closed),
+            "curriculum": {str(phase.until): phase.horizon for phase in plan.phases},
+        },
+        "skip_rows": plan.rollout.skip_rows,
+        "losses": dict(plan.loss_weights),
+        "trained": list(plan.trained),
+        "lr": dict(plan.lr_factors),
+        "schedule": None if plan.schedule is None else _variant(plan.schedule),
+        "clip": plan.clip,
+        "weight_decay": plan.weight_decay,
+        "monitor": plan.monitor,
+        "patience": plan.patience,
+        "seed": plan.seed,
+        "dtype": plan.dtype,
+        "engine": plan.engine,
+        "device": plan.device,
+        "threads": plan.threads,
+        "reproducible": plan.reproducible,
+        "starts": plan.attempts,
+    }
+
+
+def _starts(plan: StagePlan) -> dict[str, object] | None:
+    """Which states start where the data say, and how that is found."""
+    starts = plan.rollout.starts
+    if starts is None:
+        return None
+    names = [state.name for state in estimated_states(starts.program)]
+    return {"states": names, "over": starts.over, "with_parameters": plan.estimates_starts}
+
+
+def _variant(options: Entry) -> dict[str, object]:
+    name = options.noun.split()[-2]  # the adam optimizer, the cosine schedule
+    keys = (key for key in type(options).model_fields if key != "place")
+    return {name: {key: _plain(getattr(options, key)) for key in keys}}
+
+
+def _plain(value: object) -> object:
+    match value:
+        case Located():
+            return value.value
+        case dict():
+            return {name: _plain(found) for name, found in value.items()}
+        case _:
+            return value

@@ -1,0 +1,81 @@
+"""Finds where the runs of a stage start, once an epoch and before each look at the monitor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.starts import Runs
+from msnn.simulation.start_fit import FoundStarts, StartFit, fit_of, uncertain_starts
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+Weights = Mapping[str, FloatArray]
+
+
+class StageStarts:
+    """Where the runs of one stage start whose plan leaves that to be found."""
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        fit: StartFit,
+        data: Dataset,
+        warned: Callable[[Diagnostic], None],
+    ) -> None:
+        self._plan, self._fit, self._data, self._warned = plan, fit, data, warned
+        self.found: FoundStarts | None = None
+        """Of the runs that are trained on."""
+
+    def for_training(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
+        """The series by which runs to train on start, at these weights."""
+        self.found = self._find(runs, weights)
+        return self.series()
+
+    def for_watching(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
+        """The series by which runs that are watched start, at these weights."""
+        return self._find(runs, weights).series(self._data.rows)
+
+    def series(self) -> dict[str, FloatArray]:
+        """The series of what was found for training."""
+        assert self.found is not None, "nothing was found yet"
+        return self.found.series(self._data.rows)
+
+    def kept(self, runs: Runs, values: Weights) -> dict[str, FloatArray]:
+        """The series of what was found for these runs before a training was interrupted."""
+        self.found = FoundStarts(runs.t0, values, {}, np.zeros(0, np.bool_))
+        return self.series()
+
+    def values(self) -> Weights:
+        """Of each state where the runs to train on start."""
+        return {} if self.found is None else self.found.values
+
+    def report(self) -> None:
+        """Says what is uncertain of the starts that were found last."""
+        if self.found is not None:
+            name = f"stage `{self._plan.name}`"
+            for warning in uncertain_starts(self.found, self._data, name):
+                self._warned(warning)
+
+    def data(self) -> Dataset:
+        """The data with where runs to train on start."""
+        series = self._data.series
+        return (
+            self._data
+            if self.found is None
+            else replace(self._data, series={**series, **self.series()})
+        )
+
+    def _find(self, runs: Runs, weights: Weights) -> FoundStarts:
+        return self._fit.find(self._data.series, runs, weights, self._plan.loss_weights)
+
+
+def stage_starts(
+    plan: StagePlan, data: Dataset, warned: Callable[[Diagnostic], None]
+) -> StageStarts | None:
+    """None where every state says itself where it starts."""
+    fit = fit_of(plan.rollout)
+    return None if fit is None else StageStarts(plan, fit, data, warned)

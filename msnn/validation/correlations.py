@@ -1,0 +1,202 @@
+"""Judges what a model leaves unexplained: are its errors noise, and do inputs explain them?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+
+import numpy as np
+
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
+
+_BAND = NormalDist().inv_cdf(0.995)
+"""Of a normal distribution 99 % lie within so many standard deviations."""
+_LEAST_LAGS = 25
+_SECONDS = 2.0
+_FEW = 4
+"""So many values a lag are the least from which anything can be said."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Correlation:
+    """A correlation at lags, with the band in which 99 % of those of noise lie."""
+
+    lags: IntArray
+    """In samples; at positive ones the error comes after what it is correlated with."""
+    values: FloatArray
+    """From -1 to 1."""
+    band: float
+    effective: float
+    """How many independent values would have this band."""
+
+    @property
+    def beyond(self) -> IntArray:
+        """The lags at which it leaves the band."""
+        return self.lags[np.abs(self.values) > self.band]
+
+    @property
+    def allowed(self) -> int:
+        """How many lags noise may have there: one in a hundred that are begun."""
+        return math.ceil(len(self.lags) / 100)
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether no more lags leave the band than those of noise, and none leaves it by far.
+
+        By far is where all lags of noise are 99 % of the time.
+        """
+        every = NormalDist().inv_cdf(1 - 0.005 / len(self.lags)) / _BAND * self.band
+        return len(self.beyond) <= self.allowed and abs(self.largest[1]) <= every
+
+    @property
+    def largest(self) -> tuple[int, float]:
+        """The lag with the largest magnitude, and the correlation there."""
+        place = int(np.argmax(np.abs(self.values)))
+        return int(self.lags[place]), float(self.values[place])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Residuals:
+    """The errors of one element of an output, against themselves and against each input."""
+
+    element: tuple[int, ...]
+    count: int
+    itself: Correlation | None
+    """None where there are too few errors, or they do not vary."""
+    inputs: Mapping[str, Correlation]
+    """By input, `u` or `u[2]`, at lags from 0: what it does later. Those that do not vary are left
+    out."""
+    feedback: Mapping[str, Correlation]
+    """By input, at negative lags: an input that follows the output follows its errors, which is no
+    fault of the model."""
+
+
+def lags_of(sample_time: float | None) -> int:
+    """Up to which lag errors are judged: 25 samples or 2 s, whichever is longer."""
+    seconds = 0 if sample_time is None else round(_SECONDS / sample_time)
+    return max(_LEAST_LAGS, seconds)
+
+
+def residuals(
+    errors: FloatArray,
+    rows: IntArray,
+    records: IntArray,
+    inputs: Mapping[str, FloatArray],
+    lags: int,
+) -> list[Residuals]:
+    """The correlations of (samples, *shape) errors, an entry an element.
+
+    `rows` are theirs in the series, each once and rising, `records` the record of each; no pair of
+    values is of two records. `inputs` are (series,) signals over all rows. NaN is left out.
+
+    r(k) = Σ e(t+k)·x(t) / √(Σe² Σx²) · n/n(k) of values less their means, n(k) pairs of n values.
+    Of noise against itself the band is 2.58/√n; against an input with memory it is
+    2.58·√(P/n), P = Σ r_ee(k)·r_xx(k) (Bartlett 1946; Ljung 1999, 16.6).
+    """
+    shape = errors.shape[1:]
+    flat = errors.reshape(len(errors), math.prod(shape))
+    places, size = _apart(rows, records, lags)
+    spread = {name: _on_grid(values[rows], places, size) for name, values in inputs.items()}
+    found: list[Residuals] = []
+    for number, element in enumerate(np.ndindex(shape)):
+        error = _on_grid(flat[:, number], places, size)
+        itself = _autocorrelation(error, lags)
+        if itself is None:
+            found.append(_unjudged(element, error))
+            continue
+        against = {
+            name: _cross(error, values, itself, own, lags)
+            for name, values in spread.items()
+            if (own := _autocorrelation(values, lags)) is not None
+        }
+        count = int(error.there.sum())
+        band = _BAND / math.sqrt(count)
+        white = Correlation(
+            lags=np.arange(1, lags + 1), values=itself[1:], band=band, effective=count
+        )
+        found.append(
+            Residuals(
+                element=element,
+                count=count,
+                itself=white,
+                inputs={name: _at(each, each.lags >= 0) for name, each in against.items()},
+                feedback={name: _at(each, each.lags < 0) for name, each in against.items()},
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """A signal less its mean at equal distances, zero where it is not there."""
+
+    values: FloatArray
+    there: FloatArray
+    """1 where there is a value, else 0."""
+
+
+def _apart(rows: IntArray, records: IntArray, lags: int) -> tuple[IntArray, int]:
+    """Places on one grid on which values of two records are more than `lags` apart."""
+    places, offset = rows.astype(np.int64), 0
+    for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(records)) + 1):
+        if len(part):
+            places[part] += offset - places[part[0]]
+            offset = int(places[part[-1]]) + lags + 1
+    return places, offset
+
+
+def _on_grid(values: FloatArray, places: IntArray, size: int) -> _Grid:
+    known = np.isfinite(values)
+    there, found = np.zeros(size), np.zeros(size)
+    there[places[known]] = 1.0
+    if known.any():
+        found[places[known]] = values[known] - values[known].mean()
+    return _Grid(found, there)
+
+
+def _autocorrelation(signal: _Grid, lags: int) -> FloatArray | None:
+    """r(0) … r(lags); None of too few values, or of values that do not vary."""
+    count = float(signal.there.sum())
+    power = float(signal.values @ signal.values)
+    if count < _FEW * lags or not power > 0:
+        return None
+    return _sums(signal, signal, lags)[lags:] / power * count
+
+
+def _cross(
+    error: _Grid, signal: _Grid, own: FloatArray, other: FloatArray, lags: int
+) -> Correlation:
+    power = math.sqrt(float(error.values @ error.values) * float(signal.values @ signal.values))
+    count = math.sqrt(float(error.there.sum()) * float(signal.there.sum()))
+    memory = float(own[0] * other[0] + 2 * (own[1:] @ other[1:]))
+    effective = float(error.there @ signal.there) / max(memory, 1.0)
+    return Correlation(
+        lags=np.arange(-lags, lags + 1),
+        values=_sums(error, signal, lags) / power * count,
+        band=_BAND / math.sqrt(effective),
+        effective=effective,
+    )
+
+
+def _at(found: Correlation, lags: BoolArray) -> Correlation:
+    return replace(found, lags=found.lags[lags], values=found.values[lags])
+
+
+def _sums(first: _Grid, second: _Grid, lags: int) -> FloatArray:
+    """Mean over pairs of first(t+k)·second(t), k = -lags … lags, by fast Fourier transforms."""
+    size = 1 << (len(first.values) + lags).bit_length()
+
+    def products(a: FloatArray, b: FloatArray) -> FloatArray:
+        found = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
+        return np.concatenate([found[-lags:], found[: lags + 1]])
+
+    pairs = np.rint(products(first.there, second.there))
+    return products(first.values, second.values) / np.maximum(pairs, 1.0)
+
+
+def _unjudged(element: tuple[int, ...], error: _Grid) -> Residuals:
+    return Residuals(
+        element=element, count=int(error.there.sum()), itself=None, inputs={}, feedback={}
+    )

@@ -1,0 +1,84 @@
+"""Judges the errors of one measurement: what they correlate with, where they are large."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.ir.program import Role
+from msnn.data.dataset import Dataset, FloatArray, IntArray
+from msnn.validation.correlations import Residuals, lags_of, residuals
+from msnn.validation.predictions import Predictions
+from msnn.validation.ready_check import ReadyCheck
+from msnn.validation.regions import Extrapolation, Region, extrapolation, regions
+
+TRAINED_ON = "train"
+_MOST_SIGNALS = 40
+"""The most elements of inputs that are looked at."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedErrors:
+    """What the errors of an output tell of the model."""
+
+    residuals: tuple[Residuals, ...]
+    """By element."""
+    regions: Mapping[str, tuple[Region, ...]]
+    """By input: where the rmse over all elements is how large."""
+    extrapolations: tuple[Extrapolation, ...]
+    """Inputs that leave the range of the training rows."""
+
+
+def judged_errors(check: ReadyCheck, found: Predictions) -> JudgedErrors:
+    """Judges each row once, as its first rollout predicts it."""
+    assert check.plan.target is not None
+    rows, first = np.unique(found.rows, return_index=True)
+    errors = (found.prediction - found.target)[first]
+    signals = _inputs(check)
+    before = rows - check.plan.target.ahead
+    with np.errstate(over="ignore", invalid="ignore"):
+        flat = errors.reshape(len(errors), -1) if len(errors) else errors.reshape(0, 1)
+        squares = np.mean(flat * flat, axis=1)
+    lags = lags_of(check.plan.rollout.program.sample_time)
+    return JudgedErrors(
+        residuals=tuple(residuals(errors, rows, _records(check.data, rows), signals, lags)),
+        regions={name: regions(squares, values[before]) for name, values in signals.items()},
+        extrapolations=tuple(
+            far
+            for name, values in signals.items()
+            if (far := _extrapolation(check, name, values, before)) is not None
+        ),
+    )
+
+
+def _extrapolation(
+    check: ReadyCheck, name: str, values: FloatArray, rows: IntArray
+) -> Extrapolation | None:
+    data = check.data
+    if TRAINED_ON not in data.sets or check.name == TRAINED_ON:
+        return None
+    return extrapolation(name, values[rows], values[data.in_set(TRAINED_ON)])
+
+
+def _inputs(check: ReadyCheck) -> dict[str, FloatArray]:
+    """Each element of the inputs that are not fed back, over all rows: `u`, `q[0]`, …"""
+    rollout, found = check.plan.rollout, dict[str, FloatArray]()
+    for signal in rollout.program.signals:
+        if signal.role is not Role.INPUT or signal.name in rollout.closed:
+            continue
+        values = check.data.series[signal.name]
+        if values.ndim == 1:
+            found[signal.name] = values
+            continue
+        for index in np.ndindex(values.shape[1:]):
+            element = (slice(None), *index)
+            found[f"{signal.name}[{', '.join(map(str, index))}]"] = values[element]
+    return dict(list(found.items())[:_MOST_SIGNALS])
+
+
+def _records(data: Dataset, rows: IntArray) -> IntArray:
+    """The number of the record of each row."""
+    starts = np.array([record.start for record in data.records])
+    return np.searchsorted(starts, rows, side="right") - 1

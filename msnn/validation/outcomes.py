@@ -1,0 +1,172 @@
+"""Simulates what entries of `validate` ask for, each way to simulate once, and measures it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from compiler.ir.program import Loss, Output, Program, learned_numbers
+from compiler.passes.drop_unused import drop_unused
+from msnn.data.dataset import FloatArray
+from msnn.simulation.engines.engine import Advance, OpenedRollouts, RolloutEngine
+from msnn.simulation.engines.open_rollouts import open_rollouts
+from msnn.simulation.engines.stepwise import interpreted_rollouts
+from msnn.simulation.rollout import LossSum, entry_value
+from msnn.simulation.rollout_plan import counted_rows
+from msnn.validation.doubt import loss_in_doubt, metric_in_doubt
+from msnn.validation.judged_errors import judged_errors
+from msnn.validation.measurement import Measurement, error_curve, error_trace, scores_of
+from msnn.validation.predictions import predictions
+from msnn.validation.ready_check import ReadyCheck
+from msnn.validation.rows_text import rows_text
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+
+@dataclass(frozen=True, slots=True)
+class LossValue:
+    """The value of a loss and how much it scored: elements, each by the factor of its row."""
+
+    value: float
+    scored: float
+
+
+Outcome = Measurement | LossValue
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What was found of some entries, and whether a limit of one lies within rounding of it."""
+
+    outcomes: list[Outcome]
+    is_doubtful: bool
+
+
+class Simulator:
+    """Simulates with one engine and one set of weights; says by `advance` how far it is."""
+
+    def __init__(self, engine: str, weights: Mapping[str, FloatArray], advance: Advance) -> None:
+        self._engine, self._weights, self._advance = engine, weights, advance
+        self.notes: dict[Diagnostic, None] = {}
+        """What the user should know of the choice of engines."""
+
+    def outcomes(self, checks: Sequence[ReadyCheck]) -> list[Outcome]:
+        """What is found of every entry; entries measured alike share it."""
+        found: dict[int, Outcome] = {}
+        for group in simulated_together(checks):
+            entries = [checks[index] for index in group]
+            outcomes = self._losses if entries[0].plan.metric is None else self._measurements
+            found |= dict(zip(group, outcomes(entries), strict=True))
+        return [found[index] for index in range(len(checks))]
+
+    def _measurements(self, checks: list[ReadyCheck]) -> list[Outcome]:
+        names = {check.plan.of for check in checks}
+        program = _reduced(
+            checks[0].plan.rollout.program, lambda output: output.name in names, lambda _: False
+        )
+
+        def found(engine: RolloutEngine) -> Found:
+            return _measured(checks, engine.outputs(checks[0].runs, self._advance))
+
+        return self._judged(program, checks[0], found)
+
+    def _losses(self, checks: list[ReadyCheck]) -> list[Outcome]:
+        names = {check.plan.of for check in checks}
+        first = checks[0]
+        program = _reduced(
+            first.plan.rollout.program,
+            lambda _: False,
+            lambda loss: bool(names & {loss.name, loss.entry}),
+        )
+        rows = counted_rows(first.plan.rollout, first.data, first.name)
+
+        def found(engine: RolloutEngine) -> Found:
+            sums = engine.losses(first.runs, first.plan.rollout.skip, rows, self._advance)
+            values = [_loss_value(program, check.plan.of, sums) for check in checks]
+            pairs = zip(checks, values, strict=True)
+            doubtful = any(loss_in_doubt(check.plan, one.value) for check, one in pairs)
+            return Found([*values], doubtful)
+
+        return self._judged(program, first, found)
+
+    def _judged(
+        self, program: Program, check: ReadyCheck, found: Callable[[RolloutEngine], Found]
+    ) -> list[Outcome]:
+        """What the engine finds; in doubt about a limit, what the interpreter does."""
+        opened = self._opened(program, check)
+        answer = found(opened.engine)
+        if answer.is_doubtful and opened.name != "interpreter":
+            answer = found(interpreted_rollouts(program, self._weights, check.series))
+        return answer.outcomes
+
+    def _opened(self, program: Program, check: ReadyCheck) -> OpenedRollouts:
+        opened = open_rollouts(self._engine, program, self._weights, check.series, check.runs)
+        self.notes |= dict.fromkeys(opened.notes)
+        return opened
+
+
+def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
+    """Places of the entries that the same rollouts answer, outputs and losses apart."""
+    groups: list[list[int]] = []
+    for index, check in enumerate(checks):
+        is_loss = check.plan.metric is None
+        for group in groups:
+            first = checks[group[0]]
+            if (first.plan.metric is None) is is_loss and check.is_simulated_as(first):
+                group.append(index)
+                break
+        else:
+            groups.append([index])
+    return groups
+
+
+def _reduced(
+    program: Program, output: Callable[[Output], bool], loss: Callable[[Loss], bool]
+) -> Program:
+    outputs = tuple(filter(output, program.outputs))
+    return drop_unused(
+        replace(program, outputs=outputs, losses=tuple(filter(loss, program.losses)))
+    )
+
+
+def _loss_value(program: Program, name: str, sums: Mapping[str, LossSum]) -> LossValue:
+    terms = [loss for loss in program.losses if name in (loss.name, loss.entry)]
+    values = {term.name: sums[term.name].value(term.measure) for term in terms}
+    scored = max(sums[term.name].count for term in terms)
+    return LossValue(entry_value(program, name, values), scored)
+
+
+def _measured(checks: list[ReadyCheck], outputs: Mapping[str, FloatArray]) -> Found:
+    found: list[Measurement] = []
+    doubtful = False
+    for index, check in enumerate(checks):
+        alike = next((i for i in range(index) if check.is_measured_as(checks[i])), None)
+        limited = check.plan.minimum is not None or check.plan.maximum is not None
+        if alike is not None and not limited:
+            found.append(found[alike])
+            continue
+        kept = predictions(check, outputs[check.plan.of])
+        learned = learned_numbers(check.plan.rollout.program)
+        if limited:
+            doubtful |= metric_in_doubt(check.plan, kept.prediction, kept.target, learned)
+        if alike is not None:
+            found.append(found[alike])
+            continue
+        rollout = check.plan.rollout
+        few = isinstance(rollout.horizon, str)
+        metrics = scores_of(kept.prediction, kept.target, learned)
+        found.append(
+            Measurement(
+                of=check.plan.of,
+                unit=check.plan.output_unit,
+                horizon=str(rollout.horizon),
+                closed=rollout.closed,
+                data=check.name,
+                rows=rows_text(check.data, kept.rows),
+                scored=metrics["rmse"].count,
+                metrics=metrics,
+                curve=error_curve(kept.prediction, kept.target, kept.number, few=few),
+                trace=error_trace(kept.prediction, kept.target),
+                judged=judged_errors(check, kept),
+            )
+        )
+    return Found([*found], doubtful)

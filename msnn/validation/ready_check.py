@@ -1,0 +1,82 @@
+"""Joins an entry of `validate` with the rollouts that it is measured on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from compiler.ir.liveness import Extent
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.starts import Runs
+from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.simulation.row_factors import check_row_factors
+from msnn.simulation.start_fit import with_starts
+from msnn.validation.plan import CheckPlan, default_set
+from spec_schema.diagnostics.diagnostic import Findings
+
+
+@dataclass(frozen=True, slots=True)
+class ReadyCheck:
+    """What is measured, over which rollouts of which data."""
+
+    plan: CheckPlan
+    name: str
+    """The set."""
+    runs: Runs
+    data: Dataset
+    series: Mapping[str, FloatArray]
+    """What the rollouts read: the data."""
+
+    def is_simulated_as(self, other: ReadyCheck) -> bool:
+        """Whether the same rollouts answer both."""
+        same = self.name == other.name and self.data is other.data
+        return same and self.plan.rollout == other.plan.rollout
+
+    def is_measured_as(self, other: ReadyCheck) -> bool:
+        """Whether they differ in metric and limits only."""
+        same = self.plan.of == other.plan.of and self.plan.target == other.plan.target
+        return same and self.is_simulated_as(other)
+
+
+def ready_check(
+    plan: CheckPlan,
+    data: Dataset | None,
+    on: str | None,
+    files: Mapping[str, Dataset],
+    findings: Findings,
+) -> ReadyCheck | None:
+    """The rollouts of an entry on its own files, on the set `on`, or on its set; None reported."""
+    measured = files[plan.data] if plan.from_files and plan.data and not on else data
+    assert measured is not None, "only entries with files do without data"
+    name = on or plan.data or default_set(measured)
+    wanted_by = f"the metric of `{plan.of}`"
+    stride = None if plan.rollout.stride == plan.rollout.horizon else plan.rollout.stride
+    ahead = plan.target.ahead if plan.target is not None else 0
+    also = Extent(min(ahead, 0), max(ahead, 0))
+    runs = set_rollouts(plan.rollout, measured, name, stride, wanted_by, plan.span, findings, also)
+    if runs is None:
+        return None
+    if plan.metric is None:
+        counted = counted_rows(plan.rollout, measured, name)
+        check_row_factors(plan.rollout.program, measured, runs, counted, findings)
+    return ReadyCheck(plan, name, runs, measured, measured.series)
+
+
+def with_found_starts(
+    checks: Sequence[ReadyCheck], weights: Mapping[str, FloatArray] | None, findings: Findings
+) -> list[ReadyCheck]:
+    """The entries with data that say where their rollouts start, where that is to be found.
+
+    Entries that are simulated alike share what is found; what is uncertain goes to `findings`.
+    """
+    found: list[ReadyCheck] = []
+    for index, check in enumerate(checks):
+        alike = next((i for i in range(index) if check.is_simulated_as(checks[i])), None)
+        if alike is not None:
+            data = found[alike].data
+        else:
+            wanted_by = f"the metric of `{check.plan.of}`"
+            rollout = check.plan.rollout
+            data = with_starts(rollout, check.data, check.runs, weights, wanted_by, findings)
+        found.append(replace(check, data=data, series=data.series))
+    return found

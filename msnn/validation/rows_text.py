@@ -1,0 +1,24 @@
+"""Says which rows were scored, so that off-by-ones between tools are visible."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msnn.data.dataset import Dataset, IntArray
+
+
+def rows_text(data: Dataset, rows: IntArray) -> str:
+    """`rows 5…1023 of 1024`, or their number in several records; `rows` are in order."""
+    if not len(rows):
+        return "no rows"
+    rows = rows[np.append(True, rows[1:] != rows[:-1])]  # rollouts that overlap score some again
+    touched = [r for r in data.records if np.any((rows >= r.start) & (rows < r.stop))]
+    if len(touched) > 1:
+        total = sum(record.stop - record.start for record in touched)
+        return f"{len(rows)} of {total} rows in {len(touched)} records"
+    record = touched[0]
+    first, last = int(rows[0]) - record.start, int(rows[-1]) - record.start
+    total = record.stop - record.start
+    if len(rows) == last - first + 1:
+        return f"rows {first}…{last} of {total}"
+    return f"{len(rows)} of rows {first}…{last} of {total}"

@@ -1,0 +1,29 @@
+"""The page about Python: its loop runs, and the car reaches its speed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.cli.command_line import ROOT, in_new_process
+from tests.conditions import require_tool
+
+PAGE = (ROOT / "docs" / "python.md").read_text()
+
+
+def block(language: str) -> str:
+    (found,) = re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.M | re.S)
+    return found
+
+
+def test_the_loop_around_a_stepper(tmp_path: Path) -> None:
+    require_tool("gcc", install="apt install gcc")
+    (tmp_path / "cruise.msnn.yaml").write_text(block("yaml"))
+    (tmp_path / "loop.py").write_text(block("python"))
+    said = in_new_process((), tmp_path, start="import runpy; runpy.run_path('loop.py')")
+    assert said.code == 0, said.err
+    speed = re.fullmatch(r"(\S+) m/s, \S+ m behind\n", said.out)
+    assert speed is not None
+    assert float(speed[1]) == pytest.approx(30.0, abs=0.05)

@@ -1,0 +1,150 @@
+"""Residual correlations: against the definition, at their false-alarm rates, on known faults."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from msnn.data.dataset import FloatArray, IntArray
+from msnn.validation.correlations import Correlation, lags_of, residuals
+
+
+def judged(
+    errors: FloatArray, inputs: dict[str, FloatArray] | None = None, lags: int = 25
+) -> tuple[Correlation | None, dict[str, Correlation]]:
+    rows = np.arange(len(errors))
+    (found,) = residuals(errors, rows, np.zeros_like(rows), inputs or {}, lags)
+    return found.itself, dict(found.inputs)
+
+
+def by_definition(
+    e: FloatArray, x: FloatArray, rows: IntArray, records: IntArray, lags: range
+) -> list[float]:
+    """Σ over pairs of one record, written out."""
+    e, x = e - np.nanmean(e), x - np.nanmean(x)
+    scale = math.sqrt(np.nanmean(e * e) * np.nanmean(x * x))
+    found: list[float] = []
+    for lag in lags:
+        pairs = [
+            e[i] * x[j]
+            for i in range(len(e))
+            for j in range(len(x))
+            if rows[i] - rows[j] == lag and records[i] == records[j]
+            if not math.isnan(e[i] * x[j])
+        ]
+        found.append(sum(pairs) / max(len(pairs), 1) / scale)
+    return found
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_correlations_are_those_of_the_definition(seed: int):
+    generator = np.random.default_rng(seed)
+    rows = np.sort(generator.choice(60, 50, replace=False))
+    records = np.repeat([0, 1], [20, 30])
+    e, x = generator.normal(3, 2, 50), generator.normal(-1, 5, 60)
+    e[generator.choice(50, 5, replace=False)] = np.nan
+    x[generator.choice(60, 5, replace=False)] = np.nan
+    (found,) = residuals(e, rows, records, {"x": x}, 3)
+    assert found.itself is not None
+    assert found.itself.values == pytest.approx(by_definition(e, e, rows, records, range(1, 4)))
+    expected = by_definition(e, x[rows], rows, records, range(-3, 4))
+    both = np.concatenate([found.feedback["x"].values, found.inputs["x"].values])
+    assert both == pytest.approx(expected, abs=1e-12)
+    assert found.count == 45
+
+
+def test_noise_is_called_noise():
+    """Of 400 runs of noise against a slow input as few are accused as one lag in 100 allows."""
+    generator = np.random.default_rng(1)
+    accused = {"itself": 0, "u": 0}
+    for _ in range(400):
+        slow = np.convolve(generator.normal(size=1050), np.ones(50) / 50, "valid")[:1000]
+        itself, inputs = judged(generator.normal(size=1000), {"u": slow})
+        assert itself is not None
+        accused["itself"] += not itself.is_noise
+        accused["u"] += not inputs["u"].is_noise
+    # 25 lags, one allowed: two or more beyond has a probability of 2.6 %; lags of a slow input
+    # leave the band together or not at all, at most 1 % of the time for each independent one
+    assert accused["itself"] <= 20
+    assert accused["u"] <= 28
+
+
+def test_errors_with_memory_are_not_white():
+    generator = np.random.default_rng(2)
+    error = np.zeros(2000)
+    for t in range(1, 2000):
+        error[t] = 0.3 * error[t - 1] + generator.normal()
+    itself, _ = judged(error)
+    assert itself is not None
+    assert not itself.is_noise
+    assert itself.largest == (1, pytest.approx(0.3, abs=0.06))
+
+
+def test_what_an_input_does_later_is_found_at_its_lag():
+    generator = np.random.default_rng(3)
+    u = generator.normal(size=3000)
+    error = generator.normal(size=3000) + 0.2 * np.roll(u, 4)
+    _, inputs = judged(error, {"u": u, "other": generator.normal(size=3000)})
+    assert not inputs["u"].is_noise
+    assert inputs["u"].largest[0] == 4
+    assert inputs["u"].beyond.tolist()[-1] >= 4
+    assert inputs["other"].is_noise
+
+
+def test_an_input_that_follows_the_output_is_feedback_and_no_fault():
+    generator = np.random.default_rng(7)
+    error = generator.normal(size=3000)
+    u = generator.normal(size=3000) + 0.5 * np.roll(error, 2)
+    rows = np.arange(3000)
+    (found,) = residuals(error, rows, np.zeros_like(rows), {"u": u}, 25)
+    assert found.inputs["u"].is_noise
+    assert not found.feedback["u"].is_noise
+    assert found.feedback["u"].largest[0] == -2
+
+
+def test_two_records_are_not_one():
+    """Errors that are constant within a record and jump between them are correlated in both."""
+    generator = np.random.default_rng(4)
+    first, second = generator.normal(size=500), generator.normal(size=500)
+    both = np.concatenate([first, second])
+    rows, records = np.arange(1000), np.repeat([0, 1], 500)
+    (apart,) = residuals(both, rows, records, {}, 25)
+    (together,) = residuals(both, rows, np.zeros_like(records), {}, 25)
+    assert apart.itself is not None
+    assert together.itself is not None
+    assert not np.allclose(apart.itself.values, together.itself.values, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [np.zeros(1000), np.full(1000, np.nan), np.ones(50), np.zeros(0), np.full(1000, np.inf)],
+)
+def test_of_too_little_nothing_is_said(errors: FloatArray):
+    itself, inputs = judged(errors, {"u": np.ones(max(len(errors), 1))})
+    assert itself is None
+    assert not inputs
+
+
+def test_inputs_that_do_not_vary_are_left_out():
+    errors = np.random.default_rng(5).normal(size=1000)
+    assert not judged(errors, {"u": np.ones(1000)})[1]
+
+
+def test_every_element_of_a_vector_is_judged():
+    generator = np.random.default_rng(6)
+    errors = generator.normal(size=(1000, 2, 3))
+    errors[:, 1, 2] = np.cumsum(errors[:, 1, 2])
+    rows = np.arange(1000)
+    found = residuals(errors, rows, np.zeros_like(rows), {}, 25)
+    assert [each.element for each in found] == list(np.ndindex(2, 3))
+    accused = [each.element for each in found if each.itself and not each.itself.is_noise]
+    assert (1, 2) in accused
+    assert len(accused) <= 2
+
+
+def test_lags_are_25_samples_or_two_seconds():
+    assert [lags_of(None), lags_of(0.1), lags_of(0.01)] == [25, 25, 200]
