@@ -1,20 +1,53 @@
-"""Runs the example in a generated README as its reader would: copied into a file beside it."""
+"""Runs the examples in generated READMEs as their readers would: copied into files beside them."""
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+
+_RUN_ALL = """
+import contextlib, io, json, runpy, sys
+from pathlib import Path
+printed = []
+for script in sys.argv[1:]:
+    folder = str(Path(script).parent)
+    sys.path.insert(0, folder)
+    with contextlib.redirect_stdout(io.StringIO()) as text:
+        runpy.run_path(script, run_name="__main__")
+    sys.path.remove(folder)
+    for name, module in list(sys.modules.items()):
+        if (getattr(module, "__file__", None) or "").startswith(folder):
+            del sys.modules[name]
+    printed.append(text.getvalue())
+print(json.dumps(printed))
+"""
 
 
 def run_example(readme: Path) -> str:
     """What the only Python block of the README prints; AssertionError where it fails."""
-    (code,) = re.findall(r"```python\n(.*?)```", readme.read_text(encoding="utf-8"), re.DOTALL)
-    script = readme.parent / "example.py"
-    script.write_text(code, encoding="utf-8")
+    (printed,) = run_examples([readme])
+    return printed
+
+
+def run_examples(readmes: Sequence[Path]) -> list[str]:
+    """The same of several, one after the other in one process: libraries are imported once."""
+    scripts: list[str] = []
+    for readme in readmes:
+        (code,) = re.findall(r"```python\n(.*?)```", readme.read_text(encoding="utf-8"), re.DOTALL)
+        script = readme.parent / "example.py"
+        script.write_text(code, encoding="utf-8")
+        scripts.append(str(script))
     done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=120
+        [sys.executable, "-c", _RUN_ALL, *scripts],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
     )
     assert done.returncode == 0, done.stderr
-    return done.stdout
+    printed: list[str] = json.loads(done.stdout)
+    return printed

@@ -51,5 +51,7 @@ def test_misra(name: str, dtype: str, tmp_path: Path, capsys: pytest.CaptureFixt
         miss(f"{CPPCHECK.command} is not installed: apt-get install {CPPCHECK.package}")
     plan = planned(fixed_model(tmp_path, gallery_text(name), dtype))
     write_export(plan, {}, tmp_path / "c")
-    assert run(["verify", str(tmp_path / "c"), "--targets", "host", "--misra"]) == 0
+    # builds and golden steps of the others are in test_bits
+    targets = "host" if name == "quarter_car" else ""
+    assert run(["verify", str(tmp_path / "c"), "--targets", targets, "--misra"]) == 0
     assert " 0 findings by the MISRA addon" in capsys.readouterr().out

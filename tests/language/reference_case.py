@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -68,6 +69,7 @@ class Case:
     tolerance: float
 
 
+@lru_cache(maxsize=4)  # each goes through all backends, one after the other
 def read_case(path: Path) -> Case:
     """The case of a file."""
     text = path.read_text(encoding="utf-8")

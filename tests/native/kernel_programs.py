@@ -21,7 +21,7 @@ from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Program
 from tests.native.test_kernel import flat, initial, log_of
 
-STEPS, ROLLOUTS, BATCH, EPOCHS = 20, 200, 48, 2
+STEPS, ROLLOUTS, BATCH, EPOCHS = 20, 100, 24, 2
 
 _PROGRAM = """
 #include <stdio.h>

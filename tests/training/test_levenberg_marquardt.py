@@ -170,7 +170,7 @@ def oscillation(rows: int) -> dict[str, FloatArray]:
 
 
 def test_physical_parameters_within_bounds(engine: str) -> None:
-    result = run(OSCILLATOR.replace("ENGINE", engine), oscillation(120))
+    result = run(OSCILLATOR.replace("ENGINE", engine), oscillation(60))
     for name, value in TRUE.items():
         assert result.weights[name] == pytest.approx(value, rel=1e-6)
 

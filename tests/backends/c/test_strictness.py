@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from backends.c_lowering.options import Extra
 from compiler.ir.program import Program
 from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
 from tests.backends.c.c_programs import closed_sample
+from tests.backends.c.distinct_sources import distinct
 from tests.backends.c.small_programs import (
     conditions,
     filtered,
@@ -101,13 +103,28 @@ def test_the_misra_addon_of_cppcheck_finds_nothing(
         prefix = f"{folder.name}_x"
         options = COptions(prefix=prefix, constant_time=constant_time, extras=extras)
         write_c(PROGRAMS[folder.name](), {}, folder, options)
-    sources = [str(path) for folder in folders for path in folder.rglob("*.c")]
+    sources = [path for folder in folders for path in sorted(folder.rglob("*.c"))]
     # the kernels have tests of their own, and the test program prints
-    checked = [path for path in sources if "_math" not in path and "_sil" not in path]
+    own = [path for path in sources if "_math" not in path.name and "_sil" not in path.name]
+    checked = distinct(own)
+    left_out = "".join(path.read_text(encoding="utf-8") for path in own if path not in checked)
     includes = [f"-I{folder / 'include'}" for folder in folders]
     settings = ["-q", "-j2", "--addon=misra", "--std=c99", "--enable=style"]
-    findings = _run([checker, *settings, "--template={file}:{line} {id}", *includes, *checked])
-    assert [line for line in findings.splitlines() if "misra-c2012" in line] == []
+    findings = _run(
+        [checker, *settings, "--template={file}:{line} {id}", *includes, *map(str, checked)]
+    )
+    found = [line for line in findings.splitlines() if "misra-c2012" in line]
+    assert [line for line in found if not _is_used(line, left_out)] == []
+
+
+def _is_used(finding: str, left_out: str) -> bool:
+    """Whether it is of a macro that nothing uses (rule 2.5), and what was left out uses it."""
+    place, _, rule = finding.rpartition(" ")
+    if rule != "misra-c2012-2.5":
+        return False
+    file, _, line = place.rpartition(":")
+    macro = Path(file).read_text(encoding="utf-8").splitlines()[int(line) - 1].split()[1]
+    return re.search(rf"\b{re.escape(macro.partition('(')[0])}\b", left_out) is not None
 
 
 def test_clang_needs_no_flag_to_keep_the_bits(tmp_path: Path) -> None:
