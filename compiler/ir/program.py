@@ -8,6 +8,7 @@ from enum import Enum
 from typing import Literal
 
 from compiler.ir.fit import Fit
+from compiler.ir.known import Penalty, Prior, Statistic
 from compiler.ir.ops import Broadcast, Op
 from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
@@ -75,22 +76,6 @@ class Signal:
     on_invalid: InvalidPolicy = "flag"
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
-
-
-@dataclass(frozen=True, slots=True)
-class Statistic:
-    """What of a signal's training rows a parameter is, set once before the first stage."""
-
-    kind: Literal["mean", "std"]
-    signal: str
-
-
-@dataclass(frozen=True, slots=True)
-class Prior:
-    """What is known of every number of a parameter before the data: mean and deviation."""
-
-    mean: float
-    std: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,19 +211,6 @@ class Measure(Enum):
     """… e²/2 for |e| ≤ 1, |e| − 1/2 beyond, e = prediction − target."""
     MEAN = "mean"
     """… the prediction itself: an expression that is already a cost."""
-
-
-@dataclass(frozen=True, slots=True)
-class Penalty:
-    """A loss of one learned array alone, which has a corner where numbers or slices are 0.
-
-    Optimisers that can take steps to the corner itself take it apart from the others (decision
-    0215): its value counts, its slope does not.
-    """
-
-    parameter: str
-    over: str | None
-    """The axis whose slices are taken by their norms; None for the magnitude of each number."""
 
 
 @dataclass(frozen=True, slots=True)

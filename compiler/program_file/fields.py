@@ -15,6 +15,7 @@ from functools import cache
 from types import NoneType
 from typing import Any, Literal, TypeVar, assert_never, cast, get_args, get_origin, get_type_hints
 
+from compiler.ir.known import Penalty, Prior, Statistic
 from compiler.ir.ops import Op, ReadTraining
 from compiler.ir.program import (
     Declared,
@@ -24,9 +25,6 @@ from compiler.ir.program import (
     Loss,
     Origin,
     Parameter,
-    Penalty,
-    Prior,
-    Statistic,
     Tape,
 )
 from compiler.ir.types import Axis, Prediction, Type

@@ -16,6 +16,7 @@ import pytest
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.fit import Fit
+from compiler.ir.known import Statistic
 from compiler.ir.program import (
     Dimension,
     Expected,
@@ -29,7 +30,6 @@ from compiler.ir.program import (
     Role,
     Signal,
     State,
-    Statistic,
 )
 from compiler.ir.text import program_text
 from compiler.ir.types import Axis, Prediction, Type

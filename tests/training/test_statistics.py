@@ -9,7 +9,8 @@ import pytest
 
 import msnn
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Program, Statistic
+from compiler.ir.known import Statistic
+from compiler.ir.program import Program
 from compiler.program_file.file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
 from msnn.model.weights_file import initial_weights

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from compiler.builtins.reductions import reduce_axes
+from compiler.ir.known import Penalty
 from compiler.ir.ops import ReadParameter
-from compiler.ir.program import Loss, NodeId, Parameter, Penalty
+from compiler.ir.program import Loss, NodeId, Parameter
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.program import NodeId, Parameter, Prior, Statistic
+from compiler.ir.known import Prior, Statistic
+from compiler.ir.program import NodeId, Parameter
 from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis, Type
 from compiler.lowering.arrays.initial_values import initial_values
