@@ -85,7 +85,7 @@ def standard_errors(
         return _none(f"more than {MOST_NUMBERS} numbers are learned")
     starts = plan.rollout.starts
     if starts is not None:
-        starts = replace(starts, program=_squared(starts.program, plan))
+        starts = replace(starts, program=squared(starts.program, plan.loss_weights))
     rollout = replace(plan.rollout, program=program, starts=starts)
     runs = set_rollouts(rollout, data, TRAIN, None, "standard errors", plan.span, Findings())
     if runs is None:
