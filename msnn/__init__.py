@@ -17,20 +17,9 @@ from msnn.project.package_names import check_package_names
 check_package_names()
 
 if TYPE_CHECKING:
-    from msnn.api import (
-        compare,
-        compile,
-        export,
-        initial_weights,
-        linearize,
-        load,
-        simulate,
-        stage_loss,
-        stepper,
-        train,
-        train_folds,
-        validate,
-    )
+    from msnn.api.measurements import simulate, validate
+    from msnn.api.models import compile, export, initial_weights, linearize, load, stepper
+    from msnn.api.trainings import compare, stage_loss, train, train_folds
     from msnn.model.model import Model
     from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -51,7 +40,12 @@ __all__ = [
     "validate",
 ]
 
-_HOMES = {"Model": "msnn.model.model", "SpecError": "spec_schema.diagnostics.diagnostic"}
+_HOMES = {
+    "Model": "msnn.model.model",
+    "SpecError": "spec_schema.diagnostics.diagnostic",
+    **dict.fromkeys(("simulate", "validate"), "msnn.api.measurements"),
+    **dict.fromkeys(("compare", "stage_loss", "train", "train_folds"), "msnn.api.trainings"),
+}
 
 
 def __getattr__(name: str) -> Any:
@@ -60,7 +54,7 @@ def __getattr__(name: str) -> Any:
         return import_module("spec_schema.version").__version__
     if name not in __all__:
         raise AttributeError(f"module `msnn` has no attribute `{name}`")
-    return getattr(import_module(_HOMES.get(name, "msnn.api")), name)
+    return getattr(import_module(_HOMES.get(name, "msnn.api.models")), name)
 
 
 def __dir__() -> list[str]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from msnn import api
+from msnn.api import measurements, trainings
 from msnn.data.dataset import FloatArray
 from msnn.model.load import load_model
 from msnn.tables import table_text
@@ -94,8 +94,8 @@ def trained(folder: Path, rate: float, between: str) -> tuple[dict[str, FloatArr
     """What is learned, and the rms error of the travel over the whole test record."""
     settings = [f"inputs.force.between={between}", f"sample_time={rate:g} Hz"]
     model = load_model(HERE / "bouc_wen.msnn.yaml", settings)
-    result = api.train(model, data_root=folder, runs=None)
-    report = api.validate(model, result.weights, data_root=folder)
+    result = trainings.train(model, data_root=folder, runs=None)
+    report = measurements.validate(model, result.weights, data_root=folder)
     return dict(result.weights), float(report.rows[0].value)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from msnn import api
+from msnn.api import trainings
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.training.records.progress import EpochEnd, Silent
@@ -75,10 +75,10 @@ def measured(spec: Path, rollout: str, folder: Path, source: Path | None) -> dic
         stage = options.replace("{", f"{{{rollout}, ", 1)
         model = with_stage(spec, stage, source)
         warm = with_stage(spec, stage.replace("epochs: ", "epochs: 1, x-epochs: "), source)
-        api.train(warm, data_root=folder, runs=None)
+        trainings.train(warm, data_root=folder, runs=None)
         runs[name] = Watched()
         began = time.perf_counter()
-        api.train(model, data_root=folder, runs=None, progress=runs[name])
+        trainings.train(model, data_root=folder, runs=None, progress=runs[name])
         print(f"  {name}: {time.perf_counter() - began:.2f} s", file=sys.stderr)
     return runs
 

@@ -25,7 +25,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from compiler.elaboration.compile import compile_spec
-from msnn import api
+from msnn.api import trainings
 from msnn.model.load import load_model
 from msnn.model.weights_file import initial_weights
 from msnn.training.train import TrainingDivergedError
@@ -66,7 +66,7 @@ def trained(spec: Path, epochs: int, rate: float, schedule: str, seed: int) -> f
     model = load_model(spec, settings)
     drawn = compile_spec(model.spec, used=model.read.used, draw=seed).program
     try:
-        result = api.train(model, weights=initial_weights(drawn), runs=None)
+        result = trainings.train(model, weights=initial_weights(drawn), runs=None)
     except TrainingDivergedError:
         return math.inf
     return result.stages[-1].best_value

@@ -1,8 +1,7 @@
-"""W0810 to W0819, W0828, W0829: what measured data shows by itself, found by `msnn data`."""
+"""W0810, W0812 to W0819, W0828, W0829: what measured data shows by itself, found by `msnn data`."""
 
 from __future__ import annotations
 
-from msnn.errors.data_files import repair_of_step
 from spec_schema.diagnostics.diagnostic import Diagnostic, warning
 
 
@@ -17,12 +16,6 @@ def uneven_steps(
     repair = "write `resample: linear` under `data:`, or take the rows as even: leave `time:` out"
     help = "`resample:` brings them to the sample time" if resampled else repair
     return warning("W0810", None, message, help=help)
-
-
-def other_sample_time(*, file: str, found: float, expected: float) -> Diagnostic:
-    """W0811: rows that are spaced otherwise than `sample_time`."""
-    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    return warning("W0811", None, message, help=repair_of_step(found, expected))
 
 
 def gaps_in_time(*, file: str, count: int, longest: float, row: int) -> Diagnostic:

@@ -1,4 +1,4 @@
-"""E08xx: data files, their columns, rows, times and splits."""
+"""E08xx, W0811: data files, their columns, rows, times and splits."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -116,10 +116,16 @@ def time_gap(
 def wrong_sample_time(file: str, found: float, expected: float, place: Span | None) -> Diagnostic:
     """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
     message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    return error("E0812", place, message, "the second row", help=repair_of_step(found, expected))
+    return error("E0812", place, message, "the second row", help=_repair_of_step(found, expected))
 
 
-def repair_of_step(found: float, expected: float) -> str:
+def other_sample_time(*, file: str, found: float, expected: float) -> Diagnostic:
+    """W0811: rows that are spaced otherwise than `sample_time`."""
+    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
+    return warning("W0811", None, message, help=_repair_of_step(found, expected))
+
+
+def _repair_of_step(found: float, expected: float) -> str:
     """What to write where rows are `found` seconds apart and `sample_time` says otherwise."""
     ratio = expected / found if found > 0 else 0.0
     every = round(ratio)

@@ -29,12 +29,13 @@ from msnn.training.plans.stage_result import StageResult
 from msnn.training.records.checkpoint import Checkpoint
 from msnn.training.records.interrupts import end_on_interrupt
 from msnn.training.records.parameters_record import parameters_record
-from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
+from msnn.training.records.progress import EpochEnd, Progress, Silent, StageStart
 from msnn.training.records.resumable_run import NotedProgress, open_run
 from msnn.training.records.run_folder import RunFolder
 from msnn.training.records.run_lock import held
 from msnn.training.records.run_record import run_record
 from msnn.training.records.safekeeping import Safekeeping
+from msnn.training.records.stage_record import stage_end
 from msnn.training.records.standard_errors import standard_errors
 from msnn.training.records.tensorboard_curves import Curves, require_tensorboard
 from msnn.training.records.training_options import TrainingOptions
@@ -133,7 +134,7 @@ class _Run:
             hint = self.jumps.hint(plan)
             if hint is not None:
                 self.progress.warned(hint)
-            self.progress.stage_ended(_stage_end(plan, result))
+            self.progress.stage_ended(stage_end(plan, result))
             now = Checkpoint(ended=(*now.ended, result), begin=result.best)
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
@@ -287,16 +288,3 @@ class _Run:
 def _is_in(folder: Path, error: OSError) -> bool:
     """Whether an error is about a file of the run."""
     return isinstance(error.filename, str) and folder in Path(error.filename).parents
-
-
-def _stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
-    return StageEnd(
-        stage=plan.name,
-        attempt=result.attempt + 1,
-        attempts=plan.attempts,
-        epochs=result.epochs,
-        best=result.best_value,
-        best_epoch=result.best_epoch,
-        seconds=result.seconds,
-        reason=result.reason,
-    )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn import api
+from msnn.api import models, trainings
 from msnn.model.load import with_engine
 from msnn.training.records.progress import EpochEnd, Silent
 from msnn.training.train import TrainingInterruptedError
@@ -83,9 +83,9 @@ class Interrupting(Silent):
 
 
 def test_an_interrupted_run_says_how_it_goes_on(msnn: CommandLine, project: Path):
-    model = with_engine(api.load(SPEC, ["train.0.epochs=5"]), "torch")
+    model = with_engine(models.load(SPEC, ["train.0.epochs=5"]), "torch")
     with pytest.raises(TrainingInterruptedError):
-        api.train(model, runs="other runs", progress=Interrupting())
+        trainings.train(model, runs="other runs", progress=Interrupting())
     record = json.loads(msnn("show", "other runs/plant/latest", "--format", "json").out)
     assert record["state"] == "interrupted"
     assert record["stages"][0]["reason"] == "at epoch 2 of 5"

@@ -23,10 +23,10 @@ WEIGHTS = "runs/plant/latest/weights.safetensors"
 @pytest.fixture(scope="module")
 def trained_runs(made_project: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder `runs` after a training of the new project, as it is."""
-    from msnn import api
+    from msnn.api import models, trainings
 
     folder = tmp_path_factory.mktemp("trained")
-    api.train(api.load(made_project / SPEC), runs=folder / "runs")
+    trainings.train(models.load(made_project / SPEC), runs=folder / "runs")
     return folder / "runs"
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from msnn import api
+from msnn.api import measurements, models, trainings
 from msnn.data.dataset import FloatArray
 from msnn.model.model_data import read_data
 from msnn.project.from_data.columns import columns_of
@@ -90,11 +90,11 @@ def test_a_new_spec_checks_clean_trains_and_beats_a_constant_and_a_hold(
     content = DIALECTS[dialect]
     name = "column_3" if dialect == "no header" else "y"
     path = folder_of(tmp_path, content, name)
-    model = api.load(path)
+    model = models.load(path)
     assert model.warnings == ()
     assert format_spec(str(path), path.read_text()) == path.read_text()
-    trained = api.train(model, runs=None)
-    report = api.validate(model, trained.weights)
+    trained = trainings.train(model, runs=None)
+    report = measurements.validate(model, trained.weights)
     one_step, free = report.rows
     late = table()["y"][int(0.8 * ROWS) :]
     assert one_step.value < 0.95 * np.sqrt(np.mean(np.diff(late) ** 2))
@@ -121,7 +121,7 @@ def test_what_a_spec_says_of_its_file(tmp_path: Path):
 )
 def test_units_as_people_write_them(written: str, unit: str | None, tmp_path: Path):
     path = folder_of(tmp_path, text(table(), f"time,u [{written}],w,y"), "y")
-    found = api.load(path).program.signal("u").unit
+    found = models.load(path).program.signal("u").unit
     assert (None if found is None else found.text) == unit
 
 
@@ -183,7 +183,7 @@ def test_missing_inputs_end_the_episode(tmp_path: Path):
     content[200] = re.sub(r",[^,]*,", ",,", content[200], count=1)
     path = folder_of(tmp_path, "\n".join(content), "y")
     assert "nan: split" in path.read_text()
-    api.train(api.load(path), runs=None)
+    trainings.train(models.load(path), runs=None)
 
 
 def test_outputs_of_the_system_are_no_inputs_of_the_model(tmp_path: Path):
@@ -237,7 +237,7 @@ HOSTILE = [
 def test_hostile_headers_stay_text(label: str, tmp_path: Path):
     quoted = '"' + label.replace('"', '""') + '"'
     path = folder_of(tmp_path, text(table(), f"time,{quoted},w,y"), "y")
-    model = api.load(path)
+    model = models.load(path)
     assert model.warnings == ()
     assert read_data(model, None, "a test").rows == ROWS
     assert format_spec(str(path), path.read_text()) == path.read_text()
@@ -247,7 +247,7 @@ def test_columns_of_one_name_are_told_apart_by_their_index(tmp_path: Path):
     path = folder_of(tmp_path, text(table(), "time,a,a,y"), "y")
     assert "a: {column: 1}" in path.read_text()
     assert "a_2: {column: 2}" in path.read_text()
-    assert read_data(api.load(path), None, "a test").rows == ROWS
+    assert read_data(models.load(path), None, "a test").rows == ROWS
 
 
 LABELS = st.text(st.characters(exclude_characters="\r\n", exclude_categories=["Cs"]), max_size=30)
@@ -261,7 +261,7 @@ def test_any_header_gives_a_spec_that_reads_its_file(labels: list[str], tmp_path
     quoted = ",".join('"' + label.replace('"', '""') + '"' for label in labels)
     columns = {name: values[:80] for name, values in table().items()}
     path = folder_of(tmp_path, text(columns, f"zeit,{quoted},y_of_all"), "y_of_all")
-    model = api.load(path)
+    model = models.load(path)
     assert read_data(model, None, "a test").rows == 80
 
 
@@ -335,8 +335,8 @@ def test_the_sample_project_gives_a_model_of_its_mass(made_project: Path, tmp_pa
     file = made_project / "data" / "train" / "run_01.csv"
     spec = spec_from_data("mass", file, tmp_path, "x").text
     (tmp_path / "mass.yaml").write_text(spec)
-    model = api.load(tmp_path / "mass.yaml")
-    report = api.validate(model, api.train(model, runs=None).weights)
+    model = models.load(tmp_path / "mass.yaml")
+    report = measurements.validate(model, trainings.train(model, runs=None).weights)
     x = np.loadtxt(file, delimiter=",", skiprows=1)[160:, 2]
     assert report.rows[1].value < 0.1 * np.std(x)
 
@@ -353,6 +353,6 @@ def test_records_of_a_real_drone_arm_in_closed_loop(tmp_path: Path):
     spec = spec_from_data("drone", file, tmp_path, "Saida_y").text
     assert "from_Controle_u" in spec
     (tmp_path / "drone.yaml").write_text(spec)
-    model = api.load(tmp_path / "drone.yaml")
-    report = api.validate(model, api.train(model, runs=None).weights)
+    model = models.load(tmp_path / "drone.yaml")
+    report = measurements.validate(model, trainings.train(model, runs=None).weights)
     assert report.rows[1].value < 2

@@ -13,7 +13,7 @@ import pytest
 from backends.native import rollout_kernel
 from backends.native.rollout_source import RolloutSource
 from compiler.ir.program import Program
-from msnn import api
+from msnn.api import measurements
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.model.load import load_model
@@ -45,8 +45,8 @@ def gallery(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_gallery_is_simulated_alike(name: str, engine: str, gallery: Path) -> None:
     model = load_model(spec_of(gallery, name))
-    found = api.simulate(model, horizon=50, engine=engine)
-    right = api.simulate(model, horizon=50, engine="interpreter")
+    found = measurements.simulate(model, horizon=50, engine=engine)
+    right = measurements.simulate(model, horizon=50, engine="interpreter")
     assert len(found) == len(right)
     for ours, judged in zip(found, right, strict=True):
         for output, values in judged.outputs.items():
@@ -166,7 +166,7 @@ def test_a_wrong_kernel_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_engine_that_there_is_not(gallery: Path) -> None:
     model = load_model(spec_of(gallery, "motor"))
-    for verb in (api.validate, api.simulate):
+    for verb in (measurements.validate, measurements.simulate):
         with pytest.raises(SpecError, match="E1043"):
             verb(model, engine="natve")
 

@@ -72,7 +72,8 @@ def posterior_mode(mean: float, std: float) -> FloatArray:
     w = np.asarray(np.linalg.lstsq(U, Y, rcond=None)[0], dtype=np.float64)
     for _ in range(200):
         ratio = float(np.mean((U @ w - Y) ** 2)) / std**2
-        w = np.linalg.solve(U.T @ U + ratio * np.eye(4), U.T @ Y + ratio * mean)
+        known = U.T @ U + ratio * np.eye(4)
+        w = np.asarray(np.linalg.solve(known, U.T @ Y + ratio * mean), dtype=np.float64)
     return w
 
 

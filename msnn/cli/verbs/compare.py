@@ -72,7 +72,7 @@ def compare(
     time, and what a step of the C costs; the Pareto front is marked. `runs.jsonl` has every
     training: one that is there is not repeated, and an interrupted comparison goes on.
     """
-    from msnn import api
+    from msnn.api import trainings
     from msnn.cli.console import json_result, note, result
     from msnn.comparison.progress_lines import TrialLines
     from msnn.comparison.table import comparison_notes, comparison_record, comparison_table
@@ -80,7 +80,7 @@ def compare(
 
     refuse_undrawable(plot)
     try:
-        found = api.compare(
+        found = trainings.compare(
             specs,
             grid=grid or (),
             settings=settings or (),

@@ -60,7 +60,7 @@ def simulate(
     row a step: file, set, row and time as the log has them, outputs, and beside them what was
     measured.
     """
-    from msnn import api
+    from msnn.api import measurements
     from msnn.cli.console import json_result, note, report, result
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
@@ -80,7 +80,7 @@ def simulate(
     note(f"weights: {chosen.origin}")
     steps = None if horizon == "record" else int(horizon)
     with StepProgress(sys.stderr) as progress:
-        found = api.simulate(
+        found = measurements.simulate(
             model,
             data,
             chosen.weights,

@@ -66,7 +66,7 @@ def train(
         model = with_engine(model, engine.value)
 
     # torch takes seconds to load: only a spec without mistakes waits for it
-    from msnn import api
+    from msnn.api import trainings
     from msnn.reports.training_summary import (
         Recorded,
         errors_note,
@@ -83,7 +83,7 @@ def train(
     progress = Recorded(Lines(sys.stderr, terminal=is_live(sys.stderr)))
     try:
         if folds:
-            every = api.train_folds(
+            every = trainings.train_folds(
                 model,
                 data_root=data_root,
                 runs=out,
@@ -94,7 +94,7 @@ def train(
             )
             _show_folds(every, format)
             return
-        found = api.train(
+        found = trainings.train(
             model,
             data_root=data_root,
             runs=out,

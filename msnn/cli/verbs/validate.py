@@ -47,7 +47,7 @@ def validate(
     their limits, every metric of the same outputs, and how errors grow along rollouts. Exit code 3
     when a limit is broken.
     """
-    from msnn import api
+    from msnn.api import measurements
     from msnn.cli.console import json_result, note, report, result
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
@@ -69,7 +69,7 @@ def validate(
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     with StepProgress(sys.stderr) as progress:
-        found = api.validate(
+        found = measurements.validate(
             model, chosen.weights, data_root=data_root, engine=engine, progress=progress.told
         )
     report(found.warnings, model.sources)

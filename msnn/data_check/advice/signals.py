@@ -13,6 +13,7 @@ from msnn.data_check.found import CheckedChannel, DatasetCheck
 from msnn.data_check.signals.plausible_units import doubt
 from msnn.data_check.signals.quantisation import FEW_LEVELS
 from msnn.errors import data_checks as errors
+from msnn.errors.data_files import other_sample_time
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -36,7 +37,7 @@ def sampling_findings(
         if expected is None or not np.isfinite(found.step):
             continue
         if abs(found.step - expected) > GAP_TOLERANCE * expected and not resampled:
-            yield errors.other_sample_time(file=found.file, found=found.step, expected=expected)
+            yield other_sample_time(file=found.file, found=found.step, expected=expected)
         if found.gaps:
             yield errors.gaps_in_time(
                 file=found.file,

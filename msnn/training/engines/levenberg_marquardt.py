@@ -15,12 +15,11 @@ import numpy as np
 
 from backends.gauss_newton_products import Products
 from backends.known_terms import corners
-from backends.raw_parameters import physical_slope, physical_value, raw_value
-from compiler.ir.program import Parameter
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
 from msnn.training.engines.joint_starts import JointStarts
+from msnn.training.engines.learned_numbers import LearnedNumbers
 from msnn.training.engines.normal_equations import Model, in_raw_variables
 from msnn.training.engines.quadratic_terms import QuadraticTerms, quadratic_terms
 from msnn.training.engines.squares import Squares, loss_sums_of
@@ -55,20 +54,16 @@ class LevenbergMarquardtEngine:
     ) -> None:
         assert isinstance(plan.optimizer, LevenbergMarquardt)
         self._plan, self._options = plan, plan.optimizer
-        self._given = dict(weights)
         program = plan.rollout.program
-        self._parameters = [program.parameter(name) for name in plan.trained]
-        raws = [raw_value(p, weights[p.name]) for p in self._parameters]
-        self.moved = tuple(
-            p.name for p, (_, off) in zip(self._parameters, raws, strict=True) if off
-        )
-        self._raw = np.concatenate([raw.ravel() for raw, _ in raws])
+        parameters = [program.parameter(name) for name in plan.trained]
+        self._numbers = LearnedNumbers(parameters, weights)
+        self._raw, self.moved = self._numbers.begin()
         self._learned = len(self._raw)
         self._joint = JointStarts(plan, series) if plan.estimates_starts else None
         self._begun: Weights = {}  # series of the starts with which runs begin
         self._started: Runs | None = None  # whose starts are the last variables, in their order
         self._watches_training = True
-        self._known = known_of(plan, self._parameters)
+        self._known = known_of(plan, parameters)
         self._spread = 0.0
         self._largest = np.zeros_like(self._raw)
         self._damping, self._growth = self._options.damping, 2.0
@@ -84,7 +79,7 @@ class LevenbergMarquardtEngine:
 
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
-        return self._weights_at(self._raw)
+        return self._numbers.weights(self._raw)
 
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
         """Takes how priors count; it leaves nothing out, as its steps compare totals."""
@@ -182,7 +177,7 @@ class LevenbergMarquardtEngine:
         return weights if self._joint is None else self._joint.moved(weights)
 
     def _products_at(self, runs: Runs, raw: FloatArray) -> Mapping[str, Products]:
-        weights = self._weights_at(raw)
+        weights = self._numbers.weights(raw)
         if self._joint is None:
             return self._squares.products(runs, weights)
         self._write_starts(runs, raw)
@@ -190,7 +185,7 @@ class LevenbergMarquardtEngine:
 
     def _costs_at(self, runs: Runs, raw: FloatArray) -> LossSums:
         self._write_starts(runs, raw)
-        return self._squares.train_costs(runs, self._all(self._weights_at(raw)))
+        return self._squares.train_costs(runs, self._all(self._numbers.weights(raw)))
 
     def _write_starts(self, runs: Runs, raw: FloatArray) -> None:
         if self._joint is not None:
@@ -232,7 +227,7 @@ class LevenbergMarquardtEngine:
         bad = np.zeros(self._learned, bool)
         for one in counting:
             bad |= ~np.isfinite(one.slope) | ~np.isfinite(np.diagonal(one.curvature))
-        return tuple(p.name for p, part in self._parts(bad) if part.any())
+        return tuple(p.name for p, part in self._numbers.parts(bad) if part.any())
 
     def _counting(self, products: Mapping[str, Products]) -> dict[str, Products]:
         """Those of the losses that count; penalties have none."""
@@ -249,7 +244,7 @@ class LevenbergMarquardtEngine:
             name: self._plan.loss_weights[name] / found.count
             for name, found in self._counting(products).items()
         }
-        losses = in_raw_variables(products, shares, self._slopes_of_physical())
+        losses = in_raw_variables(products, shares, self._numbers.slopes(self._raw))
         raw = self._raw[: self._learned]
         found = losses.plus(self._quadratic_terms(raw), corners(self._known, raw))
         # D never shrinks, so that a variable which loses its influence does not run away (Moré
@@ -303,22 +298,3 @@ class LevenbergMarquardtEngine:
     def _scale(self) -> FloatArray:
         """1/√D; 1 in a variable that no residual depends on."""
         return 1.0 / np.sqrt(np.where(self._largest > 0.0, self._largest, 1.0))
-
-    def _weights_at(self, raw: FloatArray) -> dict[str, FloatArray]:
-        weights = dict(self._given)
-        for parameter, part in self._parts(raw):
-            weights[parameter.name] = physical_value(parameter, part)
-        return weights
-
-    def _slopes_of_physical(self) -> FloatArray:
-        parts = self._parts(self._raw)
-        return np.concatenate([physical_slope(p, part).ravel() for p, part in parts])
-
-    def _parts(self, raw: FloatArray) -> list[tuple[Parameter, FloatArray]]:
-        shapes = [self._given[p.name].shape for p in self._parameters]
-        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
-        parts = np.split(raw[: self._learned], ends[:-1])
-        return [
-            (parameter, part.reshape(shape))
-            for parameter, part, shape in zip(self._parameters, parts, shapes, strict=True)
-        ]

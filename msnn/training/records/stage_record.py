@@ -6,6 +6,8 @@ from dataclasses import asdict
 
 from compiler.differentiation.estimated_starts import estimated_states
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.plans.stage_result import StageResult
+from msnn.training.records.progress import StageEnd
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.located import Located
 
@@ -45,6 +47,20 @@ def stage_record(plan: StagePlan) -> dict[str, object]:
         "reproducible": plan.reproducible,
         "starts": plan.attempts,
     }
+
+
+def stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
+    """What is told of a stage that is over."""
+    return StageEnd(
+        stage=plan.name,
+        attempt=result.attempt + 1,
+        attempts=plan.attempts,
+        epochs=result.epochs,
+        best=result.best_value,
+        best_epoch=result.best_epoch,
+        seconds=result.seconds,
+        reason=result.reason,
+    )
 
 
 def _scales(plan: StagePlan) -> dict[str, object]:

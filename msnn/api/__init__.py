@@ -1,0 +1,1 @@
+"""Holds the verbs as Python functions: what `import msnn` offers."""

@@ -1,0 +1,110 @@
+"""Measures a model on data, and runs it freely."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from compiler.passes.close_loop import LoopError
+from msnn.model.given_weights import Weights
+from msnn.model.model import Model
+from msnn.model.model_data import data_folder, known_in, measured, sources_of
+from spec_schema.diagnostics.diagnostic import SpecError
+
+if TYPE_CHECKING:
+    from msnn.data.reading.frames import Frames
+    from msnn.simulation.engines.progress import RolloutProgress
+    from msnn.simulation.simulate import Simulations
+    from msnn.simulation.simulation_data import GivenData
+    from msnn.validation.validate import ValidationReport
+
+
+def validate(
+    model: Model,
+    weights: Weights | None = None,
+    data: Frames | None = None,
+    *,
+    data_root: str | Path | None = None,
+    engine: str = "auto",
+    progress: RolloutProgress | None = None,
+) -> ValidationReport:
+    """Measures the `validate` section of a spec in float64; None: initial weights.
+
+        report = msnn.validate(model, result.weights)
+        assert report.passed
+
+    `data` as in `train`; entries with `files:` are measured on these all the same. `engine` is what
+    simulates: `interpreter`, the judge of all others, `native` kernels, `torch`, or `auto`, kernels
+    where they save time; `progress(done, total)` is told how many steps are done. Raises SpecError.
+    """
+    from msnn.data.reading.file_sets import load_file_sets
+    from msnn.simulation.engines.open_rollouts import known_engine
+    from msnn.simulation.engines.progress import nobody
+    from msnn.validation import validate as validation
+
+    engine = known_engine(engine)
+    checks, dataset = model.spec.checks, None
+    if not checks or any(check.files is None for check in checks):
+        dataset = measured(model, data, data_root, "validation")
+    known = known_in(model, weights)
+    with sources_of(model):
+        files = load_file_sets(model.program, model.spec, data_folder(model, data_root))
+        report = validation.validate(
+            model.program,
+            dataset,
+            checks,
+            known,
+            files=files,
+            engine=engine,
+            progress=progress or nobody,
+        )
+        read = [*([] if dataset is None else [dataset]), *files.values()]
+        warnings = [warning for one in read for warning in one.warnings]
+        return replace(report, warnings=(*warnings, *report.warnings))
+
+
+def simulate(
+    model: Model,
+    data: GivenData | None = None,
+    weights: Weights | None = None,
+    *,
+    horizon: int | None = None,
+    data_root: str | Path | None = None,
+    data_set: str | None = None,
+    engine: str = "auto",
+    progress: RolloutProgress | None = None,
+) -> Simulations:
+    """Runs the model freely over records; every input that an output predicts is fed back.
+
+        (run,) = msnn.simulate(model, {"F": force, "x": position}, result.weights)
+        print(run.outputs["x_next"], run.logged["x_next"], run.places.rows)
+
+    `data` are frames as in `train`, or files with the columns that the spec names; None takes the
+    data of the spec. `data_set` runs over one set only; of files it says which set of the spec has
+    their columns. `horizon` ends each run after so many steps. `engine` and `progress` as in
+    `validate`. The answer is a sequence of runs, with `warnings`. Raises SpecError.
+    """
+    from msnn.exports.prepare import loop_fault
+    from msnn.simulation.engines.open_rollouts import known_engine
+    from msnn.simulation.engines.progress import nobody
+    from msnn.simulation.simulate import simulate as run
+    from msnn.simulation.simulate import simulation_program
+    from msnn.simulation.simulation_data import simulation_data
+
+    engine = known_engine(engine)
+    try:
+        program = simulation_program(model.program)
+    except LoopError as error:
+        raise SpecError([loop_fault(error, None)], model.sources) from None
+    dataset = simulation_data(model, program, data, data_root, data_set)
+    with sources_of(model):
+        return run(
+            program,
+            dataset,
+            known_in(model, weights),
+            horizon,
+            data_set,
+            engine=engine,
+            progress=progress or nobody,
+        )

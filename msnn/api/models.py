@@ -1,0 +1,123 @@
+"""Loads, compiles, steps, linearises and exports one model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
+
+from compiler.elaboration.compile import compile_spec
+from compiler.ir.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.model.given_weights import Weights
+from msnn.model.load import load_model
+from msnn.model.model import Model
+from msnn.model.model_data import known_in, sources_of
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.sections.spec import Spec
+
+if TYPE_CHECKING:
+    from msnn.simulation.linearize import Linearization
+    from msnn.stepping.stepper import Stepper
+
+
+def load(path: str | Path, settings: Sequence[str] = ()) -> Model:
+    """The model in a spec or program file; `settings` such as `train.0.epochs=5` replace values.
+
+        model = msnn.load("plant.msnn.yaml")
+        print(model.program.outputs)
+
+    Raises SpecError with everything that is wrong with the file.
+    """
+    return load_model(path, settings)
+
+
+def compile(spec: str | Path | Spec) -> Program:
+    """The program of a spec, in window form.
+
+        program = msnn.compile("plant.msnn.yaml")
+
+    Raises SpecError with everything that is wrong with it, ValueError for a Spec with sub-models:
+    these are found beside its file.
+    """
+    return compile_spec(spec).program if isinstance(spec, Spec) else load_model(spec).program
+
+
+def initial_weights(model: Model) -> dict[str, FloatArray]:
+    """The initial value of every parameter by name, in the units of the spec.
+
+        weights = {**msnn.initial_weights(model), "k": 15.0}
+
+    Every function that takes weights takes those of all parameters: a mapping of arrays, numbers or
+    torch tensors; a result of `train`, `train_folds` or `stage_loss`; the path of a weights file or
+    of the folder of a run. Raises SpecError where a value is known from data only.
+    """
+    return dict(known_in(model, None))
+
+
+def linearize(
+    model: Model,
+    inputs: Mapping[str, ArrayLike],
+    states: Mapping[str, ArrayLike],
+    weights: Weights | None = None,
+) -> Linearization:
+    """Slopes of one step in all that the model remembers, its inputs and its parameters.
+
+        found = msnn.linearize(model, {"F": 0.0}, {"x": 0.1, "v": 0.0}, result.weights)
+        print(found.matrices["A"], found.vectors["x"].member("v").first)
+
+    `inputs` are samples in the shapes of ports, `states` all that is remembered by name, buffers
+    (`F.history`) oldest sample first; `msnn show --interface` lists both. Matrices are (rows,
+    columns), in the spec's units. Weights None: the initial values. Raises ValueError.
+    """
+    from msnn.simulation.linearize import linearize as run
+
+    return run(model.program, inputs, states, known_in(model, weights))
+
+
+def stepper(model: Model, weights: Weights | None = None) -> Stepper:
+    """The model with a memory of its own, stepped from Python a sample at a time.
+
+        s = msnn.stepper(model, result.weights)
+        s.reset(x=0.1)
+        for force in forces:
+            print(s.step(F=force)["x_next"], s.state["v"])
+
+    It is what `msnn.export(model, "c", …)` would write, compiled for this machine: the same
+    numbers, some microseconds a step. Any number of them are independent. Without a C compiler
+    the interpreter steps, and a RuntimeWarning says so. Weights None: the initial values. Raises
+    SpecError; ValueError where an input is missing, unknown or of another shape.
+    """
+    from msnn.stepping.open_stepper import open_stepper
+
+    known = known_in(model, weights)
+    with sources_of(model):
+        return open_stepper(model, known)
+
+
+def export(
+    model: Model,
+    target: str,
+    folder: str | Path = "build/export",
+    weights: Weights | None = None,
+) -> tuple[Path, ...]:
+    """Writes one target, by its name on the command line, and returns the paths of its files.
+
+        msnn.export(model, "c", "firmware/plant", result.weights)
+
+    What the spec's `export` section says of the target holds. Weights None: the initial values.
+    Raises SpecError, OSError.
+    """
+    from msnn.exports.export import plan_exports, target_names, write_export
+
+    findings = Findings()
+    known = known_in(model, weights)
+    names = target_names([target], model.spec.export)
+    plans = plan_exports(model, names, findings, weights=known)
+    if findings.failed:
+        raise SpecError(findings.in_order, model.sources)
+    with sources_of(model):
+        written = [write_export(plan, known, Path(folder)) for plan in plans]
+    return tuple(path for export in written for path in export.files)

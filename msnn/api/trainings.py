@@ -1,0 +1,190 @@
+"""Trains models: once, once a fold, by a loop of one's own, several to compare."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msnn.data.dataset import Dataset
+from msnn.model.given_weights import Weights
+from msnn.model.model import Model
+from msnn.model.model_data import given_in, measured, sources_of
+
+if TYPE_CHECKING:
+    from msnn.comparison.compare import Comparison, Listener
+    from msnn.data.reading.frames import Frames
+    from msnn.training.folds import FoldsResult
+    from msnn.training.records.progress import Progress
+    from msnn.training.records.training_options import TrainingOptions
+    from msnn.training.stage_loss_module import StageLoss
+    from msnn.training.training_result import TrainingResult
+
+
+def train(
+    model: Model,
+    data: Frames | None = None,
+    *,
+    data_root: str | Path | None = None,
+    runs: str | Path | None = "runs",
+    resume: bool = False,
+    tensorboard: bool = False,
+    device: str = "cpu",
+    weights: Weights | None = None,
+    progress: Progress | None = None,
+) -> TrainingResult:
+    """Trains the stages of a spec on its data and returns the best weights of the last.
+
+        result = msnn.train(msnn.load("plant.msnn.yaml"))
+        print(result.weights["k"], result.folder)
+
+    `data` are frames of pandas or polars or mappings of arrays, with the columns that the spec
+    names, one a record: a single one, a list, or either for each set, `{"train": a, "val": b}`.
+    None takes the data of the spec. `runs` None keeps no files; `tensorboard` adds curves to them.
+    `device` is where torch computes: cpu, cuda, cuda:N or auto; `weights` is where the first stage
+    begins, by default the initial values. Raises SpecError, TrainingDivergedError,
+    TrainingInterruptedError and MissingExtraError.
+    """
+    from msnn.training import train as engine
+    from msnn.training.run_line import begun, diverged, ended, log
+
+    options = replace(_options(model, runs, tensorboard, device), resume=resume)
+    first = given_in(model, weights)
+    dataset = measured(model, data, data_root, "training")
+    line = begun(model, dataset)
+    with sources_of(model):
+        try:
+            found = engine.train(model.program, dataset, model.spec.train, options, progress, first)
+        except engine.TrainingDivergedError as error:
+            log(options.runs, diverged(line, error))
+            raise
+    log(options.runs, ended(line, found, options.runs))
+    return found
+
+
+def train_folds(
+    model: Model,
+    data: Frames | None = None,
+    *,
+    data_root: str | Path | None = None,
+    runs: str | Path | None = "runs",
+    resume: bool = False,
+    tensorboard: bool = False,
+    device: str = "cpu",
+    weights: Weights | None = None,
+    progress: Progress | None = None,
+) -> FoldsResult:
+    """Trains once for every fold of `split: {by: kfold, k}`, and measures it on the fold.
+
+        result = msnn.train_folds(msnn.load("plant.msnn.yaml"))
+        print([fold.monitor for fold in result.folds], result.best.training.weights)
+
+    Arguments and errors as of `train`; frames are of one set, which the folds divide. SpecError
+    also where the data have no folds.
+    """
+    from msnn.data.reading.frames import refuse_sets
+    from msnn.training import folds
+
+    refuse_sets(data)
+    options = replace(_options(model, runs, tensorboard, device), resume=resume)
+    first = given_in(model, weights)
+
+    def read(one: Model) -> Dataset:
+        return measured(one, data, data_root, "training")
+
+    with sources_of(model):
+        return folds.train_folds(model, read, options, progress, first)
+
+
+def stage_loss(
+    model: Model,
+    data: Frames | None = None,
+    *,
+    data_root: str | Path | None = None,
+    stage: int = 0,
+    device: str = "cpu",
+    weights: Weights | None = None,
+) -> StageLoss:
+    """The loss of one stage as a torch module whose forward and backward are the kernel's.
+
+        loss = msnn.stage_loss(model)
+        optimizer = torch.optim.RAdam(loss.parameters(), lr=1e-3)
+        for epoch in range(100):
+            for batch in loss.batches(epoch):
+                optimizer.zero_grad()
+                loss(batch).backward()
+                optimizer.step()
+        weights = loss.weights()
+
+    Rollouts, batches, dtype, `freeze` and loss weights are those of the stage; its optimiser,
+    schedule and limits of gradients are yours. `data` and `device` as in `train`. Raises SpecError
+    and MissingExtraError.
+    """
+    from msnn.training.engines.devices import find_device
+    from msnn.training.stage_loss_module import stage_loss as opened
+
+    place, first = find_device(device), given_in(model, weights)
+    dataset = measured(model, data, data_root, "training")
+    with sources_of(model):
+        return opened(model.program, dataset, model.spec.train, stage, first, place)
+
+
+def compare(
+    specs: str | Path | Sequence[str | Path],
+    *,
+    grid: Sequence[str] = (),
+    settings: Sequence[str] = (),
+    data: Frames | None = None,
+    data_root: str | Path | None = None,
+    on: str = "val",
+    seeds: int = 1,
+    folds: bool = False,
+    runs: str | Path | None = "runs",
+    jobs: int = 1,
+    by: str | None = None,
+    cost: bool = True,
+    listener: Listener | None = None,
+) -> Comparison:
+    """Trains specs, or one with every choice of a grid, and ranks them on rows held out.
+
+        found = msnn.compare("plant.msnn.yaml", grid=["layers.h.fir.window=5,10,20"], seeds=3)
+        print(found.best.variant.settings, found.best.score)
+
+    `on` is the set that they are compared on; with `folds` each fold of `split: {by: kfold, k}` is
+    held out in turn. `by` ranks them: `fit`, `x_next.fit` or `x_next.rmse:record`; None takes what
+    the first entry of `validate` asks for. `jobs` trainings run at once, each in a process: a
+    script then needs `if __name__ == "__main__"`. `cost` counts instructions and bytes of the C on
+    a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
+    there is not repeated. Raises SpecError and TrainingInterruptedError.
+    """
+    from msnn.comparison.compare import ComparisonOptions
+    from msnn.comparison.compare import compare as run
+    from msnn.comparison.variants import grid_axis
+
+    named = [specs] if isinstance(specs, str | Path) else specs
+    options = ComparisonOptions(
+        settings=settings,
+        data=data,
+        data_root=None if data_root is None else Path(data_root),
+        held_out=on,
+        seeds=seeds,
+        folds=folds,
+        runs=None if runs is None else Path(runs),
+        jobs=jobs,
+        criterion=by,
+        counts_cost=cost,
+    )
+    return run(
+        [Path(spec) for spec in named], [grid_axis(each) for each in grid], options, listener
+    )
+
+
+def _options(
+    model: Model, runs: str | Path | None, tensorboard: bool, device: str
+) -> TrainingOptions:
+    from msnn.training.engines.devices import find_device
+    from msnn.training.records.training_options import options_for
+
+    kept = None if runs is None else Path(runs)
+    return options_for(model, runs=kept, tensorboard=tensorboard, device=find_device(device))
