@@ -162,15 +162,28 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
         guard=f"{names.macro}_VECTORS_H",
         functions=_golden(program, names, runs, starts),
         runs=_RUNS,
+        steps=_STEPS,
+        singles=0,
         from_init=1,
         starts=_RUNS + len(starts),
         written=0,
+        writes=False,
+        tunes=False,
+        linearized=0,
         hashes=False,
     )
     return {
         f"test/{prefix}_vectors.h": vectors,
         f"test/{prefix}_sil.c": render(
-            "main.c.j2", names, "Test program", runs=_RUNS, from_init=1, steps=_STEPS, lag=_LAG
+            "main.c.j2",
+            names,
+            "Test program",
+            runs=_RUNS,
+            from_init=1,
+            steps=_STEPS,
+            singles=0,
+            count=_RUNS * _STEPS,
+            lag=_LAG,
         ),
         f"test/{prefix}_expected.txt": expected_text(program, runs),
     }
