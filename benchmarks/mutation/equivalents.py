@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from benchmarks.mutation.mutants import Mutant
 from tests.verification.unreached import UNREACHED
 
@@ -11,11 +13,18 @@ _LOWER = "the valid number nearest to 0, which is there already, is the lower li
 _AGAIN = "the entry is written again below"
 _SAME = "the entry is that number already"
 _TOGETHER = "it is infinite or NaN together with another element, which sets the same bit"
+_OUTSIDE = "what is flagged is outside already: it is below any number that is not below 0"
+_TWICE = "another entry has the same value, and the test of that one sets the same bit"
 _PUT_RIGHT = "an interval that is one too high is put right by the comparison that follows"
 
 _SETS_PLACE = "const reference_real sets_place = (s->v + 45.0f) * 0.06666667f;"
 _BELOW = "sets_here = ((s->v + 45.0f) * 0.0f) + 1.0f;"
 _ABOVE = "sets_next = ((s->v - 45.0f) * 0.0f) + 1.0f;"
+
+_FLAGGED = re.compile(r"_flagged\([^,]*, 0\.0f, ")
+_TEST = re.compile(r"^if \(!\(fabsf\((jac->\w+\[\d+U\])\) <= 3\.4028235e\+38f\)\) \{")
+_STORE = re.compile(r"^ +(jac->\w+\[\d+U\]) = ([^;]*);", re.MULTILINE)
+_CONSTANT = re.compile(r"^ +const \w+_real (\w+) = ", re.MULTILINE)
 
 _CLAMPED_LOW = {("result = low;", "result = low; -> ;"): _LOWER}
 
@@ -106,6 +115,10 @@ def reason(prefix: str, mutant: Mutant) -> str | None:
     """Why a change changes no answer; None where it is not known to be so."""
     if mutant.line == "s->reserved = 0U;":
         return "nothing reads the field that an empty struct has"
+    if _FLAGGED.search(mutant.line) and mutant.change == "0.0f -> 0.001f":
+        return _OUTSIDE
+    if _is_told_twice(mutant):
+        return _TWICE
     condition, bit, rest = mutant.line.partition(" status |= ")
     if mutant.kind == "deleted" and condition in _COUPLED.get(mutant.function, ()):
         return _TOGETHER
@@ -115,3 +128,22 @@ def reason(prefix: str, mutant: Mutant) -> str | None:
             return unreached.get(f"{where}: 1 branch not reached: {condition}")
         return None
     return EQUIVALENTS.get(prefix, {}).get((mutant.line, mutant.change))
+
+
+def _is_told_twice(mutant: Mutant) -> bool:
+    """Whether a broken test of an entry stands beside a whole one of an entry of the same value.
+
+    `y: next(x)` has the slopes of x: one constant is stored in both matrices, once each.
+    """
+    test = _TEST.search(mutant.line)
+    broken = mutant.change.startswith("3.4028235e+38f ->") or mutant.kind == "deleted"
+    if test is None or not broken:
+        return False
+    stores = _STORE.findall(mutant.text)
+    places = [place for place, _ in stores]
+    constants = set(_CONSTANT.findall(mutant.text))
+    once = {place: value for place, value in stores if places.count(place) == 1}
+    value = once.get(test[1])
+    others = [p for p, v in once.items() if v == value and v in constants and p != test[1]]
+    whole = mutant.text.replace("\n        status |= ", " status |= ")
+    return any(f"if (!(fabsf({p}) <= 3.4028235e+38f)) {{ status |= " in whole for p in others)
