@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from backends.c.selftest.singles.decisions import UNORDERED
 from backends.c.selftest.singles.ordered_codes import between, codes_of, numbers_of
-from backends.c.selftest.singles.trial_steps import Trials, TrialSteps
+from backends.c.selftest.singles.trial_steps import Trials, TrialSteps, joined_trials
 
 Array = NDArray[Any]
 Outcomes = NDArray[np.int8]
@@ -25,24 +26,36 @@ _BESIDE = 6
 _AROUND = 8
 
 
+@dataclass(frozen=True, slots=True)
+class Boundaries:
+    """Steps near places where an outcome changes."""
+
+    found: list[Trials]
+    """All, some of them next to such a place and some at it."""
+    below: Trials
+    above: Trials
+    """Pairs of steps a little apart that decide otherwise."""
+
+
 def boundaries(
     steps: TrialSteps,
     outcomes: Callable[[Trials], Outcomes],
     drawn: Trials,
     random: np.random.Generator,
-) -> Iterator[Trials]:
+) -> Boundaries:
     """Steps near, next to and at the places where an outcome (B, decisions) changes.
 
     Both ends of a segment have the same start. In between all numbers move together, as far in the
     order of the numbers of their type.
     """
-    first = outcomes(drawn)
-    left, right, decision = _segments(first, drawn, random)
-    if not len(decision):
-        return
+    left, right, decision = _segments(outcomes(drawn), drawn, random)
     rows = np.arange(len(decision))
+    if not len(rows):
+        return Boundaries([], left, right)
     side = outcomes(left)[rows, decision]
     low, high = codes_of(left.numbers), codes_of(right.numbers)
+    found: list[Trials] = []
+    pairs: list[tuple[Trials, Trials]] = []
 
     def trials(codes: Array, chosen: Array) -> Trials:
         return Trials(left.starts[chosen], numbers_of(codes[chosen], steps.dtype))
@@ -51,18 +64,20 @@ def boundaries(
         apart = np.abs(high - low).max(axis=1)
         middle = between(low, high)
         here = outcomes(trials(middle, rows))[rows, decision]
-        yield trials(middle, here == 0)
+        found.append(trials(middle, here == 0))
         stays = (here == side)[:, np.newaxis]
         low, high = np.where(stays, middle, low), np.where(stays, high, middle)
         for digits in _APART:
             now = (apart > 2**digits) & (np.abs(high - low).max(axis=1) <= 2**digits)
-            yield trials(low, now)
-            yield trials(high, now)
-    yield trials(low, rows)
-    yield trials(high, rows)
+            found += [trials(low, now), trials(high, now)]
+            if digits == _APART[0]:
+                pairs.append((trials(low, now), trials(high, now)))
+    found += [trials(low, rows), trials(high, rows)]
     for _ in range(_AROUND):
         beside = trials(low + random.integers(-_BESIDE, _BESIDE + 1, low.shape), rows)
-        yield beside.of(outcomes(beside)[rows, decision] == 0)
+        found.append(beside.of(outcomes(beside)[rows, decision] == 0))
+    below, above = (joined_trials([pair[side] for pair in pairs]) for side in (0, 1))
+    return Boundaries(found, below, above)
 
 
 def _segments(
@@ -79,10 +94,10 @@ def _segments(
             continue
         for number in range(_SEGMENTS):
             for _ in range(_TRIES):
-                a = random.choice(below)
+                # steps with plain numbers stand first
+                a = below[0] if number == 0 else random.choice(below)
                 others = above[drawn.starts[above] == drawn.starts[a]]
                 if len(others):
-                    # steps with plain numbers stand first
                     b = others[0] if number == 0 else random.choice(others)
                     found.append((a, b, decision))
                     break

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.c.selftest.singles.boundaries import Outcomes, boundaries
+from backends.c.selftest.singles.boundaries import Boundaries, Outcomes, boundaries
 from backends.c.selftest.singles.decisions import Decisions
 from backends.c.selftest.singles.drawn_trials import PLAIN, drawn_trials
 from backends.c.selftest.singles.slopes_alone import slopes_alone
@@ -38,13 +40,14 @@ def telling_steps(
         signs = decisions.signs(values, len(trials))
         return np.concatenate([signs, np.where(infinite, 1, -1).astype(np.int8)], axis=1)
 
-    found = joined_trials([drawn, *boundaries(steps, outcomes, drawn, random)])
+    beside = boundaries(steps, outcomes, drawn, random)
+    found = joined_trials([drawn, *beside.found])
     found = found.of(np.flatnonzero(decisions.settled(steps.run(found), len(found))))
     changes = steps.changes()
     plain = steps.seen(found.of(np.arange(PLAIN)), changes).sum(axis=0)
     left = [change for change, count in zip(changes, plain, strict=True) if count < _RARE]
     alone = slopes_alone(steps, decisions, random)
-    chosen = _at_limits(found, decisions, steps)
+    chosen = [*_at_limits(found, decisions, steps), *_both_sides(beside, outcomes, steps)]
     order, begin, size = random.permutation(len(found)), 0, _FIRST
     while left and begin < min(len(found), _TRIED // len(left)) and len(chosen) < _MOST:
         part = found.of(order[begin : begin + size])
@@ -54,6 +57,22 @@ def telling_steps(
         left = [left[k] for k in np.flatnonzero(seen.sum(axis=0) == 0)]
         begin, size = begin + size, 2 * size
     return alone[:_MOST], chosen[:_MOST]
+
+
+def _both_sides(
+    beside: Boundaries, outcomes: Callable[[Trials], Outcomes], steps: TrialSteps
+) -> list[Trials]:
+    """Pairs of steps, with trained parameters and finite results, between which each decision
+    changes: what C decides in its own way, as an interval of a table, is there among it."""
+    plain = np.ones(len(beside.below), np.bool_)
+    for side in (beside.below, beside.above):
+        plain &= np.all(side.numbers[:, steps.tuned] == steps.trained, axis=1)
+        values = steps.run(side)
+        for value in (*values.outputs.values(), *values.next_states.values()):
+            plain &= np.isfinite(value).reshape(len(side), -1).all(axis=1)
+    below, above = beside.below.of(plain), beside.above.of(plain)
+    rows = _cover(outcomes(below) != outcomes(above))
+    return [side.of(np.array([row])) for row in rows for side in (below, above)]
 
 
 def _at_limits(trials: Trials, decisions: Decisions, steps: TrialSteps) -> list[Trials]:
