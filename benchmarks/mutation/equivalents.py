@@ -22,8 +22,8 @@ _BELOW = "sets_here = ((s->v + 45.0f) * 0.0f) + 1.0f;"
 _ABOVE = "sets_next = ((s->v - 45.0f) * 0.0f) + 1.0f;"
 
 _FLAGGED = re.compile(r"_flagged\([^,]*, 0\.0f, ")
-_TEST = re.compile(r"^if \(!\(fabsf\((jac->\w+\[\d+U\])\) <= 3\.4028235e\+38f\)\) \{")
-_STORE = re.compile(r"^ +(jac->\w+\[\d+U\]) = ([^;]*);", re.MULTILINE)
+_TEST = re.compile(r"^if \(!\(fabsf\((jac->\w+\[[^\]]*\])\) <= 3\.4028235e\+38f\)\) \{")
+_STORE = re.compile(r"^ +(jac->\w+\[[^\]]*\]) = ([^;]*);", re.MULTILINE)
 _CONSTANT = re.compile(r"^ +const \w+_real (\w+) = ", re.MULTILINE)
 
 _CLAMPED_LOW = {("result = low;", "result = low; -> ;"): _LOWER}
@@ -54,12 +54,12 @@ jac->C[44U] = part_57;
     )
     | _stores(
         """
-jac->A[60U] = part_62;
-jac->A[140U] = part_67;
-jac->A[220U] = part_72;
-jac->C[0U] = part_62;
-jac->C[20U] = part_67;
-jac->C[40U] = part_72;
+jac->A[60U] = part;
+jac->A[140U] = part_6;
+jac->A[220U] = part_11;
+jac->C[0U] = part;
+jac->C[20U] = part_6;
+jac->C[40U] = part_11;
 """,
         _SAME,
     ),
@@ -70,8 +70,8 @@ jac->C[40U] = part_72;
         """
 jac->A[41U] = anticipated_part_6[0U];
 jac->A[42U] = anticipated_part_6[1U];
-jac->B[40U] = part_26;
-jac->D[0U] = part_26;
+jac->B[40U] = part_15;
+jac->D[0U] = part_15;
 """,
         _SAME,
     )
@@ -131,19 +131,30 @@ def reason(prefix: str, mutant: Mutant) -> str | None:
 
 
 def _is_told_twice(mutant: Mutant) -> bool:
-    """Whether a broken test of an entry stands beside a whole one of an entry of the same value.
+    """Whether a broken test of an entry stands beside a whole one of the same value.
 
-    `y: next(x)` has the slopes of x: one constant is stored in both matrices, once each.
+    `y: next(x)` has the slopes of x: what is stored in one matrix is stored in another one too, and
+    an entry that is written twice is tested twice.
     """
     test = _TEST.search(mutant.line)
     broken = mutant.change.startswith("3.4028235e+38f ->") or mutant.kind == "deleted"
     if test is None or not broken:
         return False
-    stores = _STORE.findall(mutant.text)
-    places = [place for place, _ in stores]
-    constants = set(_CONSTANT.findall(mutant.text))
-    once = {place: value for place, value in stores if places.count(place) == 1}
-    value = once.get(test[1])
-    others = [p for p, v in once.items() if v == value and v in constants and p != test[1]]
-    whole = mutant.text.replace("\n        status |= ", " status |= ")
-    return any(f"if (!(fabsf({p}) <= 3.4028235e+38f)) {{ status |= " in whole for p in others)
+    stores: dict[str, list[str]] = {}
+    for store in _STORE.finditer(mutant.text):
+        stores.setdefault(store[1], []).append(store[2])
+    own = stores.get(test[1], [])
+    whole = re.sub(r"\n +status \|= ", " status |= ", mutant.text)
+    same = [place for place, values in stores.items() if values == own]
+    tests = sum(whole.count(f"(fabsf({p}) <= 3.4028235e+38f)) {{ status |= ") for p in same)
+    return tests > 0 and all(_is_kept(value, mutant.text) for value in own)
+
+
+def _is_kept(value: str, text: str) -> bool:
+    """Whether a value is a constant, or an element of an array that nothing changes any more."""
+    name, element, _ = value.partition("[")
+    if not element:
+        return name in _CONSTANT.findall(text)
+    written = [match.start() for match in re.finditer(rf"\b{name}\[[^\]]*\] = ", text)]
+    first = text.index(f" = {value};", text.index("jac->"))
+    return bool(written) and max(written) < first

@@ -43,7 +43,7 @@ _OPENINGS = ((1, 1, 0), (3, 3, 1), (5, 5, 4))
 """Runs that begin with invalid samples: in which part of the ranges, how many, and with which kind
 those of the past begin: above the range, below, NaN."""
 
-_AFTER_INIT = (0, 2, 4)
+_AFTER_INIT = (0, 0, 2, 4)
 """After how many invalid samples in runs without a past, which stand last."""
 
 FROM_INIT = len(_AFTER_INIT)
