@@ -120,3 +120,10 @@ def test_runs_made_together_are_those_made_one_by_one() -> None:
             assert all(np.array_equal(one[n], other[n], equal_nan=True) for n in other)
         slopes = expected.slopes.items()
         assert all(np.array_equal(run.slopes[n], m, equal_nan=True) for n, m in slopes)
+
+
+def test_a_step_that_decides_nothing_has_golden_runs_all_the_same(tmp_path: Path) -> None:
+    program, _ = _made("inputs: {u: {}}\noutputs: {y: {expr: 2 * u}}\n")
+    write_c(program, {}, tmp_path, COptions())
+    (text,) = (p.read_text(encoding="ascii") for p in tmp_path.glob("test/*_vectors.h"))
+    assert "_begin_differs" in text

@@ -64,6 +64,8 @@ def _both_sides(
 ) -> list[Trials]:
     """Pairs of steps, with trained parameters and finite results, between which each decision
     changes: what C decides in its own way, as an interval of a table, is there among it."""
+    if not len(beside.below):
+        return []
     plain = np.ones(len(beside.below), np.bool_)
     for side in (beside.below, beside.above):
         plain &= np.all(side.numbers[:, steps.tuned] == steps.trained, axis=1)
@@ -71,7 +73,7 @@ def _both_sides(
         for value in (*values.outputs.values(), *values.next_states.values()):
             plain &= np.isfinite(value).reshape(len(side), -1).all(axis=1)
     below, above = beside.below.of(plain), beside.above.of(plain)
-    rows = _cover(outcomes(below) != outcomes(above))
+    rows = _cover(outcomes(below) != outcomes(above)) if plain.any() else []
     return [side.of(np.array([row])) for row in rows for side in (below, above)]
 
 
