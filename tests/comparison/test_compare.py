@@ -102,6 +102,26 @@ def test_seeds_draw_other_orders_and_other_initial_values(msnn: CommandLine):
     assert len(initial) == 3
 
 
+def test_a_seed_is_not_the_order_that_a_setting_asks_for(msnn: CommandLine):
+    spec = Path(SPEC)
+    spec.write_text(
+        spec.read_text().replace("c: {init: 2,", "c: {init: {uniform: {min: 1, max: 3}},")
+    )
+    msnn("compare", SPEC, "--grid", "train.0.seed=1", *SHORT)
+    seeds = msnn("compare", SPEC, "--seeds", "2", *SHORT)  # seed 1 draws initial values too
+    assert "trained before" not in seeds.err
+
+
+def test_other_numbers_in_a_file_of_initial_values_are_another_training(msnn: CommandLine):
+    spec = Path(SPEC)
+    spec.write_text(spec.read_text().replace("c: {init: 2,", "c: {init: {file: c.csv},"))
+    Path("c.csv").write_text("2\n")
+    msnn("compare", SPEC, *SHORT)
+    Path("c.csv").write_text("3\n")
+    assert "trained before" not in msnn("compare", SPEC, *SHORT).err
+    assert "trained before" in msnn("compare", SPEC, *SHORT).err
+
+
 def test_folds_are_held_out_in_turn(msnn: CommandLine):
     split = ("--set", "data.split={by: kfold, k: 2}", "--folds")
     said = msnn("compare", SPEC, "--grid", "integrator=rk4,euler", *split, *SHORT)
