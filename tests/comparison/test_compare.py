@@ -76,6 +76,18 @@ def test_what_the_log_has_is_not_trained_again(msnn: CommandLine):
     assert "trained before" not in msnn("compare", SPEC, *SHORT).err
 
 
+def test_folds_that_were_trained_before_have_what_the_table_shows(msnn: CommandLine):
+    asked = ("--folds", "--set", "data.split={by: kfold, k: 2}", *SHORT[:2])
+    assert msnn("train", SPEC, *asked).code == 0
+    said = msnn("compare", SPEC, *asked, "--no-cost", "--jobs", "1")
+    assert said.err.count("trained before") == 2
+    fresh = msnn("compare", SPEC, *asked, "--no-cost", "--jobs", "1", "--out", "fresh")
+    table, new = (text.out.splitlines() for text in (said, fresh))
+    assert table[0].split() == new[0].split()
+    assert "AIC/n" in table[0]
+    assert "AIC/n" in msnn("compare", SPEC, *asked, "--no-cost", "--jobs", "1").out
+
+
 def test_processes_reach_the_same_as_one(msnn: CommandLine):
     grid = ("--grid", "train.0.epochs=1,2,3", "--seeds", "2", "--no-cost", "--format", "json")
     alone = json.loads(msnn("compare", SPEC, *grid, "--jobs", "1", "--out", "one").out)
