@@ -80,7 +80,7 @@ def run_trial(trial: Trial, setup: Setup, known: Mapping[str, RunLine]) -> Outco
         _require_rows(data, setup.held_out)
         line = begun(model, data, seed=trial.seed, fold=trial.fold, held_out=setup.held_out)
         if line.key in known:
-            return Outcome(_with_cost(known[line.key], model, setup), is_new=False)
+            return Outcome(_completed(known[line.key], model, data, setup), is_new=False)
         with sources_of(model):
             return Outcome(_trained(line, trial, setup, model, data), is_new=True)
     except SpecError as error:
@@ -129,14 +129,22 @@ def _unknown(trial: Trial) -> RunLine:
     )
 
 
-def _with_cost(line: RunLine, model: Model, setup: Setup) -> RunLine:
-    """The line of a training that is over, with its cost where that was not asked for then."""
-    if not setup.counts_cost or line.cost is not None or setup.runs is None or line.folder is None:
+def _completed(line: RunLine, model: Model, data: Dataset, setup: Setup) -> RunLine:
+    """The line of a training that is over, with its cost and its training rows.
+
+    Who trained it may have asked for neither: `train --folds` measures what it held out alone.
+    """
+    lacks_cost = setup.counts_cost and line.cost is None
+    if (line.training and not lacks_cost) or setup.runs is None or line.folder is None:
         return line
     file = setup.runs / line.folder / WEIGHTS
     if not file.is_file():
         return line
-    return replace(line, cost=c_cost(model, read_weights(file, model.program)))
+    weights = read_weights(file, model.program)
+    if not line.training:
+        found = validate(model.program, data, model.spec.checks, weights, on=setup.trained_on)
+        line = replace(line, training=measured_in(found))
+    return replace(line, cost=c_cost(model, weights)) if lacks_cost else line
 
 
 def _trained(line: RunLine, trial: Trial, setup: Setup, model: Model, data: Dataset) -> RunLine:

@@ -7,10 +7,11 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from compiler.ir.program import learned_numbers
+from compiler.ir.program import Program, learned_numbers
 from msnn.data.dataset import Dataset
 from msnn.model.model import Model
 from msnn.model.spec_hash import hash_of
+from msnn.model.weights_file import initial_weights
 from msnn.training.records.run_log import LOG, RunLine, append
 from msnn.training.records.run_record import data_hash
 from msnn.training.training_result import TrainingDivergedError, TrainingResult
@@ -26,7 +27,7 @@ def begun(
     `held_out` is the set that it will be measured on.
     """
     spec, of_data = hash_of(model.text, model.parts, model.settings), data_hash(data)
-    decides = [__version__, spec, of_data, fold, held_out]
+    decides = [__version__, spec, _initial_hash(model.program), of_data, seed, fold, held_out]
     return RunLine(
         key=hashlib.sha256(json.dumps(decides).encode()).hexdigest(),
         model=model.name,
@@ -58,6 +59,14 @@ def ended(line: RunLine, found: TrainingResult, runs: Path | None) -> RunLine:
 def diverged(line: RunLine, error: TrainingDivergedError) -> RunLine:
     """The same of a training that met a value which is not finite."""
     return replace(line, state="diverged", reason=describe(error.diagnostic))
+
+
+def _initial_hash(program: Program) -> str:
+    """Of the values that training begins with: the text does not tell those of a file."""
+    digest = hashlib.sha256()
+    for name, values in initial_weights(program).items():
+        digest.update(name.encode() + values.tobytes())
+    return digest.hexdigest()
 
 
 def log(runs: Path | None, line: RunLine) -> None:

@@ -76,6 +76,18 @@ def test_what_the_log_has_is_not_trained_again(msnn: CommandLine):
     assert "trained before" not in msnn("compare", SPEC, *SHORT).err
 
 
+def test_folds_that_were_trained_before_have_what_the_table_shows(msnn: CommandLine):
+    asked = ("--folds", "--set", "data.split={by: kfold, k: 2}", *SHORT[:2])
+    assert msnn("train", SPEC, *asked).code == 0
+    said = msnn("compare", SPEC, *asked, "--no-cost", "--jobs", "1")
+    assert said.err.count("trained before") == 2
+    fresh = msnn("compare", SPEC, *asked, "--no-cost", "--jobs", "1", "--out", "fresh")
+    table, new = (text.out.splitlines() for text in (said, fresh))
+    assert table[0].split() == new[0].split()
+    assert "AIC/n" in table[0]
+    assert "AIC/n" in msnn("compare", SPEC, *asked, "--no-cost", "--jobs", "1").out
+
+
 def test_processes_reach_the_same_as_one(msnn: CommandLine):
     grid = ("--grid", "train.0.epochs=1,2,3", "--seeds", "2", "--no-cost", "--format", "json")
     alone = json.loads(msnn("compare", SPEC, *grid, "--jobs", "1", "--out", "one").out)
@@ -100,6 +112,26 @@ def test_seeds_draw_other_orders_and_other_initial_values(msnn: CommandLine):
         for line in lines
     }
     assert len(initial) == 3
+
+
+def test_a_seed_is_not_the_order_that_a_setting_asks_for(msnn: CommandLine):
+    spec = Path(SPEC)
+    spec.write_text(
+        spec.read_text().replace("c: {init: 2,", "c: {init: {uniform: {min: 1, max: 3}},")
+    )
+    msnn("compare", SPEC, "--grid", "train.0.seed=1", *SHORT)
+    seeds = msnn("compare", SPEC, "--seeds", "2", *SHORT)  # seed 1 draws initial values too
+    assert "trained before" not in seeds.err
+
+
+def test_other_numbers_in_a_file_of_initial_values_are_another_training(msnn: CommandLine):
+    spec = Path(SPEC)
+    spec.write_text(spec.read_text().replace("c: {init: 2,", "c: {init: {file: c.csv},"))
+    Path("c.csv").write_text("2\n")
+    msnn("compare", SPEC, *SHORT)
+    Path("c.csv").write_text("3\n")
+    assert "trained before" not in msnn("compare", SPEC, *SHORT).err
+    assert "trained before" in msnn("compare", SPEC, *SHORT).err
 
 
 def test_folds_are_held_out_in_turn(msnn: CommandLine):
