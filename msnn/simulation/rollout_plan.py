@@ -188,6 +188,10 @@ def set_rollouts(
         longest = max(record.stop - record.start for record in data.records)
         findings.report(data_files.rows_all_skipped(plan.skip_rows, longest, wanted_by, span))
         return None
+    most = int(scored.steps.max())
+    if plan.skip >= most:
+        findings.report(errors.skips_everything(plan.skipped_by, plan.skip, most, span))
+        return None
     return scored
 
 

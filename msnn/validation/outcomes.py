@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -148,7 +149,8 @@ def _loss_value(program: Program, name: str, sums: Mapping[str, LossSum]) -> Los
     terms = [loss for loss in program.losses if name in (loss.name, loss.entry)]
     values = {term.name: sums[term.name].value(term.measure) for term in terms}
     scored = max(sums[term.name].count for term in terms)
-    return LossValue(entry_value(program, name, values), scored)
+    # the mean of nothing is no number, so that it keeps no limit
+    return LossValue(entry_value(program, name, values) if scored else math.nan, scored)
 
 
 def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs]) -> list[Measuring]:

@@ -13,6 +13,7 @@ from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.training.cases import compiled, dataset
+from tests.training.oscillator import FITTED, best_start, positions, records
 
 PLANT = """
 msnn: 1
@@ -65,6 +66,23 @@ def test_the_scale_is_that_of_its_formula(tmp_path: Path) -> None:
     for name, factor in {"a": x, "k": u}.items():
         slope = np.sqrt(np.mean(factor[few] ** 2))
         assert scales[name] == pytest.approx(np.std(x) / slope, rel=1e-12)
+
+
+def test_the_scale_is_that_along_rollouts_that_start_where_they_fit(tmp_path: Path) -> None:
+    rows, over = 90, 40
+    series = records(1, rows, seed=3)
+    model = FITTED.replace("init: 6,", "init: 6, scale: data,")
+    stage = "{epochs: 1, rollout: record, optimizer: levenberg_marquardt, engine: torch}"
+    program, spec = compiled(f"{model}train: [{stage}]\n")
+    found = dataset(series, train=[rows])
+    result = train(program, found, spec.train, TrainingOptions(runs=tmp_path))
+    assert result.folder is not None
+    scales = json.loads((result.folder / "run.json").read_text())["stages"][0]["scales"]
+    u, q = series["u"], series["q"]
+    start = best_start(6.0, 0.3, u[:over], q[:over])
+    low, high = (positions(k, 0.3, start, u)[over:] for k in (6 - 1e-4, 6 + 1e-4))
+    slope = np.sqrt(np.mean(((high - low) / 2e-4) ** 2))
+    assert scales["k"] == pytest.approx(np.std(q) / slope, rel=1e-6)
 
 
 def test_a_parameter_without_effect_has_no_scale() -> None:

@@ -143,6 +143,14 @@ def test_a_measured_loss_has_its_factors() -> None:
     assert row.scored == 2 * np.sum(factor > 0.02)
 
 
+def test_a_loss_that_scores_no_row_keeps_no_limit() -> None:
+    model = f'{MODEL}losses: {{fit: {{expr: "mse(y, z)", rows: 0 * w}}}}\n'
+    program, spec = compiled(f"{model}validate:\n  - {{of: fit, max: 1}}\n")
+    report = validate(program, dataset(series(), test=[40]), spec.checks, START)
+    assert np.isnan(report.rows[0].value)
+    assert not report.passed
+
+
 @pytest.mark.parametrize(("value", "said"), [(-0.5, "is -0.5"), (np.nan, "is missing")])
 def test_a_factor_below_0_or_missing_names_file_and_row(value: float, said: str) -> None:
     model = f'{MODEL}losses: {{fit: {{expr: "mse(y, z)", rows: w}}}}\n'

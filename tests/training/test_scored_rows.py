@@ -74,6 +74,15 @@ def test_metrics_leave_the_first_rows_of_each_record_out() -> None:
     assert late.value == pytest.approx(np.sqrt(np.mean(kept**2)), rel=1e-12)
 
 
+def test_rollouts_that_are_skipped_whole_are_an_error() -> None:
+    data = dataset(gain_series(40), train=[25, 15])
+    with pytest.raises(SpecError, match="skip 30 leaves nothing of a horizon of 24 evaluations"):
+        losses(MODEL, "rollout: {horizon: record, skip: 30}", data, START)
+    program, spec = gain(more="validate:\n  - {of: x_next, rollout: {horizon: 30, skip: 26}}\n")
+    with pytest.raises(SpecError, match="skip 26 leaves nothing of a horizon of 24 evaluations"):
+        validate(program, dataset(gain_series(40), test=[25, 15]), spec.checks, START)
+
+
 def test_records_that_are_skipped_whole_are_an_error() -> None:
     data = dataset(gain_series(40), train=[25, 15])
     with pytest.raises(SpecError, match="skips the first 30 rows of each record, the longest"):

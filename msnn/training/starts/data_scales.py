@@ -22,6 +22,7 @@ from compiler.ir.program import Loss, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors import knowledge
 from msnn.simulation.rollout_plan import set_rollouts
+from msnn.simulation.start_fit import fit_of
 from msnn.training.plans.squared_losses import squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
@@ -59,10 +60,16 @@ def _scales(
     runs = set_rollouts(rollout, data, TRAIN, None, "scales", plan.span, Findings())
     assert runs is not None, "the stage has rollouts"
     steps = min(MOST_STEPS, int(runs.steps.max()))
-    starts = runs.t0[runs.steps >= steps]
-    few = starts[np.unique(np.linspace(0, len(starts) - 1, MOST_ROLLOUTS).round().astype(int))]
+    long = np.flatnonzero(runs.steps >= steps)
+    few = runs.take(
+        long[np.unique(np.linspace(0, len(long) - 1, MOST_ROLLOUTS).round().astype(int))]
+    )
     skip = min(plan.rollout.skip, steps - 1)
-    log = Rollouts(data.series, few, steps, skip)
+    fit, series = fit_of(plan.rollout), data.series
+    if fit is not None:
+        begun = fit.find(series, few, weights, plan.loss_weights)
+        series = {**series, **begun.series(data.rows)}
+    log = Rollouts(series, few.t0, steps, skip)
     found = interpreted_products(sensitivities(program, names), weights, log)
     total = np.zeros(sum(weights[name].size for name in names))
     for loss in program.losses:
