@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -162,12 +163,17 @@ def forward_arrays(memory: LaneMemory) -> dict[str, list[Rows]]:
 
 def rendered(template: str, made: Mapping[str, ModelFunction], **values: object) -> str:
     """The loops of a template around the model's functions, called with their arguments."""
-    environment = Environment(
+    arguments = {f"{name}_arguments": ", ".join(one.values) for name, one in made.items()}
+    return _environment().get_template(template).render(**values, **arguments)
+
+
+@cache
+def _environment() -> Environment:
+    """Kept, as its templates are: compiling them takes longer than filling them in."""
+    return Environment(
         loader=FileSystemLoader(_TEMPLATES),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         autoescape=False,  # noqa: S701  (C, not HTML; every name is an identifier made here)
     )
-    arguments = {f"{name}_arguments": ", ".join(one.values) for name, one in made.items()}
-    return environment.get_template(template).render(**values, **arguments)

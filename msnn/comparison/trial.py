@@ -150,7 +150,7 @@ def _completed(line: RunLine, model: Model, data: Dataset, setup: Setup) -> RunL
 def _trained(line: RunLine, trial: Trial, setup: Setup, model: Model, data: Dataset) -> RunLine:
     first = redrawn_weights(model, trial.seed) if trial.seed else None
     heard = _Heard()
-    options, folder = options_for(model, runs=setup.runs), None
+    options, folder = options_for(model, runs=setup.runs, has_errors=False), None
     if setup.runs is not None:
         folder = setup.runs / model.name / _FOLDER / line.key[:_KEY_SHOWN]
         options = in_folder(options, folder)

@@ -36,7 +36,7 @@ from msnn.training.records.run_lock import held
 from msnn.training.records.run_record import run_record
 from msnn.training.records.safekeeping import Safekeeping
 from msnn.training.records.stage_record import stage_end
-from msnn.training.records.standard_errors import standard_errors
+from msnn.training.records.standard_errors import standard_errors, without_errors
 from msnn.training.records.tensorboard_curves import Curves, require_tensorboard
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.records.zero_slices import zero_slices
@@ -141,7 +141,12 @@ class _Run:
         if self.folder is None:
             return self._result(now.begin, now)
         self._finish(now)
-        spread = standard_errors(self.stages[-1][0], self.data, now.begin)
+        last = self.stages[-1][0]
+        spread = (
+            standard_errors(last, self.data, now.begin)
+            if self.options.has_errors
+            else without_errors("not estimated in a comparison")
+        )
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
         said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
         zero = zero_slices(self.program, now.begin)

@@ -80,16 +80,16 @@ def standard_errors(
     parameters = [program.parameter(name) for name in plan.trained]
     numbers = sum(weights[p.name].size for p in parameters)
     if not any(loss.target is not None for loss in program.losses):
-        return _none("no loss is a sum of squares")
+        return without_errors("no loss is a sum of squares")
     if numbers > MOST_NUMBERS:
-        return _none(f"more than {MOST_NUMBERS} numbers are learned")
+        return without_errors(f"more than {MOST_NUMBERS} numbers are learned")
     starts = plan.rollout.starts
     if starts is not None:
         starts = replace(starts, program=squared(starts.program, plan.loss_weights))
     rollout = replace(plan.rollout, program=program, starts=starts)
     runs = set_rollouts(rollout, data, TRAIN, None, "standard errors", plan.span, Findings())
     if runs is None:
-        return _none("no rollout fits the data")
+        return without_errors("no rollout fits the data")
     rows = counted_rows(rollout, data, TRAIN)
     plan = replace(plan, rollout=rollout)
     products, notes = _products(plan, data, rows, runs, weights)
@@ -108,7 +108,8 @@ def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
     return found
 
 
-def _none(reason: str) -> StandardErrors:
+def without_errors(reason: str) -> StandardErrors:
+    """None, and why."""
     return StandardErrors(errors={}, unidentified=(), noise={}, residuals=0, reason=reason)
 
 

@@ -41,18 +41,26 @@ class TrainingOptions:
     """Its layers whose numbers mean nothing one by one."""
     device: Device = CPU
     """Where torch computes."""
+    has_errors: bool = True
+    """Whether standard errors are estimated at the end, which takes a kernel of its own."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
     """Other initial values, by number, for the further runs of a stage with `starts:`."""
 
 
 def options_for(
-    model: Model, *, runs: Path | None, tensorboard: bool = False, device: Device = CPU
+    model: Model,
+    *,
+    runs: Path | None,
+    tensorboard: bool = False,
+    device: Device = CPU,
+    has_errors: bool = True,
 ) -> TrainingOptions:
     """The options of a run that keeps this model."""
     return TrainingOptions(
         runs=runs,
         tensorboard=tensorboard,
         device=device,
+        has_errors=has_errors,
         spec_text=model.text,
         spec_file=str(model.path),
         settings=model.settings,
