@@ -167,15 +167,28 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
         guard=f"{names.macro}_VECTORS_H",
         functions=_golden(program, names, runs, starts),
         runs=len(runs),
+        steps=_STEPS,
+        singles=0,
         from_init=1,
         starts=len(runs) + len(starts),
         written=0,
+        writes=False,
+        tunes=False,
+        linearized=0,
         hashes=False,
     )
     return {
         f"test/{prefix}_vectors.h": vectors,
         f"test/{prefix}_sil.c": render(
-            "main.c.j2", names, "Test program", runs=len(runs), from_init=1, steps=_STEPS, lag=_LAG
+            "main.c.j2",
+            names,
+            "Test program",
+            runs=len(runs),
+            from_init=1,
+            steps=_STEPS,
+            singles=0,
+            count=len(runs) * _STEPS,
+            lag=_LAG,
         ),
         f"test/{prefix}_expected.txt": expected_text(program, runs),
     }

@@ -32,9 +32,9 @@ from backends.native.kernel_source import KernelSource, kernel_source
 from benchmarks.mutation.derivative_mutants import derivative_mutants
 from benchmarks.mutation.kernel_equivalents import kernel_reason
 from benchmarks.mutation.kernel_problems import COVERING, covering_problems
-from benchmarks.mutation.kernel_schemata import CHOICE, with_all
 from benchmarks.mutation.mutants import value_mutants
 from benchmarks.mutation.right_kernels import alarms, gallery
+from benchmarks.mutation.schemata import CHOICE, with_all
 from compiler.differentiation.interpreted_training import InterpretedLosses
 from compiler.differentiation.training_step import TrainingStep, training_step
 from compiler.interpreter.bounded_rollouts import Rollouts

@@ -10,9 +10,10 @@ import argparse
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -21,15 +22,23 @@ import numpy as np
 
 from benchmarks.mutation.equivalents import reason
 from benchmarks.mutation.mutants import Mutant, mutants
+from benchmarks.mutation.random_calls import answers, random_calls
+from benchmarks.mutation.same_code import code_of
+from benchmarks.mutation.schemata import CHOICE, program_with_all
 from compiler.interpreter.interpreter import physical_weights
 from msnn.exports.export import plan_exports, write_export
 from msnn.model.load import load_model
+from msnn.verification.exported_c import read_exported_c
 from msnn.verification.host.host_checks import writable_objects
 from msnn.verification.proof_step import ToolFailedError
 from spec_schema.diagnostics.diagnostic import Findings
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
 _FLAGS = ("-std=c99", "-O0", "-w", "-ffp-contract=off")
+_INSIDE = ("value", "deleted", "raw", "last digit")
+"""Classes of faults that are inside one function and add no memory."""
+_CALLS = 30_000
+"""Random calls that may not tell a change which is said to change no answer."""
 _SECONDS = 20.0
 """After which a changed program counts as seen: it does not end."""
 
@@ -97,19 +106,65 @@ def mutation_score(
     changed = [m for m in mutants(export, prefix) if not kinds or m.kind in kinds][::every]
     with tempfile.TemporaryDirectory() as place:
         objects = _objects(export, Path(place))
-        folders = [Path(place) / str(number) for number in range(len(changed))]
+        inside = [mutant for mutant in changed if mutant.kind in _INSIDE]
+        outside = [mutant for mutant in changed if mutant.kind not in _INSIDE]
+        folders = [Path(place) / str(number) for number in range(len(outside))]
 
         def found(mutant: Mutant, folder: Path) -> bool | None:
             return _seen(mutant, export, objects, folder)
 
         with ThreadPoolExecutor(max_workers=jobs) as pool:
-            outcomes = list(zip(changed, pool.map(found, changed, folders), strict=True))
-    unseen = [mutant for mutant, seen in outcomes if seen is False]
+            outcomes = list(zip(outside, pool.map(found, outside, folders), strict=True))
+            outcomes += _seen_together(inside, export, objects, Path(place), pool)
+        unseen = [mutant for mutant, seen in outcomes if seen is False]
+        alike = {id(m) for m in unseen if reason(prefix, m) is not None}
+        proof = _Proof(export, objects, Path(place))
+        alike |= {id(m) for m in unseen if id(m) not in alike and proof.no_answer_changes(m)}
     return Score(
         seen=tuple(mutant for mutant, seen in outcomes if seen),
-        equivalent=tuple(m for m in unseen if reason(prefix, m) is not None),
-        missed=tuple(m for m in unseen if reason(prefix, m) is None),
+        equivalent=tuple(m for m in unseen if id(m) in alike),
+        missed=tuple(m for m in unseen if id(m) not in alike),
     )
+
+
+class _Proof:
+    """Whether a change changes no answer, by the compiler and by random calls."""
+
+    def __init__(self, export: Path, objects: Mapping[str, Path], folder: Path) -> None:
+        self._export, self._folder = export, folder
+        self._objects = {name: path for name, path in objects.items() if not _is_test(name)}
+        main = folder / "random_calls.c"
+        main.write_text(random_calls(read_exported_c(export), _CALLS), encoding="utf-8")
+        self._main = folder / "random_calls.o"
+        command = ["gcc", *_FLAGS, f"-I{export / 'include'}", "-c", main, "-o", self._main]
+        subprocess.run(command, check=True)
+        self._code: dict[str, str] = {}
+        self._right = answers(self._linked([*self._objects.values()]))
+
+    def no_answer_changes(self, mutant: Mutant) -> bool:
+        """By the code that a compiler makes, and by calls with infinities and NaN among them."""
+        source = (self._export / "src" / mutant.file).read_text(encoding="utf-8")
+        includes = [self._export / "include", self._export / "src"]
+        if mutant.file not in self._code:
+            self._code[mutant.file] = code_of(source, includes, self._folder)
+        if code_of(mutant.text, includes, self._folder) != self._code[mutant.file]:
+            return False
+        changed = self._folder / "changed.c"
+        changed.write_text(mutant.text, encoding="utf-8")
+        compiled = self._folder / "changed.o"
+        paths = [f"-I{path}" for path in includes]
+        subprocess.run(["gcc", *_FLAGS, *paths, "-c", changed, "-o", compiled], check=True)
+        others = [path for name, path in self._objects.items() if name != mutant.file]
+        return answers(self._linked([compiled, *others])) == self._right
+
+    def _linked(self, objects: Sequence[Path]) -> Path:
+        program = self._folder / "random_calls"
+        subprocess.run(["gcc", self._main, *objects, "-o", program, "-lm"], check=True)
+        return program
+
+
+def _is_test(name: str) -> bool:
+    return name.endswith(("_selftest.c", "_sil.c"))
 
 
 def _objects(export: Path, folder: Path) -> dict[str, Path]:
@@ -126,6 +181,40 @@ def _sources(export: Path) -> Iterator[Path]:
     yield from sorted((export / "test").glob("*.c"))
 
 
+def _seen_together(
+    changed: Sequence[Mutant],
+    export: Path,
+    objects: Mapping[str, Path],
+    folder: Path,
+    pool: ThreadPoolExecutor,
+) -> Iterator[tuple[Mutant, bool]]:
+    """Whether the test program fails with each change: all of a file are in one program."""
+    for file in sorted({mutant.file for mutant in changed}):
+        own = [mutant for mutant in changed if mutant.file == file]
+        source = (export / "src" / file).read_text(encoding="utf-8")
+        every, compiled, program = (folder / f"every_{end}" for end in (file, "one.o", "program"))
+        every.write_text(program_with_all(source, own), encoding="utf-8")
+        paths = [f"-I{export / 'include'}", f"-I{export / 'src'}"]
+        subprocess.run(["gcc", *_FLAGS, *paths, "-c", every, "-o", compiled], check=True)
+        others = [path for name, path in objects.items() if name != file]
+        subprocess.run(["gcc", compiled, *others, "-o", program, "-lm"], check=True)
+        assert not _fails(program, {})
+        chosen = ({CHOICE: str(number)} for number in range(1, len(own) + 1))
+        failed = pool.map(partial(_fails, program), chosen)
+        yield from zip(own, failed, strict=True)
+
+
+def _fails(program: Path, environment: Mapping[str, str]) -> bool:
+    """Whether a test program does; also if it does not end."""
+    try:
+        done = subprocess.run(
+            [program], env=environment, capture_output=True, check=False, timeout=_SECONDS
+        )
+    except subprocess.TimeoutExpired:
+        return True
+    return done.returncode != 0
+
+
 def _seen(mutant: Mutant, export: Path, objects: dict[str, Path], folder: Path) -> bool | None:
     """Whether the test program fails or there is memory of its own; None if it is no C."""
     folder.mkdir()
@@ -139,11 +228,7 @@ def _seen(mutant: Mutant, export: Path, objects: dict[str, Path], folder: Path) 
         return None
     others = [path for name, path in objects.items() if name != mutant.file]
     subprocess.run(["gcc", compiled, *others, "-o", program, "-lm"], check=True)
-    try:
-        done = subprocess.run([program], capture_output=True, check=False, timeout=_SECONDS)
-    except subprocess.TimeoutExpired:
-        return True
-    return done.returncode != 0
+    return _fails(program, {})
 
 
 if __name__ == "__main__":

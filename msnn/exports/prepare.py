@@ -64,8 +64,8 @@ def step_program(
     program = _closed(request, entry)
     if program is None:
         return None
-    program = prune_outputs(program, _outputs(request, entry))
     penalised = {loss.penalty.parameter for loss in program.losses if loss.penalty is not None}
+    program = prune_outputs(program, _outputs(request, entry))
     if request.weights is not None and penalised and not keeps_arrays:
         pruned = prune_zero_slices(program, request.weights, penalised)
         request.cuts.extend(pruned.cuts)

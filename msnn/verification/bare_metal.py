@@ -141,8 +141,8 @@ class _Build:
         """Of a step: least, mean and most."""
         text = (self.folder / "counts.txt").read_text(encoding="utf-8")
         counts = [int(line) for line in text.split()]
-        idle, first = counts[0], len(self.model.expected) // self.model.runs
-        own = [count - idle + _RETURN for count in counts[first : first + len(self.model.expected)]]
+        idle, *rest = counts
+        own = [count - idle + _RETURN for count in rest[: len(self.model.expected)]]
         return min(own), sum(own) / len(own), max(own)
 
     def sizes(self) -> tuple[int, int, int]:

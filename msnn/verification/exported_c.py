@@ -51,11 +51,10 @@ class ExportedC:
     slopes: tuple[Member, ...]
     """Matrices of the Jacobian; empty without one."""
     expected: tuple[str, ...]
-    """What each golden step answers: status and bits of the outputs in hexadecimal digits."""
+    """What each golden step answers: status and bits of the outputs in hexadecimal digits. The file
+    of vectors knows what is to be done before each."""
     status: dict[str, int]
     """What each bit of a status is named in C."""
-    runs: int
-    """Of as many steps each; the file of vectors knows how each begins."""
 
     @property
     def include(self) -> Path:
@@ -135,7 +134,6 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
         slopes=_members(structs.get("jacobian", [])),
         expected=tuple(line for line in expected.splitlines() if line),
         status=layout["status"],
-        runs=len(expected.rstrip("\n").split("\n\n")),
     )
 
 

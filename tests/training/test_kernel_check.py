@@ -21,7 +21,7 @@ from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
-from msnn.simulation.engines.kernel_trials import WrongKernelError
+from msnn.simulation.engines.kernel_trials import WrongKernelError, cases
 from msnn.training.engines.native.kernel_check import check_kernel, check_sensitivities
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
@@ -175,3 +175,23 @@ def test_a_wrong_kernel_of_sensitivities_is_found(monkeypatch: pytest.MonkeyPatc
     found, kernel, log = second_order("arm")
     with pytest.raises(WrongKernelError, match="slopes and residuals"):
         check_sensitivities(kernel, found, log, runs_of(90, 12), initial(found.program))
+
+
+def test_drawn_rows_lie_beside_the_corners_of_fuzzy_sets() -> None:
+    """A corner that is a tenth of a set wrong shows only where a number falls between."""
+    text, closed = MODELS["vehicle"]
+    program = close_loop(compiled(text), closed)
+    log = {name: np.sign(values) * 0.9 for name, values in log_of(program).items()}
+    *_, drawn = cases(program, log, runs_of(90, 12), initial(program), 19)
+    values = drawn.runs.log["v"]
+    for corner in (-0.33333334, 0.33333334):
+        assert np.sum(np.abs(values - corner) < 0.1) > 2
+
+
+def test_rows_of_a_model_that_compares_nothing_are_those_of_the_data() -> None:
+    text, closed = MODELS["filtered_joints"]
+    program = close_loop(compiled(text), closed)
+    log = log_of(program)
+    *_, drawn = cases(program, log, runs_of(90, 12), initial(program), 19)
+    known = drawn.runs.log["u"]
+    assert np.isin(known, log["u"]).all()

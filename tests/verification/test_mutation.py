@@ -17,3 +17,19 @@ def test_the_test_program_sees_changes_of_the_reference_model(tmp_path: Path) ->
     score = mutation_score(tmp_path, "reference", every=4, kinds=kinds)
     assert not score.missed
     assert len(score.seen) > 12
+
+
+def test_each_statement_that_tells_of_an_infinite_slope_is_needed(tmp_path: Path) -> None:
+    if not GCC.is_there:
+        miss(f"gcc is not installed: apt-get install {GCC.package}")
+    export_with_drawn_weights("tyre", tmp_path, ["jacobian"])
+    score = mutation_score(tmp_path, "tyre", kinds=("deleted",))
+    assert not score.missed
+    assert sum("SLOPE_NOT_FINITE" in mutant.line for mutant in score.seen) == 2
+
+
+def test_limits_of_a_linearised_model_are_seen_one_by_one(tmp_path: Path) -> None:
+    if not GCC.is_there:
+        miss(f"gcc is not installed: apt-get install {GCC.package}")
+    export_with_drawn_weights("two_tanks", tmp_path, ["jacobian"])
+    assert not mutation_score(tmp_path, "two_tanks", kinds=("value",)).missed

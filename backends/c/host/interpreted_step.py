@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from backends.c.functions.state_reports import BUFFERS_EMPTY, STATES_UNSET
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.status import Status
-from backends.c.selftest.first_steps import emptied, log_of_step, unset
+from backends.c.selftest.first_steps import emptied, filled_by_first
+from backends.c.selftest.log_of_steps import log_of_steps
 from backends.c.selftest.policy_reference import apply_policy, apply_policy_to_window, first_held
 from backends.c.selftest.state_reference import (
     equation_bits,
@@ -104,11 +105,14 @@ class InterpretedStep:
             given = self._given[name].copy()
             self._seen[name], said = apply_policy(signal, given, self._seen[name], self._dtype)
             bits |= said
-        log, row = log_of_step(self._interface, self._seen)
+        once = {name: value[np.newaxis] for name, value in self._seen.items()}
+        log, row = log_of_steps(self._interface, once, 1)
         if self.waiting & STATES_UNSET:
             bits |= Status.UNINITIALISED
         if self.waiting & BUFFERS_EMPTY:
-            self._states = unset(self._judge, self._interface, self._states, (log, row), 0)
+            self._states = filled_by_first(
+                self._judge, self._interface, self._states, (log, row), [0]
+            )
             self.waiting &= ~BUFFERS_EMPTY
         found = self._judge.step(log, row, self._states, losses=False)
         for name, place in self._answers.items():

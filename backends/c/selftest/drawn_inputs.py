@@ -95,14 +95,21 @@ def knots_of(program: Program, dtype: Dtype) -> Array:
 
 
 def drawn_series(
-    input: InputField, steps: int, random: np.random.Generator, knots: Array, opening: int = 0
+    input: InputField,
+    steps: int,
+    random: np.random.Generator,
+    knots: Array,
+    opening: int = 0,
+    *,
+    turn: int = 0,
 ) -> Array:
     """Values of an input, (steps, *shape), within its range or [-1, 1] but for invalid ones.
 
     Some lie at one of the knots or at a limit, some just below, some a little above; the last but
     one are 0 where that is valid. Some values come twice in a row.
 
-    Where the policy replaces invalid values there are some of each kind; where it flags them, one
+    Where the policy replaces invalid values there are some of each kind, in other steps for inputs
+    with another `turn`, as one bit tells of all inputs; where it flags them, one
     is the next number above the range and one far above it, and below, and one is NaN in the last
     step, as it would spoil what follows. Where they are trusted there is that alone. The first
     `opening` samples are invalid in every element: of all kinds where they are replaced, else just
@@ -133,7 +140,7 @@ def drawn_series(
     match signal.on_invalid:
         case "clamp" | "hold":
             kinds = np.array([*invalid, *_NO_NUMBERS])
-            at = np.arange(_SPECIAL_EVERY // 2, steps, _SPECIAL_EVERY)
+            at = np.arange((_SPECIAL_EVERY // 2 + turn) % _SPECIAL_EVERY, steps, _SPECIAL_EVERY)
             put(at, np.roll(kinds, random.integers(len(kinds))))
         case "flag" if steps > 1:
             at = 1 + np.arange(len(invalid)) * steps // max(1, len(invalid))

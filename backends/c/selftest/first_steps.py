@@ -1,8 +1,8 @@
-"""Says in numpy what `init` leaves, and which samples a step sees."""
+"""Says in numpy what `init` leaves, and what the first step makes of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,37 +22,21 @@ def emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Arra
     }
 
 
-def unset(
+def filled_by_first(
     interpreter: Interpreter,
     interface: Interface,
-    states: dict[str, Array],
-    log: tuple[dict[str, Array], int],
-    step: int,
+    states: Mapping[str, Array],
+    log: tuple[dict[str, Array], NDArray[np.int64]],
+    rows: Sequence[int],
 ) -> dict[str, Array]:
-    """States after `init`: the first step fills buffers with its newest sample.
+    """States after `init` in some of the runs: the first step fills buffers with its newest sample.
 
     A buffer's sample may be computed from other buffers, so they are filled until none changes.
     """
-    if step > 0:
-        return states
-    filled = dict(states)
+    filled = {name: value.copy() for name, value in states.items()}
     for _ in interface.filled_by_first:
         following = interpreter.step(*log, filled, losses=False).next_states
         for name in interface.filled_by_first:
-            newest = following[name][..., -1:]
-            filled[name] = np.broadcast_to(newest, filled[name].shape).copy()
+            newest = following[name][rows, ..., -1:]
+            filled[name][rows] = np.broadcast_to(newest, filled[name][rows].shape)
     return filled
-
-
-def log_of_step(interface: Interface, seen: Mapping[str, Array]) -> tuple[dict[str, Array], int]:
-    """A log, and the row in it that sees exactly the samples of one step."""
-    ports = {input.field.name: input.port for input in interface.inputs}
-    row = max([0, *(-port.first for port in ports.values())])
-    rows = row + 1 + max([0, *(port.last for port in ports.values())])
-    log: dict[str, Array] = {}
-    for name, port in ports.items():
-        values = seen[name]
-        samples = values[np.newaxis] if port.type.window is None else np.moveaxis(values, -1, 0)
-        log[name] = np.zeros((rows, *samples.shape[1:]), values.dtype)
-        log[name][row + port.first : row + port.last + 1] = samples
-    return log, row

@@ -57,6 +57,8 @@ class GoldenTables:
     inputs: Sequence[Column]
     outputs: Sequence[Column]
     status: Sequence[int]
+    singles: Sequence[int] = ()
+    """The start of each step that has one of its own; these are the last of the steps."""
 
     def functions(
         self, differs: Callable[[Expression, Expression, Array], Expression]
@@ -64,14 +66,17 @@ class GoldenTables:
         """`<prefix>_load_start(x0, start)`, `_start_differs(status, start)`, `_load_inputs(u,
         step)`, `_results_differ(status, y, step)`.
 
-        And `_load_state(s, written)`, where something is written.
+        And `_load_state(s, written)`, where something is written, and `_start_of(single)`, where
+        steps have a start of their own.
 
         `differs` compares a given with an expected element of a column with these values.
         """
         state = Argument("state", "s")
         written = (self._loader("state", state, self.written, "written"),) if self.written else ()
+        singles = (self._start_of(),) if self.singles else ()
         return (
             *written,
+            *singles,
             self._loader("start", Argument("init", "x0"), self.starts, _START),
             self._start_comparison(),
             self._loader("inputs", Argument("in", "u"), self.inputs, _STEP),
@@ -97,6 +102,15 @@ class GoldenTables:
         )
         body = tuple(scope.statements)
         return Function(f"{self.prefix}_load_{name}", "void", arguments, body, static=True)
+
+    def _start_of(self) -> Function:
+        starts = tuple(map(float, self.singles))
+        body = (
+            ConstantTable("golden_start", starts, CType.UNSIGNED),
+            Return(Element(Name("golden_start"), Name("single"))),
+        )
+        argument = Argument("uint32_t", "single")
+        return Function(f"{self.prefix}_start_of", "uint32_t", (argument,), body, static=True)
 
     def _start_comparison(self) -> Function:
         bits = tuple(map(float, self.start_status))

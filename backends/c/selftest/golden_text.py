@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from backends.c.interface.interface import Interface
+from backends.c.selftest.golden_singles import GoldenSingles
 from backends.c.selftest.golden_starts import GoldenStart
 from backends.c.selftest.golden_tables import DIFFER, Array, GoldenTables
 from backends.c.selftest.golden_vectors import GoldenVectors, joined
@@ -16,6 +17,7 @@ from backends.c_language.places import Index
 from backends.c_language.scope import LocalNames, Scope
 from backends.c_language.tree import (
     Argument,
+    Assign,
     Binary,
     Call,
     ConstantTable,
@@ -34,14 +36,17 @@ from backends.c_language.tree import (
 
 
 def golden_functions(
-    interface: Interface, runs: Sequence[GoldenVectors], starts: Sequence[GoldenStart] = ()
+    interface: Interface,
+    runs: Sequence[GoldenVectors],
+    starts: Sequence[GoldenStart] = (),
+    singles: GoldenSingles | None = None,
 ) -> tuple[Function, ...]:
     """What `GoldenTables` makes, after the function that compares two numbers.
 
     Behind the starts of the runs stand those that are judged by the status of `reset` alone.
     """
     prefix = interface.prefix
-    golden = joined(runs)
+    golden = joined([*runs, singles.vectors] if singles else runs)
     every = [*(run.start for run in runs), *starts]
     given = [
         (f, np.stack([start.windows[f.name] for start in every])) for f, _ in interface.windows
@@ -50,6 +55,10 @@ def golden_functions(
         (f, np.stack([start.supplied[f.name] for start in every])) for f, _ in interface.supplied
     ]
     written = [run.written for run in runs if run.written]
+    if singles:
+        own = singles.vectors.written
+        count = len(singles.starts)
+        written += [{name: values[k] for name, values in own.items()} for k in range(count)]
     fields = state_fields(interface) if written else ()
     tables = GoldenTables(
         prefix,
@@ -61,14 +70,38 @@ def golden_functions(
         inputs=[(input.field, golden.inputs[input.field.name]) for input in interface.inputs],
         outputs=[(field, golden.outputs[field.name]) for field in interface.outputs],
         status=[int(status) for status in golden.status],
+        singles=singles.starts if singles else (),
     )
+
+    tuned = (_tune_function(interface, singles.tuned),) if singles and singles.tunes else ()
 
     def differs(given: Expression, expected: Expression, values: Array) -> Expression:
         allowed = Real(tolerance(interface, values))
         return Call(f"{prefix}_differs", (given, expected, allowed))
 
     known = (differs_function(prefix),) if interface.outputs else ()
-    return (*known, *tables.functions(differs))
+    return (*known, *tables.functions(differs), *tuned)
+
+
+def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -> Function:
+    """`<prefix>_tune(numbers, single)` writes a single step's own parameters over the trained."""
+    scope = Scope(LocalNames(interface.prefix))
+    for name in ("numbers", "single"):
+        scope.reserve(name)
+    listed = [(k, place, x) for k, own in enumerate(tuned) for place, x in own.items()]
+    columns = [tuple(map(float, column)) for column in zip(*listed, strict=True)]
+    scope.add(ConstantTable("golden_single", columns[0], CType.UNSIGNED))
+    scope.add(ConstantTable("golden_place", columns[1], CType.UNSIGNED))
+    scope.add(ConstantTable("golden_number", columns[2], hexadecimal=True))
+    with scope.loop(len(listed)) as (index, inner):
+        at = index.expression()
+        own = Binary("==", Element(Name("golden_single"), at), Name("single"))
+        place = Element(Name("numbers"), Element(Name("golden_place"), at))
+        inner.add(If(own, (Assign(place, Element(Name("golden_number"), at)),)))
+    real = f"{interface.prefix}_real *"
+    arguments = (Argument(real, "numbers"), Argument("uint32_t", "single"))
+    name = f"{interface.prefix}_tune"
+    return Function(name, "void", arguments, tuple(scope.statements), static=True)
 
 
 def differs_function(prefix: str) -> Function:

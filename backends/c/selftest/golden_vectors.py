@@ -18,8 +18,9 @@ from backends.c.selftest.drawn_inputs import (
     drawn_series,
     knots_of,
 )
-from backends.c.selftest.first_steps import emptied, log_of_step, unset
+from backends.c.selftest.first_steps import emptied, filled_by_first
 from backends.c.selftest.golden_starts import GoldenStart, golden_start
+from backends.c.selftest.log_of_steps import log_of_steps
 from backends.c.selftest.policy_reference import apply_policy, first_held
 from backends.c.selftest.state_reference import (
     equation_bits,
@@ -57,91 +58,150 @@ class GoldenVectors:
     """Matrices of the Jacobian before each step, (steps, rows, columns); empty without one."""
 
 
+@dataclass(frozen=True, slots=True)
+class GoldenRun:
+    """How a golden run begins."""
+
+    seed: int
+    start: StartPoint | Outside | None = _ANYWHERE
+    """Where in their ranges, or beyond, the states begin; with None they begin without a past, as
+    after `init`."""
+    opening: int = 0
+    """Samples with which each input begins that are invalid."""
+    invalid: int | None = None
+    """With which kind the samples of the past begin that are invalid too (`drawn_record`)."""
+    written: Written | None = None
+    """What stands in the struct before the first step."""
+
+
 def golden_vectors(
     program: Program,
     interface: Interface,
     weights: Mapping[str, Array],
     steps: int,
     seed: int = 0,
-    *,
-    start: StartPoint | Outside | None = _ANYWHERE,
-    opening: int = 0,
-    invalid: int | None = None,
-    written: Written | None = None,
 ) -> GoldenVectors:
-    """`steps` steps from a drawn past, each from the states that the one before left.
+    """`steps` steps from a drawn past, each from the states that the one before left."""
+    (run,) = golden_runs(program, interface, weights, steps, [GoldenRun(seed)])
+    return run
 
-    `start` says where in their ranges, or beyond, the states begin; with None they begin without a
-    past, as after `init`. The first samples of each input, `opening` of them, are invalid; with
-    `invalid` those of the past are, too, beginning with that kind (`drawn_record`). What is
-    `written` stands in the struct before the first step.
+
+def golden_runs(
+    program: Program,
+    interface: Interface,
+    weights: Mapping[str, Array],
+    steps: int,
+    runs: Sequence[GoldenRun],
+) -> list[GoldenVectors]:
+    """So many steps of each run; a step of all runs is computed at once.
 
     The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
     """
     dtype = interface.options.dtype
-    random = np.random.Generator(np.random.Philox(seed))
-    record = drawn_record(program, random, start or _ANYWHERE, dtype, invalid=invalid)
     knots = knots_of(program, dtype)
-    inputs = {
-        input.field.name: drawn_series(input, steps, random, knots, opening)
-        for input in interface.inputs
-    }
     interpreter = Interpreter(with_checked(program), weights, dtype)
-    begin = golden_start(interface, interpreter, record)
-    states = written.into(begin.states) if written else begin.states
-    fields = state_fields(interface) if written else ()
-    put = {field.name: states[field.name][0] for field in fields}
-    first = {s.name: begin.states[s.name] for s in program.states if s.on_range == "reset"}
-    outputs = {f.name: np.empty((steps, *f.shape), dtype) for f in interface.outputs}
-    status = np.zeros(steps, np.uint32)
     linearized = interface.jacobian and JacobianInterpreter(
         interface.jacobian.jacobian, program, weights, dtype
     )
+    inputs: list[dict[str, Array]] = []
+    begun: list[GoldenStart] = []
+    for run in runs:
+        random = np.random.Generator(np.random.Philox(run.seed))
+        record = drawn_record(program, random, run.start or _ANYWHERE, dtype, invalid=run.invalid)
+        inputs.append(
+            {
+                input.field.name: drawn_series(
+                    input, steps, random, knots, run.opening, turn=number
+                )
+                for number, input in enumerate(interface.inputs)
+            }
+        )
+        begun.append(golden_start(interface, interpreter, record))
+    first = [_first_states(interface, run, start) for run, start in zip(runs, begun, strict=True)]
+    seen, policy_bits = _seen(interface, inputs, steps)
+    from_init = [k for k, run in enumerate(runs) if run.start is None and interface.from_record]
+    states = {s.name: np.concatenate([each[s.name] for each in first]) for s in program.states}
+    outputs = {f.name: np.empty((len(runs), steps, *f.shape), dtype) for f in interface.outputs}
+    status = np.zeros((len(runs), steps), np.uint32)
     slopes: list[dict[str, Array]] = []
     following: list[Mapping[str, Array]] = []
-    accepted = {name: np.empty_like(values) for name, values in inputs.items()}
-    seen = {
-        input.field.name: first_held(input.port.signal, input.field.shape, dtype)
-        for input in interface.inputs
-    }
     for k in range(steps):
-        bits = Status(0)
-        for input in interface.inputs:
-            name = input.field.name
-            checked = apply_policy(input.port.signal, inputs[name][k], seen[name], dtype)
-            seen[name], bits = checked[0], bits | checked[1]
-            accepted[name][k] = seen[name]
-        if start is None and interface.from_record and k == 0:
-            states = emptied(interface, states)
+        log = log_of_steps(interface, {n: values[:, k] for n, values in seen.items()}, len(runs))
         if linearized is not None:
-            slopes.append(linearized.matrices(*log_of_step(interface, seen), states))
-        if start is None and interface.from_record:
-            states = unset(interpreter, interface, states, log_of_step(interface, seen), k)
-            waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
-            bits |= Status.UNINITIALISED if waits else Status(0)
-        result = interpreter.step(*log_of_step(interface, seen), states, losses=False)
+            slopes.append(linearized.matrices(*log, states))
+        if k == 0 and from_init:
+            states = filled_by_first(interpreter, interface, states, log, from_init)
+        result = interpreter.step(*log, states, losses=False)
         for name, values in outputs.items():
-            values[k] = result.outputs[name][0]
-        bits |= equation_bits(program, result.outputs, dtype)
-        bits |= saturation_bits(program, result.outputs)
-        status[k] = bits | next_state_bits(interface, result.next_states)
-        states = result.next_states | restarted(interface, result.next_states, first)
-        following.append(states)
+            values[:, k] = result.outputs[name]
+        after = {name: value.copy() for name, value in result.next_states.items()}
+        for row in range(len(runs)):
+            one = slice(row, row + 1)
+            answers = {name: value[one] for name, value in result.outputs.items()}
+            next = {name: value[one] for name, value in result.next_states.items()}
+            bits = policy_bits[row][k] | equation_bits(program, answers, dtype)
+            bits |= saturation_bits(program, answers) | next_state_bits(interface, next)
+            if row in from_init:
+                waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
+                bits |= Status.UNINITIALISED if waits else Status(0)
+            status[row, k] = bits
+            again = {s.name: begun[row].states[s.name] for s in program.states}
+            again = {s.name: again[s.name] for s in program.states if s.on_range == "reset"}
+            for name, value in restarted(interface, next, again).items():
+                after[name][one] = value
+        states = after
+        following.append(after)
     names = slopes[0] if slopes else ()
-    matrices = {name: np.concatenate([step[name] for step in slopes]) for name in names}
+    matrices = {name: np.stack([step[name] for step in slopes], axis=1) for name in names}
     remembered = {
-        s.name: np.concatenate([step[s.name] for step in following]) for s in program.states
+        s.name: np.stack([step[s.name] for step in following], axis=1) for s in program.states
     }
-    return GoldenVectors(
-        start=begin,
-        written=put,
-        inputs=inputs,
-        seen=accepted,
-        outputs=outputs,
-        states=remembered,
-        status=status,
-        slopes=matrices,
-    )
+    return [
+        GoldenVectors(
+            start=begun[row],
+            written=_written(interface, run, first[row]),
+            inputs=inputs[row],
+            seen={name: values[row] for name, values in seen.items()},
+            outputs={name: values[row] for name, values in outputs.items()},
+            states={name: values[row] for name, values in remembered.items()},
+            status=status[row],
+            slopes={name: values[row] for name, values in matrices.items()},
+        )
+        for row, run in enumerate(runs)
+    ]
+
+
+def _first_states(interface: Interface, run: GoldenRun, begin: GoldenStart) -> dict[str, Array]:
+    """Before the first step, (1, *shape); what only a record can give is 0 after `init`."""
+    if run.start is None and interface.from_record:
+        return emptied(interface, begin.states)
+    return run.written.into(begin.states) if run.written else begin.states
+
+
+def _written(interface: Interface, run: GoldenRun, first: Mapping[str, Array]) -> dict[str, Array]:
+    fields = state_fields(interface) if run.written else ()
+    return {field.name: first[field.name][0] for field in fields}
+
+
+def _seen(
+    interface: Interface, inputs: Sequence[Mapping[str, Array]], steps: int
+) -> tuple[dict[str, Array], list[list[Status]]]:
+    """What the policies make of the inputs of all runs, (runs, steps, *shape), and what they say of
+    each run and step."""
+    dtype = interface.options.dtype
+    bits = [[Status(0)] * steps for _ in inputs]
+    seen: dict[str, Array] = {}
+    for input in interface.inputs:
+        name, signal = input.field.name, input.port.signal
+        accepted = np.stack([run[name] for run in inputs])
+        for row, run in enumerate(inputs):
+            before = first_held(signal, input.field.shape, dtype)
+            for k in range(steps):
+                before, said = apply_policy(signal, run[name][k], before, dtype)
+                accepted[row, k] = before
+                bits[row][k] |= said
+        seen[name] = accepted
+    return seen, bits
 
 
 def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:

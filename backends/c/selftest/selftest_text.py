@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,9 +12,10 @@ from backends.c.selftest.drawn_inputs import Outside, StartPoint
 from backends.c.selftest.expected_text import expected_text
 from backends.c.selftest.golden_helpers import helper_functions, resumed_step
 from backends.c.selftest.golden_jacobian import slopes_function
+from backends.c.selftest.golden_singles import GoldenSingles, golden_singles
 from backends.c.selftest.golden_starts import GoldenStart, golden_starts
 from backends.c.selftest.golden_text import differs_function, golden_functions, kernels_function
-from backends.c.selftest.golden_vectors import GoldenVectors, golden_vectors
+from backends.c.selftest.golden_vectors import GoldenRun, GoldenVectors, golden_runs
 from backends.c.selftest.kernel_cases import kernel_cases
 from backends.c.selftest.written_states import Written, written_states
 from backends.c_language.literals import hex_literal, real_literal
@@ -43,7 +43,7 @@ _OPENINGS = ((1, 1, 0), (3, 3, 1), (5, 5, 4))
 """Runs that begin with invalid samples: in which part of the ranges, how many, and with which kind
 those of the past begin: above the range, below, NaN."""
 
-_AFTER_INIT = (0, 2, 4)
+_AFTER_INIT = (0, 0, 2, 4)
 """After how many invalid samples in runs without a past, which stand last."""
 
 FROM_INIT = len(_AFTER_INIT)
@@ -54,7 +54,7 @@ _SELFTEST_OPENING = 2
 _TEST_STEPS = 16
 """Golden steps of each."""
 
-_SELFTEST_SEED, _TEST_SEED, _STARTS_SEED = 1, 2, 0
+_SELFTEST_SEED, _TEST_SEED, _STARTS_SEED, _SINGLES_SEED = 1, 2, 0, 5
 
 
 def selftest_text(
@@ -63,15 +63,8 @@ def selftest_text(
     """`src/<prefix>_selftest.c`: golden steps, kernels, and what a compiler may do wrong."""
     dtype, prefix = interface.options.dtype, interface.prefix
     printer = Printer(prefix, dtype)
-    golden = golden_vectors(
-        program,
-        interface,
-        weights,
-        SELFTEST_STEPS,
-        _SELFTEST_SEED,
-        opening=_SELFTEST_OPENING,
-        invalid=0,
-    )
+    begin = GoldenRun(_SELFTEST_SEED, opening=_SELFTEST_OPENING, invalid=0)
+    (golden,) = golden_runs(program, interface, weights, SELFTEST_STEPS, [begin])
     functions = _golden(interface, [golden])
     jacobian, sample_time = interface.jacobian, program.sample_time
     if (kernels or sample_time is not None or jacobian) and not _compares(interface):
@@ -112,15 +105,26 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
     prefix = interface.prefix
     runs = _golden_runs(program, interface, weights)
     starts = golden_starts(program, interface, weights, _STARTS_SEED)
+    begun = [run.start for run in runs[:_PARTS]]
+    singles = None
+    if interface.options.is_exact:
+        singles = golden_singles(program, interface, weights, begun, _SINGLES_SEED)
+    alone = len(singles.starts) if singles else 0
+    every = [*runs, singles.vectors] if singles else runs
     vectors = render(
         "vectors.h.j2",
         interface,
         "Golden vectors",
         guard=f"{prefix.upper()}_VECTORS_H",
-        functions=_golden(interface, runs, starts),
+        functions=_golden(interface, runs, starts, singles),
         hashes=_hashes(interface),
         runs=len(runs),
+        steps=_TEST_STEPS,
+        singles=alone,
         from_init=FROM_INIT,
+        tunes=bool(singles and singles.tunes),
+        linearized=singles.linearized if singles else 0,
+        writes=bool(singles and singles.vectors.written),
         written=sum(bool(run.written) for run in runs),
         starts=len(runs) + len(starts),
     )
@@ -133,47 +137,30 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         runs=len(runs),
         from_init=FROM_INIT,
         steps=_TEST_STEPS,
+        singles=alone,
+        count=len(runs) * _TEST_STEPS + alone,
         lag=_LAG,
     )
     return {
         f"test/{prefix}_sil.c": main,
         f"test/{prefix}_vectors.h": vectors,
-        f"test/{prefix}_expected.txt": expected_text(interface, runs),
+        f"test/{prefix}_expected.txt": expected_text(interface, every),
     }
 
 
 def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
     """Runs from `reset`, the last of them with a written state, then runs from `init`."""
-    begun = [_Run(start) for start in _STARTS]
-    for part, opening, invalid in _OPENINGS:
-        begun.append(_Run(StartPoint(part, _PARTS), opening, invalid))
-    for number, written in enumerate(written_states(interface)):
-        begun.append(_Run(StartPoint(number % _PARTS, _PARTS), invalid=number, written=written))
-    begun += [_Run(None, opening) for opening in _AFTER_INIT]
-    return [
-        golden_vectors(
-            program,
-            interface,
-            weights,
-            _TEST_STEPS,
-            _TEST_SEED + number,
-            start=run.start,
-            opening=run.opening,
-            invalid=run.invalid,
-            written=run.written,
-        )
-        for number, run in enumerate(begun)
+    begun: list[tuple[StartPoint | Outside | None, int, int | None, Written | None]] = [
+        *((start, 0, None, None) for start in _STARTS),
+        *((StartPoint(part, _PARTS), opening, kind, None) for part, opening, kind in _OPENINGS),
+        *(
+            (StartPoint(number % _PARTS, _PARTS), 0, number, written)
+            for number, written in enumerate(written_states(interface))
+        ),
+        *((None, opening, None, None) for opening in _AFTER_INIT),
     ]
-
-
-@dataclass(frozen=True, slots=True)
-class _Run:
-    """How a golden run begins."""
-
-    start: StartPoint | Outside | None
-    opening: int = 0
-    invalid: int | None = None
-    written: Written | None = None
+    runs = [GoldenRun(_TEST_SEED + number, *begin) for number, begin in enumerate(begun)]
+    return golden_runs(program, interface, weights, _TEST_STEPS, runs)
 
 
 def _letters(interface: Interface) -> list[str]:
@@ -204,12 +191,16 @@ def _hashes(interface: Interface) -> bool:
 
 
 def _golden(
-    interface: Interface, runs: Sequence[GoldenVectors], starts: Sequence[GoldenStart] = ()
+    interface: Interface,
+    runs: Sequence[GoldenVectors],
+    starts: Sequence[GoldenStart] = (),
+    singles: GoldenSingles | None = None,
 ) -> list[str]:
     printer = Printer(interface.prefix, interface.options.dtype)
-    functions = [*golden_functions(interface, runs, starts)]
+    functions = [*golden_functions(interface, runs, starts, singles)]
+    every = [*runs, singles.vectors] if singles else runs
     if interface.jacobian is not None:
         if not interface.outputs and _compares(interface):
             functions.insert(0, differs_function(interface.prefix))
-        functions.append(slopes_function(interface, interface.jacobian, runs))
+        functions.append(slopes_function(interface, interface.jacobian, every))
     return [printer.function(function) for function in functions]

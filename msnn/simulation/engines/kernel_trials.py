@@ -14,7 +14,8 @@ import numpy as np
 
 from backends.native.compile_kernel import Built
 from compiler.interpreter.bounded_rollouts import Rollouts
-from compiler.ir.ops import ReadSignal
+from compiler.ir.liveness import needed
+from compiler.ir.ops import Clamp, Compare, Constant, Maximum, Minimum, ReadSignal
 from compiler.ir.program import Program, Role
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs, reach
@@ -30,6 +31,10 @@ LONGEST = 10
 
 _GAP = 3
 """One of so many targets is missing among drawn rows."""
+
+_MOVED, _BESIDE = 0.3, 0.05
+"""How many of the drawn numbers stand beside one that is compared, and how far from it they may be,
+of the span of the data."""
 
 _NEARBY = 0.05
 """Weights are drawn so near, relative to each, that a model stays what it is."""
@@ -86,7 +91,38 @@ def _drawn_rows(program: Program, series: Weights, random: np.random.Generator) 
             whole &= np.isfinite(series[signal.name]).reshape(rows, -1).all(axis=1)
     among = np.flatnonzero(whole) if whole.any() else np.arange(rows)
     chosen = random.choice(among, rows)
-    return {name: values[chosen] for name, values in series.items()}
+    knots = _knots(program)
+    return {name: _some_near(knots, values[chosen], random) for name, values in series.items()}
+
+
+def _knots(program: Program) -> FloatArray:
+    """The numbers of a step from which its comparisons are made."""
+    compared = [
+        arg
+        for _, node in program.step
+        if isinstance(node.op, Compare | Minimum | Maximum | Clamp)
+        for arg in node.args
+    ]
+    marked = needed(program.step, compared)
+    ops = (node.op for index, node in program.step if marked[index])
+    numbers = {x for op in ops if isinstance(op, Constant) for x in op.values}
+    return np.array(sorted(x for x in numbers if np.isfinite(x)))
+
+
+def _some_near(knots: FloatArray, values: FloatArray, random: np.random.Generator) -> FloatArray:
+    """The values, some of them moved a little beside a number that is compared and is among them.
+
+    Rows of data leave out what lies between a corner and one that is a little wrong.
+    """
+    known = values[np.isfinite(values)]
+    low, high = (known.min(), known.max()) if known.size else (0.0, 0.0)
+    inside = knots[(knots > low) & (knots < high)]
+    if not inside.size:
+        return values
+    beside = random.choice(inside, values.shape)
+    beside = beside + _BESIDE * (high - low) * random.uniform(-1.0, 1.0, values.shape)
+    moved = np.isfinite(values) & (random.random(values.shape) < _MOVED)
+    return np.where(moved, np.clip(beside, low, high), values)
 
 
 def _without_some_targets(program: Program, log: Weights, t0: IntArray) -> Weights:

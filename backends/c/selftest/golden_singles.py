@@ -1,0 +1,117 @@
+"""Makes golden vectors of single steps, each with a start, states and parameters of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Interface
+from backends.c.interface.status import Status
+from backends.c.selftest.golden_starts import GoldenStart
+from backends.c.selftest.golden_vectors import GoldenVectors
+from backends.c.selftest.policy_reference import apply_policy, first_held
+from backends.c.selftest.singles.decisions import Decisions
+from backends.c.selftest.singles.telling_steps import telling_steps
+from backends.c.selftest.singles.trial_steps import TrialSteps, joined_trials
+from backends.c.selftest.state_reference import (
+    equation_bits,
+    next_state_bits,
+    restarted,
+    saturation_bits,
+)
+from compiler.ir.program import Program
+
+Array = NDArray[Any]
+
+
+_LARGEST = 8000
+"""Numbers that a step and its Jacobian compute; thousands of larger ones would take too long."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenSingles:
+    """Steps that each begin anew."""
+
+    starts: list[int]
+    """Which start of a run is given to `reset` before each."""
+    tuned: list[dict[int, float]]
+    """Parameters that are others than trained in each, by their place in the struct."""
+    linearized: int
+    """The first ones, of which only the Jacobian has parameters of its own."""
+    vectors: GoldenVectors
+    """What is written into the state struct after that, and the steps; all (count, …)."""
+
+    @property
+    def tunes(self) -> bool:
+        """Whether any has parameters of its own."""
+        return any(self.tuned)
+
+
+def golden_singles(
+    program: Program,
+    interface: Interface,
+    weights: Mapping[str, Array],
+    starts: Sequence[GoldenStart],
+    seed: int,
+) -> GoldenSingles | None:
+    """Steps that show what plain golden steps do not; None where there are none.
+
+    None of a large step either: its golden runs must do.
+    """
+    steps = TrialSteps(program, interface, weights, starts)
+    if steps.computed > _LARGEST:
+        return None
+    alone, others = telling_steps(steps, Decisions(program, interface), seed)
+    if not (alone or others):
+        return None
+    trials = joined_trials([*alone, *others])
+    stepped = joined_trials([*map(steps.with_trained, alone), *others])
+    count = len(trials)
+    values, begun, inputs = steps.run(stepped), steps.begun(trials), steps.inputs(trials)
+    first = {s.name: begun[s.name] for s in program.states if s.on_range == "reset"}
+    status = np.zeros(count, np.uint32)
+    after = {name: value.copy() for name, value in values.next_states.items()}
+    for k in range(count):
+        row = slice(k, k + 1)
+        following, outputs, before = (
+            {name: value[row] for name, value in each.items()}
+            for each in (values.next_states, values.outputs, first)
+        )
+        bits = _input_bits(interface, {name: value[k] for name, value in inputs.items()})
+        bits |= equation_bits(program, outputs, interface.options.dtype)
+        bits |= saturation_bits(program, outputs)
+        status[k] = bits | next_state_bits(interface, following)
+        for name, value in restarted(interface, following, before).items():
+            after[name][row] = value
+    vectors = GoldenVectors(
+        start=starts[0],
+        written=steps.written(trials),
+        inputs=inputs,
+        seen=inputs,
+        outputs={field.name: values.outputs[field.name] for field in interface.outputs},
+        states=after,
+        status=status,
+        slopes=steps.slopes(trials).matrices,
+    )
+    tuned = trials.numbers[:, steps.tuned]
+    places = [np.flatnonzero(row != steps.trained).tolist() for row in tuned]
+    return GoldenSingles(
+        trials.starts.tolist(),
+        [{k: float(row[k]) for k in which} for row, which in zip(tuned, places, strict=True)],
+        len(alone),
+        vectors,
+    )
+
+
+def _input_bits(interface: Interface, inputs: Mapping[str, Array]) -> Status:
+    """What the policies say; they replace nothing."""
+    bits = Status(0)
+    for input in interface.inputs:
+        name, dtype = input.field.name, interface.options.dtype
+        held = first_held(input.port.signal, input.field.shape, dtype)
+        bits |= apply_policy(input.port.signal, inputs[name], held, dtype)[1]
+    return bits

@@ -1,0 +1,167 @@
+"""Evaluates a graph in which rows of a batch have another number as an operand of a node.
+
+Which of these changes show in a result says which wrong constants, operands and operators of
+generated C a step can find (DeMillo, Lipton, Sayward: Hints on test data selection, 1978).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.interpreter.operations import (
+    NOWHERE,
+    Array,
+    Evaluator,
+    LeafValues,
+    evaluator,
+    repeated_batch,
+)
+from compiler.ir import ops
+from compiler.ir.liveness import needed
+from compiler.ir.program import Graph, NodeId
+
+Kind = Literal["moved", "negated", "flipped"]
+
+_ELEMENTS = 4
+"""Of an operand with more numbers the first, the last and one between are changed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A number of an operand of a node is another one."""
+
+    node: NodeId
+    operand: int
+    element: int
+    kind: Kind
+
+
+class ChangeableGraph:
+    """The nodes that some results need, ready to be evaluated with changes."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        results: Iterable[NodeId],
+        weights: Mapping[str, NDArray[Any]],
+        dtype: np.dtype[Any],
+    ) -> None:
+        live = needed(graph, results)
+        self._graph = graph
+        with np.errstate(over="ignore"):  # beyond float32 a weight is infinite, as in C
+            self._evaluators: list[tuple[NodeId, Evaluator]] = [
+                (i, evaluator(n, tuple(graph[a].type for a in n.args), weights, dtype))
+                for i, n in graph
+                if live[i]
+            ]
+
+    @property
+    def size(self) -> int:
+        """How many numbers a step computes, the terms of sums too."""
+        return sum(
+            self._graph[index].type.size + sum(self._graph[arg].type.size for arg in node.args)
+            if isinstance((node := self._graph[index]).op, ops.Reduction)
+            else node.type.size
+            for index, _ in self._evaluators
+        )
+
+    def changes(self) -> list[Change]:
+        """Of every operand: a number a little larger, its opposite; a truth the other way."""
+        found: list[Change] = []
+        for index, _ in self._evaluators:
+            node = self._graph[index]
+            # what only moves numbers is seen where they are used; a window reads the state too
+            if isinstance(node.op, ops.Structure | ops.Identity | ops.Window):
+                continue
+            for operand, arg in enumerate(node.args):
+                type = self._graph[arg].type
+                kinds: tuple[Kind, ...] = (
+                    ("flipped",) if type.kind == "bool" else ("moved", "negated")
+                )
+                last = type.size - 1
+                elements = range(last + 1) if last < _ELEMENTS else (0, last // 2, last)
+                found += [Change(index, operand, e, kind) for e in elements for kind in kinds]
+        return found
+
+    def run(self, around: LeafValues, parameters: Mapping[str, Array]) -> list[Array]:
+        """The values of all nodes, (B, *shape) or (1, *shape).
+
+        `parameters` that are not the same in all rows are (B, *shape).
+        """
+        values: list[Array] = [np.zeros(())] * len(self._graph)
+        with np.errstate(all="ignore"):
+            for index, evaluate in self._evaluators:
+                op = self._graph[index].op
+                if isinstance(op, ops.ReadParameter) and op.name in parameters:
+                    values[index] = parameters[op.name]
+                else:
+                    values[index] = evaluate(values, around)
+        return values
+
+    def with_changes(
+        self,
+        right: Sequence[Array],
+        copies: NDArray[np.int64],
+        around: LeafValues,
+        changes: Mapping[Change, NDArray[np.int64]],
+    ) -> Mapping[NodeId, Array]:
+        """The values of all nodes in copies of the rows of `right`, with each change in its rows.
+
+        `around` is that of the copies. What no change touches is not computed again.
+        """
+        by_node: dict[NodeId, list[tuple[Change, NDArray[np.int64]]]] = {}
+        for change, rows in changes.items():
+            by_node.setdefault(change.node, []).append((change, rows))
+        values, touched = _Copied(right, copies), set[NodeId]()
+        with np.errstate(all="ignore"):
+            for index, evaluate in self._evaluators:
+                if not touched.isdisjoint(self._graph[index].args):
+                    values[index] = evaluate(cast("list[Array]", values), around)
+                    touched.add(index)
+                if index in by_node:
+                    value = repeated_batch(values[index], len(copies)).copy()
+                    for change, rows in by_node[index]:
+                        value[rows] = self._changed(evaluate, change, values, rows)
+                    values[index] = value
+                    touched.add(index)
+        return values
+
+    def _changed(
+        self,
+        evaluate: Evaluator,
+        change: Change,
+        values: Mapping[NodeId, Array],
+        rows: NDArray[np.int64],
+    ) -> Array:
+        """The value of the node in these rows with the change."""
+        args = self._graph[change.node].args
+        operands = {arg: values[arg][rows] if len(values[arg]) > 1 else values[arg] for arg in args}
+        changed = repeated_batch(operands[args[change.operand]], len(rows)).copy()
+        numbers = changed.reshape(len(rows), -1)[:, change.element]
+        match change.kind:
+            case "moved":
+                numbers[:] = numbers * 1.01 + 0.001
+            case "negated":
+                numbers[:] = -numbers
+            case "flipped":
+                numbers[:] = ~numbers
+        operands[args[change.operand]] = changed
+        return evaluate(cast("list[Array]", operands), NOWHERE)
+
+
+class _Copied(dict[NodeId, Array]):
+    """Rows of values, repeated where they are asked for."""
+
+    def __init__(self, values: Sequence[Array], copies: NDArray[np.int64]) -> None:
+        super().__init__()
+        self._values, self._copies = values, copies
+
+    def __missing__(self, node: NodeId) -> Array:
+        value = self._values[node]
+        self[node] = value if len(value) == 1 else value[self._copies]
+        return self[node]

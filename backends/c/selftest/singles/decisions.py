@@ -1,0 +1,157 @@
+"""Finds where a step and its slopes decide: comparisons, kinks, poles, and limits of states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Interface
+from backends.c.selftest.singles.trial_steps import TrialSlopes, TrialValues
+from backends.c_lowering.active_sums import active_sets
+from backends.c_lowering.state_memory import joining, seen_values
+from compiler.interpreter.operations import repeated_batch
+from compiler.ir import ops
+from compiler.ir.liveness import needed
+from compiler.ir.program import Graph, NodeId, Program
+
+Array = NDArray[Any]
+
+_ELEMENTS = 32
+"""Of a value that is checked more are checked in the same loop."""
+UNORDERED = 2
+"""The sign of a difference that is NaN."""
+
+_AT_ZERO = ("abs", "sign", "sqrt", "log", "pow", "atan2")
+"""Functions with a kink, a pole or an end of their domain where the first operand is 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Two nodes of a graph of which the result asks which is larger; the second may be 0."""
+
+    left: NodeId
+    right: NodeId | None
+
+
+class Decisions:
+    """Every difference of a step, its checks and its slopes, and slopes that can be infinite."""
+
+    def __init__(self, program: Program, interface: Interface) -> None:
+        self._dtype = np.dtype(interface.options.dtype)
+        results = [output.node for output in program.outputs]
+        results += [state.next for state in program.states]
+        self._step = _differences(program.step, results)
+        self._checks = interface.checks
+        self._expected = program.expected
+        jacobian = interface.jacobian.jacobian if interface.jacobian else None
+        self._slopes = _differences(jacobian.graph, jacobian.roots) if jacobian else []
+        read = seen_values(program) + [joining(memory) for memory in interface.states]
+        self._sparse = [*active_sets(program.step, read).sums]
+        self._matrices = jacobian.matrices if jacobian else ()
+
+    def signs(self, values: TrialValues, count: int) -> NDArray[np.int8]:
+        """Of each difference in each trial: -1, 0, 1 or `UNORDERED`, (B, D)."""
+        pairs = [
+            *_operands(self._step, values.nodes),
+            *_operands(self._slopes, values.slopes.nodes),
+        ]
+        for check in self._checks:
+            state = values.next_states[check.memory.state.name]
+            pairs += [(check.part(state), np.asarray(x, self._dtype)) for x in check.limits]
+        for entry in self._expected:
+            value = values.nodes[entry.node]
+            pairs += [(value, np.asarray(limit, self._dtype)) for limit in entry.range]
+        found = [_signs(left, right, count) for left, right in pairs]
+        return np.concatenate([np.zeros((count, 0), np.int8), *found], axis=1)
+
+    def doubtful(self, slopes: TrialSlopes, count: int) -> Array:
+        """The slopes that can be infinite, (B, E).
+
+        What stands in two entries is one slope: `y: next(x)` has those of x.
+        """
+        found: dict[tuple[NodeId, int], Array] = {}
+        for matrix in self._matrices:
+            entries = slopes.matrices[matrix.name].reshape(count, -1)
+            written: dict[int, tuple[NodeId, int]] = {}
+            checked: set[int] = set()
+            for block in matrix.blocks:
+                shape = slopes.nodes[block.node].shape[1:]
+                places = block.places(shape).ravel().tolist()
+                written |= {place: (block.node, k) for k, place in enumerate(places)}
+                checked |= set(places) if block.can_be_infinite else set()
+            found |= {written[place]: entries[:, place] for place in sorted(checked)}
+        return np.stack([*found.values()], axis=1) if found else np.zeros((count, 0))
+
+    def reports(self, values: TrialValues, count: int) -> Iterator[tuple[Array, Array]]:
+        """For each limit of each number that is checked: how far beyond it is, relative to the
+        limit, and whether nothing else is outside, (B) each."""
+        numbers: list[tuple[Array, tuple[float, float]]] = []
+        for check in self._checks:
+            part = check.part(values.next_states[check.memory.state.name]).reshape(count, -1)
+            numbers += [(column, check.limits) for column in part.T[:_ELEMENTS]]
+        for entry in self._expected:
+            value = repeated_batch(values.nodes[entry.node], count).reshape(count, -1)
+            numbers += [(column, entry.range) for column in value.T[:_ELEMENTS]]
+        outside = [~((x >= low) & (x <= high)) for x, (low, high) in numbers]
+        every = np.sum(outside, axis=0) if outside else np.zeros(count)
+        for (x, limits), own in zip(numbers, outside, strict=True):
+            for limit, sign in zip(limits, (-1.0, 1.0), strict=True):
+                if np.isfinite(limit):
+                    beyond = sign * (x.astype(np.float64) - limit) / max(abs(limit), 1e-3)
+                    yield beyond, every == own
+
+    def settled(self, values: TrialValues, count: int) -> NDArray[np.bool_]:
+        """Whether the bits of a step are promised, (B).
+
+        C leaves out the terms of fuzzy sets that are 0: they would be NaN if the other factor were
+        infinite.
+        """
+        found = np.ones(count, np.bool_)
+        for node in self._sparse:
+            value = values.nodes[node]
+            found &= np.isfinite(value).reshape(len(value), -1).all(axis=1)
+        return found
+
+
+def _differences(graph: Graph, roots: Iterable[NodeId]) -> list[Difference]:
+    live = needed(graph, roots)
+    every = [d for index, _ in graph if live[index] for d in _of(graph, index)]
+    return [*dict.fromkeys(every)]
+
+
+def _of(graph: Graph, index: NodeId) -> Iterator[Difference]:
+    node = graph[index]
+    match node.op:
+        case ops.Compare() | ops.Minimum() | ops.Maximum():
+            yield Difference(*node.args)
+        case ops.Clamp():
+            value, low, high = node.args
+            yield Difference(value, low)
+            yield Difference(value, high)
+        case ops.Apply(function) if function in _AT_ZERO:
+            yield Difference(node.args[0], None)
+        case ops.Divide():
+            yield Difference(node.args[1], None)
+        case _:
+            pass
+
+
+def _operands(
+    differences: Sequence[Difference], nodes: Sequence[Array]
+) -> Iterator[tuple[Array, Array]]:
+    for difference in differences:
+        right = np.zeros(()) if difference.right is None else nodes[difference.right]
+        yield nodes[difference.left], right
+
+
+def _signs(left: Array, right: Array, count: int) -> NDArray[np.int8]:
+    with np.errstate(invalid="ignore"):
+        signs = (left > right).astype(np.int8) - (left < right).astype(np.int8)
+        signs[np.isnan(left) | np.isnan(right)] = UNORDERED
+    if signs.shape[0] != count:
+        signs = np.broadcast_to(signs, (count, *signs.shape[1:]))
+    return signs.reshape(count, -1)

@@ -1,0 +1,101 @@
+"""Chooses few single steps that together show what plain golden steps do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.selftest.singles.boundaries import Boundaries, Outcomes, boundaries
+from backends.c.selftest.singles.decisions import Decisions
+from backends.c.selftest.singles.drawn_trials import PLAIN, drawn_trials
+from backends.c.selftest.singles.slopes_alone import slopes_alone
+from backends.c.selftest.singles.trial_steps import Trials, TrialSteps, joined_trials
+
+_RARE = 5
+"""A change that shows in fewer of the plain steps may show in no golden step."""
+_FIRST = 128
+"""Steps of which is asked first what they show; of the others only where that is not enough."""
+_TRIED = 300_000
+"""Pairs of a step and a change that are tried."""
+_LIMIT = 1e-2
+"""How near a limit is near, relative to it."""
+_MOST = 128
+"""Chosen steps of both kinds."""
+
+
+def telling_steps(
+    steps: TrialSteps, decisions: Decisions, seed: int
+) -> tuple[list[Trials], list[Trials]]:
+    """Steps at which one slope alone is infinite; and steps next to the limits of what is checked,
+    or that show a change of an operand which few plain steps and none of the others show.
+    """
+    random = np.random.Generator(np.random.Philox(seed))
+    drawn = drawn_trials(steps, random)
+
+    def outcomes(trials: Trials) -> Outcomes:
+        values = steps.run(trials)
+        infinite = ~np.isfinite(decisions.doubtful(values.slopes, len(trials)))
+        signs = decisions.signs(values, len(trials))
+        return np.concatenate([signs, np.where(infinite, 1, -1).astype(np.int8)], axis=1)
+
+    beside = boundaries(steps, outcomes, drawn, random)
+    found = joined_trials([drawn, *beside.found])
+    found = found.of(np.flatnonzero(decisions.settled(steps.run(found), len(found))))
+    changes = steps.changes()
+    plain = steps.seen(found.of(np.arange(PLAIN)), changes).sum(axis=0)
+    left = [change for change, count in zip(changes, plain, strict=True) if count < _RARE]
+    alone = slopes_alone(steps, decisions, random)
+    chosen = [*_at_limits(found, decisions, steps), *_both_sides(beside, outcomes, steps)]
+    order, begin, size = random.permutation(len(found)), 0, _FIRST
+    while left and begin < min(len(found), _TRIED // len(left)) and len(chosen) < _MOST:
+        part = found.of(order[begin : begin + size])
+        seen = steps.seen(part, left)
+        for row in _cover(seen):
+            chosen.append(part.of(np.array([row])))
+        left = [left[k] for k in np.flatnonzero(seen.sum(axis=0) == 0)]
+        begin, size = begin + size, 2 * size
+    return alone[:_MOST], chosen[:_MOST]
+
+
+def _both_sides(
+    beside: Boundaries, outcomes: Callable[[Trials], Outcomes], steps: TrialSteps
+) -> list[Trials]:
+    """Pairs of steps, with trained parameters and finite results, between which each decision
+    changes: what C decides in its own way, as an interval of a table, is there among it."""
+    if not len(beside.below):
+        return []
+    plain = np.ones(len(beside.below), np.bool_)
+    for side in (beside.below, beside.above):
+        plain &= np.all(side.numbers[:, steps.tuned] == steps.trained, axis=1)
+        values = steps.run(side)
+        for value in (*values.outputs.values(), *values.next_states.values()):
+            plain &= np.isfinite(value).reshape(len(side), -1).all(axis=1)
+    below, above = beside.below.of(plain), beside.above.of(plain)
+    rows = _cover(outcomes(below) != outcomes(above)) if plain.any() else []
+    return [side.of(np.array([row])) for row in rows for side in (below, above)]
+
+
+def _at_limits(trials: Trials, decisions: Decisions, steps: TrialSteps) -> list[Trials]:
+    """For each limit of a number that the step checks, the steps next to it on both sides.
+
+    Nothing else is outside its range: one bit tells of all numbers.
+    """
+    rows: dict[int, None] = {}
+    for beyond, only in decisions.reports(steps.run(trials), len(trials)):
+        for side in (beyond > 0.0, beyond <= 0.0):
+            near = np.where(side & only & np.isfinite(beyond), np.abs(beyond), np.inf)
+            if near.min(initial=np.inf) < _LIMIT:
+                rows[int(np.argmin(near))] = None
+    return [trials.of(np.array([row])) for row in rows]
+
+
+def _cover(seen: NDArray[np.bool_]) -> list[int]:
+    """Rows that together have all columns that some row has; the fullest first."""
+    rows: list[int] = []
+    open = seen.copy()
+    while open.any():
+        rows.append(int(np.argmax(open.sum(axis=1))))
+        open &= ~seen[rows[-1]]
+    return rows

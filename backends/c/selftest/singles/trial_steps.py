@@ -1,0 +1,241 @@
+"""Runs many single steps at once, from starts of golden runs with numbers written over them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import InputField, Interface
+from backends.c.selftest.golden_starts import GoldenStart
+from backends.c.selftest.log_of_steps import log_of_steps
+from backends.c.selftest.singles.changed_operands import Change, ChangeableGraph
+from backends.c.selftest.state_reference import with_checked
+from backends.c.selftest.written_states import state_fields
+from compiler.interpreter.operations import LeafValues, repeated_batch
+from compiler.ir.program import NodeId, Program, State
+
+Array = NDArray[Any]
+
+_ROWS, _NUMBERS = 8192, 16_000_000
+"""Steps with changes that are computed at once, and numbers that are kept of them."""
+_TUNABLE = 512
+"""Numbers in all parameters up to which they are other than trained in some steps: each of many
+steps at once has parameters of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trials:
+    """B single steps."""
+
+    starts: NDArray[np.int64]
+    """Which start each begins with."""
+    numbers: Array
+    """Of written states, of inputs and of parameters, (B, size)."""
+
+    def of(self, rows: Array) -> Trials:
+        """Some of them."""
+        return Trials(self.starts[rows], self.numbers[rows])
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+
+def joined_trials(parts: Iterable[Trials]) -> Trials:
+    """One after the other."""
+    every = [*parts]
+    return Trials(
+        np.concatenate([part.starts for part in every]),
+        np.concatenate([part.numbers for part in every]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSlopes:
+    """The Jacobians of B steps."""
+
+    matrices: dict[str, Array]
+    """By name, (B, rows, columns)."""
+    nodes: Sequence[Array]
+    """The values of its graph, (B, …) or (1, …)."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrialValues:
+    """What they answer, each value (B, …) or (1, …)."""
+
+    outputs: dict[str, Array]
+    next_states: dict[str, Array]
+    nodes: Sequence[Array]
+    """The values of the step's graph."""
+    slopes: TrialSlopes
+
+
+class TrialSteps:
+    """A program ready for trials, and where states, inputs and parameters stand in numbers."""
+
+    def __init__(
+        self,
+        program: Program,
+        interface: Interface,
+        weights: Mapping[str, Array],
+        starts: Sequence[GoldenStart],
+    ) -> None:
+        self.program, self.interface = with_checked(program), interface
+        self.dtype = np.dtype(interface.options.dtype)
+        self.starts = len(starts)
+        self._begun = {
+            state.name: np.concatenate([start.states[state.name] for start in starts])
+            for state in program.states
+        }
+        self._places: dict[str, tuple[slice, tuple[int, ...]]] = {}
+        first = 0
+        shapes = [(field.name, field.shape) for field in state_fields(interface)]
+        self.written_names = [name for name, _ in shapes]
+        for name, shape in [*shapes, *((i.field.name, i.field.shape) for i in interface.inputs)]:
+            self._places[name] = slice(first, first + math.prod(shape)), shape
+            first += math.prod(shape)
+        tuned = interface.parameters if interface.takes_parameters else ()
+        self._tuned = tuned if sum(f.size for f in tuned) <= _TUNABLE else ()
+        for field in self._tuned:
+            self._places[field.name] = slice(first, first + field.size), field.shape
+            first += field.size
+        self.size = first
+        with np.errstate(over="ignore"):  # beyond float32 a weight is infinite, as in C
+            trained = [np.asarray(weights[f.name]).astype(self.dtype).ravel() for f in self._tuned]
+        self.trained = np.concatenate([np.zeros(0, self.dtype), *trained])
+        """The parameters that can be other ones, in the order of their struct."""
+        jacobian = interface.jacobian.jacobian if interface.jacobian else None
+        self._matrices = jacobian.matrices if jacobian else ()
+        asked = [output.node for output in self.program.outputs]
+        asked += [state.next for state in program.states]
+        self._whole = ChangeableGraph(program.step, asked, weights, self.dtype)
+        # a change shows in what is compared after one step
+        self._shown: list[tuple[ChangeableGraph, list[NodeId]]] = []
+        outputs = [output.node for output in program.outputs]
+        graphs = [(program.step, outputs)]
+        if jacobian:
+            graphs.append((jacobian.graph, jacobian.roots))
+        for graph, roots in graphs:
+            changeable = ChangeableGraph(graph, roots, weights, self.dtype)
+            self._shown.append((changeable, [*dict.fromkeys(roots)]))
+
+    @property
+    def computed(self) -> int:
+        """How many numbers a step and its Jacobian compute."""
+        return sum(graph.size for graph, _ in self._shown)
+
+    def members(self) -> Iterator[tuple[State | InputField, slice]]:
+        """The states that are written and the inputs, with their places."""
+        states = {state.name: state for state in self.program.states}
+        inputs = {input.field.name: input for input in self.interface.inputs}
+        for name in [*self.written_names, *inputs]:
+            yield inputs[name] if name in inputs else states[name], self._places[name][0]
+
+    @property
+    def tuned(self) -> slice:
+        """Where the parameters stand among the numbers."""
+        return slice(self.size - len(self.trained), self.size)
+
+    def inputs(self, trials: Trials) -> dict[str, Array]:
+        """By name, (B, *shape)."""
+        return {i.field.name: self._part(trials, i.field.name) for i in self.interface.inputs}
+
+    def written(self, trials: Trials) -> dict[str, Array]:
+        """States that a harness writes, by name, (B, *shape)."""
+        return {name: self._part(trials, name) for name in self.written_names}
+
+    def begun(self, trials: Trials) -> dict[str, Array]:
+        """All states as `reset` leaves them."""
+        return {name: values[trials.starts] for name, values in self._begun.items()}
+
+    def run(self, trials: Trials) -> TrialValues:
+        """What the interpreter answers; no policy looks at the inputs."""
+        values = self._whole.run(self._around(trials), self._parameters(trials))
+        count, step = len(trials), self.program
+        return TrialValues(
+            {out.name: repeated_batch(values[out.node], count) for out in step.outputs},
+            {state.name: repeated_batch(values[state.next], count) for state in step.states},
+            values,
+            self.slopes(trials),
+        )
+
+    def slopes(self, trials: Trials) -> TrialSlopes:
+        """What it answers for the Jacobian alone; nothing without one."""
+        count = len(trials)
+        if not self._matrices:
+            return TrialSlopes({}, ())
+        nodes = self._shown[1][0].run(self._around(trials), self._parameters(trials))
+        return TrialSlopes(
+            {
+                matrix.name: matrix.filled(
+                    {n: repeated_batch(nodes[n], count) for n in matrix.nodes}, count, self.dtype
+                )
+                for matrix in self._matrices
+            },
+            nodes,
+        )
+
+    def with_trained(self, trials: Trials) -> Trials:
+        """The same steps with the trained parameters."""
+        numbers = trials.numbers.copy()
+        numbers[:, self.tuned] = self.trained
+        return Trials(trials.starts, numbers)
+
+    def changes(self) -> list[tuple[int, Change]]:
+        """Every change of an operand in the step, 0, and in the Jacobian, 1."""
+        return [(g, c) for g, (graph, _) in enumerate(self._shown) for c in graph.changes()]
+
+    def seen(self, trials: Trials, changes: Sequence[tuple[int, Change]]) -> NDArray[np.bool_]:
+        """Which changes show in what is compared after each step, (B, changes)."""
+        count = len(trials)
+        found = np.zeros((count, len(changes)), np.bool_)
+        for number, (graph, roots) in enumerate(self._shown):
+            own = [k for k, (g, _) in enumerate(changes) if g == number]
+            if not own:
+                continue
+            right = graph.run(self._around(trials), self._parameters(trials))
+            each = max(1, min(_ROWS, _NUMBERS // graph.size) // count)
+            for begin in range(0, len(own), each):
+                part = own[begin : begin + each]
+                copies = np.tile(np.arange(count), len(part))
+                wrong = graph.with_changes(
+                    right,
+                    copies,
+                    self._around(trials.of(copies)),
+                    {changes[k][1]: np.arange(count) + i * count for i, k in enumerate(part)},
+                )
+                differ = np.zeros(len(copies), np.bool_)
+                for root in roots:
+                    expected = repeated_batch(right[root], count).reshape(count, -1)
+                    given = repeated_batch(wrong[root], len(copies)).reshape(len(copies), -1)
+                    differ |= _differ(given, np.tile(expected, (len(part), 1))).any(axis=1)
+                found[:, part] = differ.reshape(len(part), count).T
+        return found
+
+    def _part(self, trials: Trials, name: str) -> Array:
+        places, shape = self._places[name]
+        return trials.numbers[:, places].reshape(len(trials), *shape)
+
+    def _around(self, trials: Trials) -> LeafValues:
+        log, t = log_of_steps(self.interface, self.inputs(trials), len(trials))
+        return LeafValues(log, t, self.begun(trials) | self.written(trials))
+
+    def _parameters(self, trials: Trials) -> dict[str, Array]:
+        """Those that are not the trained ones in all steps, (B, *shape)."""
+        found = {field.name: self._part(trials, field.name) for field in self._tuned}
+        other = np.any(trials.numbers[:, self.tuned] != self.trained, axis=0)
+        first = self.tuned.start
+        return {
+            name: values
+            for name, values in found.items()
+            if other[self._places[name][0].start - first : self._places[name][0].stop - first].any()
+        }
+
+
+def _differ(given: Array, expected: Array) -> NDArray[np.bool_]:
+    return (given != expected) & ~(np.isnan(given) & np.isnan(expected))

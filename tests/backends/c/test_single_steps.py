@@ -1,0 +1,129 @@
+"""Single golden steps: next to where C decides, where one slope alone is infinite, and few."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backends.c import COptions, write_c
+from backends.c.interface.interface import Interface, c_interface
+from backends.c.selftest.drawn_inputs import StartPoint
+from backends.c.selftest.golden_singles import GoldenSingles, golden_singles
+from backends.c.selftest.golden_vectors import GoldenRun, golden_runs
+from backends.c.selftest.singles.ordered_codes import between, codes_of, numbers_of
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Program
+from compiler.passes.to_step_form import to_step_form
+from tests.language.compiled import compiled
+
+_LIMITED = """
+inputs: {u: {range: [-10, 10], on_invalid: clamp}}
+parameters: {gain: 0.7}
+outputs: {y: {expr: "where(gain * u > 3, 1.5, 0.5)"}}
+"""
+_TWO_ROOTS = """
+inputs: {u: {range: [0, 9], on_invalid: clamp}, v: {range: [0, 9], on_invalid: clamp}}
+parameters: {a: 1, b: 1}
+outputs: {y: {expr: a * sqrt(u)}, z: {expr: b * sqrt(u) * v}}
+"""
+_TWO_RANGES = """
+sample_time: 100 ms
+inputs: {u: {range: [-1, 1], on_invalid: clamp}}
+states:
+  p: {next: 0.5 * p + u, init: 0, range: [-3, 3]}
+  q: {next: 0.5 * q - u, init: 0, range: [-40, 40]}
+outputs: {y: {expr: p + q}}
+"""
+
+
+def _made(text: str) -> tuple[Program, Interface]:
+    program = to_step_form(compiled(text))
+    return program, c_interface(program, COptions(extras=("jacobian",)))
+
+
+def _singles(text: str) -> GoldenSingles:
+    program, interface = _made(text)
+    weights = physical_weights(program, {})
+    (run,) = golden_runs(program, interface, weights, 1, [GoldenRun(0, StartPoint())])
+    found = golden_singles(program, interface, weights, [run.start], 5)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_codes_of_neighbours_differ_by_one(dtype: type[np.floating]) -> None:
+    numbers = np.array([-np.inf, -1.5, -1e-40, 0.0, 1e-40, 0.3, 7e5], dtype)
+    codes = codes_of(numbers)
+    assert np.array_equal(numbers_of(codes, np.dtype(dtype)), numbers)
+    assert np.array_equal(codes_of(np.nextafter(numbers, dtype(np.inf))), codes + 1)
+    assert np.all(np.diff(codes) > 0)
+
+
+def test_halving_ends_at_neighbours() -> None:
+    low, high = codes_of(np.array([-2.5, 1e30, -0.0])), codes_of(np.array([1e300, -7.0, 4.0]))
+    for _ in range(66):
+        middle = between(low, high)
+        assert np.all(np.minimum(low, high) <= middle)
+        assert np.all(middle <= np.maximum(low, high))
+        low = np.where(middle == low, low, middle)
+    assert np.all(np.abs(high - low) <= 1)
+
+
+def test_steps_stand_within_a_hundredth_of_a_threshold_on_both_sides() -> None:
+    found = _singles(_LIMITED)
+    gain = np.array([tuned.get(0, 0.7) for tuned in found.tuned], np.float32)
+    compared = gain * found.vectors.inputs["u"]
+    assert np.any((compared > 3.0) & (compared <= 3.031))
+    assert np.any((compared <= 3.0) & (compared > 2.97))
+
+
+def test_each_slope_that_can_be_infinite_is_so_alone() -> None:
+    found = _singles(_TWO_ROOTS)
+    slopes = found.vectors.slopes["D"][: found.linearized].reshape(found.linearized, -1)
+    # dy/du and dz/du: y does not depend on v, and dz/dv is a root
+    endless = np.isinf(slopes)[:, [0, 2]]
+    assert (endless & (endless.sum(axis=1, keepdims=True) == 1)).any(axis=0).tolist() == [True] * 2
+
+
+def test_a_state_leaves_its_range_while_the_other_does_not() -> None:
+    found = _singles(_TWO_RANGES)
+    for name, limit in (("p", 3.0), ("q", 40.0)):
+        other = {"p": ("q", 40.0), "q": ("p", 3.0)}[name]
+        values, others = (np.abs(found.vectors.states[n]) for n in (name, other[0]))
+        assert np.any((values > limit) & (values < 1.01 * limit) & (others <= other[1]))
+
+
+def test_parameters_of_their_own_are_in_the_vectors_of_the_test_program(tmp_path: Path) -> None:
+    program, _ = _made(_TWO_ROOTS)
+    write_c(program, {}, tmp_path, COptions(extras=("jacobian",)))
+    (text,) = (p.read_text(encoding="ascii") for p in tmp_path.glob("test/*_vectors.h"))
+    assert re.search(r"golden_place\[\d+\]", text)
+    inline = tmp_path / "inline"
+    write_c(program, {}, inline, COptions(extras=("jacobian",), params="inline"))
+    (text,) = (p.read_text(encoding="ascii") for p in inline.glob("test/*_vectors.h"))
+    assert "golden_place" not in text
+    assert "_start_of" in text
+
+
+def test_runs_made_together_are_those_made_one_by_one() -> None:
+    program, interface = _made(_TWO_RANGES)
+    begun = [GoldenRun(3), GoldenRun(4, "above"), GoldenRun(5, None, 2), GoldenRun(6, "nan", 1, 0)]
+    weights = physical_weights(program, {})
+    together = golden_runs(program, interface, weights, 6, begun)
+    for run, alone in zip(together, begun, strict=True):
+        (expected,) = golden_runs(program, interface, weights, 6, [alone])
+        assert np.array_equal(run.status, expected.status)
+        for one, other in ((run.outputs, expected.outputs), (run.states, expected.states)):
+            assert all(np.array_equal(one[n], other[n], equal_nan=True) for n in other)
+        slopes = expected.slopes.items()
+        assert all(np.array_equal(run.slopes[n], m, equal_nan=True) for n, m in slopes)
+
+
+def test_a_step_that_decides_nothing_has_golden_runs_all_the_same(tmp_path: Path) -> None:
+    program, _ = _made("inputs: {u: {}}\noutputs: {y: {expr: 2 * u}}\n")
+    write_c(program, {}, tmp_path, COptions())
+    (text,) = (p.read_text(encoding="ascii") for p in tmp_path.glob("test/*_vectors.h"))
+    assert "_begin_differs" in text
