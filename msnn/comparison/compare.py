@@ -14,7 +14,9 @@ from msnn.comparison.trial import Outcome, Setup, Trial
 from msnn.comparison.variants import GridAxis, Variant, variants
 from msnn.comparison.workers import outcomes
 from msnn.data.reading.frames import Frames
+from msnn.model.kept_run import run_of
 from msnn.model.load import load_model
+from msnn.model.model import PROGRAM_SUFFIX
 from msnn.training.folds import fold_count
 from msnn.training.records.run_log import LOG, RunLine, append, read
 from spec_schema.reading.reader import read_spec
@@ -94,7 +96,10 @@ def compare(
     heard = listener or Unheard()
     compared = variants(specs, grid, options.settings)
     for variant in _one_of_each_choice(compared):
-        read_spec(variant.spec, settings=variant.settings)
+        if run_of(variant.spec) is not None or variant.spec.name.endswith(PROGRAM_SUFFIX):
+            load_model(variant.spec, variant.settings)
+        else:
+            read_spec(variant.spec, settings=variant.settings)
     missing = missing_tools() if options.counts_cost else ()
     setup = Setup(
         data=options.data,

@@ -54,7 +54,7 @@ def grid_axis(text: str) -> GridAxis:
 def variants(
     specs: Sequence[Path], grid: Sequence[GridAxis], settings: Sequence[str]
 ) -> tuple[Variant, ...]:
-    """Every spec with every choice of one value an axis; the last axis changes fastest."""
+    """Every spec with every choice of one value an axis, once; the last axis changes fastest."""
     ends = _short([axis.path for axis in grid])
     found: list[Variant] = []
     for spec, name in zip(specs, _names(specs), strict=True):
@@ -63,12 +63,13 @@ def variants(
             said = [f"{end}={value}" for end, value in zip(ends, choice, strict=True)]
             label = " ".join([name, *said] if len(specs) > 1 or not said else said)
             found.append(Variant(spec, (*settings, *own), label))
-    return tuple(found)
+    return tuple(dict.fromkeys(found))
 
 
 def _names(specs: Sequence[Path]) -> list[str]:
     stems = [spec.name.split(".")[0] for spec in specs]
-    return stems if len(set(stems)) == len(stems) else [str(spec) for spec in specs]
+    alike = len(set(stems)) < len(set(specs))
+    return [str(spec) for spec in specs] if alike else stems
 
 
 def _short(paths: Sequence[str]) -> list[str]:

@@ -88,6 +88,15 @@ def test_folds_that_were_trained_before_have_what_the_table_shows(msnn: CommandL
     assert "AIC/n" in msnn("compare", SPEC, *asked, "--no-cost", "--jobs", "1").out
 
 
+def test_folders_of_runs_and_program_files_are_compared(msnn: CommandLine):
+    assert msnn("train", SPEC, *SHORT[:2]).code == 0
+    assert msnn("compile", SPEC).code == 0
+    program = "build/plant.program.json"
+    said = msnn("compare", "runs/plant/latest", program, *SHORT)
+    assert said.code == 0, said.err
+    assert [line.split()[0] for line in said.out.splitlines()[1:]] == ["latest", "plant"]
+
+
 def test_processes_reach_the_same_as_one(msnn: CommandLine):
     grid = ("--grid", "train.0.epochs=1,2,3", "--seeds", "2", "--no-cost", "--format", "json")
     alone = json.loads(msnn("compare", SPEC, *grid, "--jobs", "1", "--out", "one").out)

@@ -53,3 +53,8 @@ def test_labels_tell_paths_and_specs_apart():
     assert [each.label for each in several] == ["a", "b"]
     alike = variants([Path("x/a.msnn.yaml"), Path("y/a.msnn.yaml")], [grid_axis("k.init=1")], [])
     assert [each.label for each in alike] == ["x/a.msnn.yaml init=1", "y/a.msnn.yaml init=1"]
+
+
+def test_a_model_that_is_named_twice_is_one():
+    found = variants([Path("a.msnn.yaml")] * 2, [grid_axis("k.init=1,1,2")], [])
+    assert [each.label for each in found] == ["a init=1", "a init=2"]

@@ -309,6 +309,16 @@ def test_levenberg_marquardt_estimates_starts_with_the_parameters(horizon: str) 
     assert errors.residuals == 180
 
 
+def test_a_stage_without_any_target_ends() -> None:
+    series = records(1, 90, seed=2)
+    series["q"][:] = np.nan
+    stage = "epochs: 5, rollout: record, optimizer: levenberg_marquardt, engine: torch"
+    model = FITTED.replace(", from: q.meas", "")
+    program, spec = compiled(f"{model}train:\n  - {{{stage}}}\n")
+    found = train(program, dataset(series, train=[90]), spec.train, TrainingOptions(runs=None))
+    assert found.stages[0].reason == "nothing is scored"
+
+
 def test_torch_estimates_them_too() -> None:
     series = records(2, 45, seed=6)
     stage = "epochs: 3, optimizer: {levenberg_marquardt: {}}, rollout: episode"

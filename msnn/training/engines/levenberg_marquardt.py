@@ -119,7 +119,9 @@ class LevenbergMarquardtEngine:
         if not self._is_finite(products):
             raise NonFiniteLossError(runs, self._without_slopes(products))
         self._note_left_out(products)
-        if not self.left_out:
+        if self._joint is not None and not self._counting(products):
+            self.finished = "nothing is scored"  # nor does anything decide where runs start
+        elif not self.left_out:
             self._descend(in_order, self._model(products))
         return loss_sums_of(products)
 
