@@ -141,15 +141,16 @@ def _judged(
 
 
 def _trials(compared: Sequence[Variant], options: ComparisonOptions) -> list[Trial]:
-    counts: dict[Path, int | None] = {}
-    for variant in compared:
-        if variant.spec not in counts:
-            model = load_model(variant.spec, variant.settings) if options.folds else None
-            counts[variant.spec] = None if model is None else fold_count(model)
+    counts: dict[tuple[object, ...], int] = {}
 
     def folds(variant: Variant) -> Sequence[int | None]:
-        count = counts[variant.spec]
-        return (None,) if count is None else range(1, count + 1)
+        if not options.folds:
+            return (None,)
+        of_data = (setting for setting in variant.settings if setting.startswith("data"))
+        key = (variant.spec, *of_data)
+        if key not in counts:
+            counts[key] = fold_count(load_model(variant.spec, variant.settings))
+        return range(1, counts[key] + 1)
 
     return [
         Trial(variant, seed, fold)

@@ -79,7 +79,7 @@ def run_trial(trial: Trial, setup: Setup, known: Mapping[str, RunLine]) -> Outco
         data = measured(model, setup.data, setup.data_root, "a comparison")
         _require_rows(data, setup.held_out)
         line = begun(model, data, seed=trial.seed, fold=trial.fold, held_out=setup.held_out)
-        if line.key in known:
+        if line.key in known and _is_kept(known[line.key], setup):
             return Outcome(_completed(known[line.key], model, data, setup), is_new=False)
         with sources_of(model):
             return Outcome(_trained(line, trial, setup, model, data), is_new=True)
@@ -89,6 +89,13 @@ def run_trial(trial: Trial, setup: Setup, known: Mapping[str, RunLine]) -> Outco
         return Outcome(_refused(line, [error.diagnostic]), is_new=True)
     except TrainingDivergedError as error:
         return Outcome(diverged(line, error), is_new=True)
+
+
+def _is_kept(line: RunLine, setup: Setup) -> bool:
+    """Whether the weights of a training that the log has are still there, if they are wanted."""
+    if line.state != "finished" or setup.runs is None:
+        return True
+    return line.folder is not None and (setup.runs / line.folder / WEIGHTS).is_file()
 
 
 def killed(trial: Trial) -> Outcome:

@@ -24,6 +24,14 @@ def skips_everything(key: str, skip: int, horizon: int, span: Span | None) -> Di
     return error("E0903", span, message, "nothing is scored")
 
 
+def no_target_scored(stage: str, name: str, span: Span | None) -> Diagnostic:
+    """E0909: a stage whose losses compare with nothing in the rows that judge it."""
+    message = f"stage `{stage}` has nothing to judge by: no target in the rows of `{name}` counts"
+    notes = ("targets are missing, or factors of `rows:` are 0, wherever rollouts score",)
+    repair = "look at the columns of the targets with `msnn data SPEC`, or choose other rows"
+    return error("E0909", span, message, "its losses score nothing", notes=notes, help=repair)
+
+
 def warms_nothing(span: Span) -> Diagnostic:
     """W0806: a warm-up of a rollout that closes no signal."""
     message = "this rollout closes no signal that `warm_up` could read from the log"

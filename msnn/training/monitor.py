@@ -10,11 +10,13 @@ from backends.raw_parameters import raw_value
 from compiler.ir.program import Measure
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
+from msnn.errors.training import no_target_scored
 from msnn.simulation.rollout import entry_value
 from msnn.training.engines.engine import LossSums
 from msnn.training.plans.known_terms_of_stage import distance, has_priors, residuals_of
 from msnn.training.plans.stage_data import TRAIN, StageData
 from msnn.training.plans.stage_plan import TOTAL, StagePlan
+from spec_schema.diagnostics.diagnostic import SpecError
 
 Weights = Mapping[str, FloatArray]
 
@@ -29,9 +31,11 @@ def monitor(
 
     Rows that were held out judge by the losses alone. On the rows of training the best total is
     that of everything that steps minimise: F + mse · (exp(Σ ((p − mean)/std)²/n) − 1) is least
-    where log mse + Σ ((p − mean)/std)²/n is, and second order counts weight decay.
+    where log mse + Σ ((p − mean)/std)²/n is, and second order counts weight decay. Raises SpecError
+    where losses compare with targets and none of these counts.
     """
     sums = evaluate(data.watched)
+    _require_targets(plan, sums, data.watched_set)
     values = loss_values(plan, sums)
     if plan.monitor != TOTAL:
         return entry_value(plan.rollout.program, plan.monitor, values)
@@ -46,6 +50,15 @@ def monitor(
             with np.errstate(over="ignore"):
                 total += found.square * float(np.expm1(distance(plan, weights()) / found.count))
     return total
+
+
+def _require_targets(plan: StagePlan, sums: LossSums, name: str) -> None:
+    losses = plan.rollout.program.losses
+    compared = [
+        one.name for one in losses if one.target is not None and plan.loss_weights[one.name]
+    ]
+    if compared and not any(sums[one].count for one in compared):
+        raise SpecError((no_target_scored(plan.name, name, plan.span),))
 
 
 def _decay(plan: StagePlan, weights: Weights) -> float:

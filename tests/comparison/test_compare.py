@@ -97,6 +97,22 @@ def test_folders_of_runs_and_program_files_are_compared(msnn: CommandLine):
     assert [line.split()[0] for line in said.out.splitlines()[1:]] == ["latest", "plant"]
 
 
+def test_what_is_no_longer_kept_is_trained_again(msnn: CommandLine):
+    first = msnn("compare", SPEC, *SHORT)
+    shutil.rmtree("runs/plant")
+    again = msnn("compare", SPEC, *SHORT)
+    assert "trained before" not in again.err
+    assert again.out == first.out
+    folder = read(Path("runs") / LOG)[-1].folder
+    assert (Path("runs") / str(folder) / "weights.safetensors").is_file()
+
+
+def test_a_grid_over_the_number_of_folds_trains_each_number(msnn: CommandLine):
+    split = ("--set", "data.split={by: kfold, k: 2}", "--grid", "data.split.k=2,3", "--folds")
+    assert msnn("compare", SPEC, *split, *SHORT).code == 0
+    assert [line.fold for line in read(Path("runs") / LOG)] == [1, 2, 1, 2, 3]
+
+
 def test_processes_reach_the_same_as_one(msnn: CommandLine):
     grid = ("--grid", "train.0.epochs=1,2,3", "--seeds", "2", "--no-cost", "--format", "json")
     alone = json.loads(msnn("compare", SPEC, *grid, "--jobs", "1", "--out", "one").out)
@@ -209,8 +225,8 @@ def test_rows_held_out_are_asked_for(msnn: CommandLine):
 
 def test_an_interrupted_comparison_goes_on(msnn: CommandLine):
     """Ctrl-C to the parent alone ends its workers too; the same command trains what is left."""
-    epochs = ("--set", "train.0.epochs=4000", "--set", "train.0.early_stop.patience=4000")
-    command = ["compare", SPEC, "--seeds", "6", "--jobs", "2", "--no-cost", *epochs]
+    epochs = ("--set", "train.0.epochs=1500", "--set", "train.0.early_stop.patience=1500")
+    command = ["compare", SPEC, "--seeds", "4", "--jobs", "2", "--no-cost", *epochs]
     program = "from msnn.cli.main import main\nif __name__ == '__main__':\n    main()\n"
     Path("run_msnn.py").write_text(program)
     paths = os.pathsep.join(path for path in sys.path if path)
@@ -229,12 +245,12 @@ def test_an_interrupted_comparison_goes_on(msnn: CommandLine):
     assert "interrupted; this goes on: msnn compare" in said
     assert "Traceback" not in said
     before = {line.key: line for line in read(Path("runs") / LOG)}
-    assert 1 <= len(before) < 6
+    assert 1 <= len(before) < 4
     again = msnn(*command[:-4], *epochs)
     assert again.code == 0
     assert again.err.count("trained before") == len(before)
     after = {line.key: line for line in read(Path("runs") / LOG)}
-    assert len(after) == 6
+    assert len(after) == 4
     alone = msnn(*command[:-4], *epochs, "--jobs", "1", "--out", "whole")
     assert alone.code == 0
     whole = {line.key: line for line in read(Path("whole") / LOG)}

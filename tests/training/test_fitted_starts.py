@@ -310,12 +310,14 @@ def test_levenberg_marquardt_estimates_starts_with_the_parameters(horizon: str) 
 
 
 def test_a_stage_without_any_target_ends() -> None:
-    series = records(1, 90, seed=2)
-    series["q"][:] = np.nan
+    """The validation rows have targets, so that something judges it."""
+    series = records(2, 90, seed=2)
+    series["q"][:90] = np.nan
     stage = "epochs: 5, rollout: record, optimizer: levenberg_marquardt, engine: torch"
     model = FITTED.replace(", from: q.meas", "")
     program, spec = compiled(f"{model}train:\n  - {{{stage}}}\n")
-    found = train(program, dataset(series, train=[90]), spec.train, TrainingOptions(runs=None))
+    data = dataset(series, train=[90], val=[90])
+    found = train(program, data, spec.train, TrainingOptions(runs=None))
     assert found.stages[0].reason == "nothing is scored"
 
 

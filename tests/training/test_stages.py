@@ -465,3 +465,29 @@ def test_files_with_episodes_that_are_too_short_are_named() -> None:
     (message,) = (warning.message for warning in result.warnings if warning.code == "W0802")
     assert "skips 2 of 4 episodes" in message
     assert message.endswith("in train1.csv, train3.csv")
+
+
+@pytest.mark.parametrize("watched", ["val", "train"])
+def test_a_stage_that_nothing_judges_is_refused(watched: str) -> None:
+    """Its monitor would be 0 from the beginning, and the initial weights would win."""
+    program, spec = compiled(
+        """
+msnn: 1
+name: apart
+sample_time: 1 s
+inputs: {u: m}
+targets: {y: m}
+parameters: {b: 0.0}
+outputs: {z: {expr: "b*u", unit: m, predicts: "y[t]"}}
+train: [{epochs: 1}]
+"""
+    )
+    random = np.random.default_rng(0)
+    series = {"u": random.normal(size=60), "y": random.normal(size=60)}
+    missing = slice(40, 60) if watched == "val" else slice(0, 60)
+    series["y"][missing] = np.nan
+    sets = {"train": [40], "val": [20]} if watched == "val" else {"train": [60]}
+    with pytest.raises(SpecError) as caught:
+        train(program, dataset(series, **sets), spec.train, TrainingOptions(runs=None))
+    assert [found.code for found in caught.value.diagnostics] == ["E0909"]
+    assert f"`{watched}`" in caught.value.diagnostics[0].message
