@@ -15,12 +15,14 @@ START, _FACTOR = 2166136261, 16777619
 def checksums(matrices: Mapping[str, NDArray[Any]]) -> list[int]:
     """FNV-1a of the words of all matrices (steps, rows, columns) in float32, for each step.
 
-    Entries go in the order of the struct; one NaN is as good as another.
+    Entries go in the order of the struct; one NaN is as good as another, and so is one zero: C
+    leaves out terms that are 0, and with them what they do to the sign of a sum that is 0.
     """
     steps = len(next(iter(matrices.values())))
     parts = [matrix.reshape(steps, -1) for matrix in matrices.values()]
     entries = np.concatenate(parts, axis=1).astype(np.float32)
     entries[np.isnan(entries)] = np.float32(np.nan)
+    entries[entries == 0.0] = np.float32(0.0)
     hashes = np.full(steps, START, np.uint64)
     for word in entries.view(np.uint32).astype(np.uint64).T:
         hashes = ((hashes ^ word) * np.uint64(_FACTOR)) & np.uint64(0xFFFFFFFF)

@@ -101,7 +101,8 @@ class Decisions:
         for (x, limits), own in zip(numbers, outside, strict=True):
             for limit, sign in zip(limits, (-1.0, 1.0), strict=True):
                 if np.isfinite(limit):
-                    beyond = sign * (x.astype(np.float64) - limit) / max(abs(limit), 1e-3)
+                    with np.errstate(invalid="ignore"):  # the conversion of a signalling NaN
+                        beyond = sign * (x.astype(np.float64) - limit) / max(abs(limit), 1e-3)
                     yield beyond, every == own
 
     def settled(self, values: TrialValues, count: int) -> NDArray[np.bool_]:
