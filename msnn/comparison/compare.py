@@ -14,14 +14,12 @@ from msnn.comparison.trial import Outcome, Setup, Trial
 from msnn.comparison.variants import GridAxis, Variant, variants
 from msnn.comparison.workers import outcomes
 from msnn.data.reading.frames import Frames
-from msnn.model.kept_run import run_of
+from msnn.model.kept_run import CHECKPOINT, run_of
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
 from msnn.training.folds import fold_count
 from msnn.training.records.run_log import LOG, RunLine, append, read
 from spec_schema.reading.reader import read_spec
-
-TRAINED_ON = "train"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +103,6 @@ def compare(
         data=options.data,
         data_root=options.data_root,
         held_out=options.held_out,
-        trained_on=TRAINED_ON,
         runs=options.runs,
         counts_cost=options.counts_cost and not missing,
     )
@@ -119,9 +116,16 @@ def compare(
             line = outcome.line
             if log is not None and line.state != "refused" and line != known.get(line.key):
                 append(log, line)
+                _forget_checkpoint(log, line)
             lines[trial.variant].append(line)
             heard.ended(trial, outcome)
     return _judged(lines, options, tuple(tool.package for tool in missing))
+
+
+def _forget_checkpoint(log: Path, line: RunLine) -> None:
+    """What the log has is not trained again; until then a killed comparison goes on from there."""
+    if line.folder is not None:
+        (log.parent / line.folder / CHECKPOINT).unlink(missing_ok=True)
 
 
 def _judged(

@@ -109,7 +109,9 @@ def _others(found: Comparison) -> list[Criterion]:
 def _row(entry: Ranked, found: Comparison, others: list[Criterion]) -> tuple[str, ...]:
     aic, bic = entry.information(found.criterion.way)
     means = [
-        sum(each.of(line.held_out) for line in entry.lines) / max(len(entry.lines), 1)
+        sum(each.of(line.held_out) for line in entry.lines) / len(entry.lines)
+        if entry.lines
+        else math.nan
         for each in others
     ]
     return (
@@ -117,8 +119,7 @@ def _row(entry: Ranked, found: Comparison, others: list[Criterion]) -> tuple[str
         _number(entry.score),
         _number(entry.deviation, 2),
         _number(entry.training_score),
-        *map(_number, means if entry.lines else ()),
-        *(() if entry.lines else [""] * len(others)),
+        *map(_number, means),
         _number(aic),
         _number(bic),
         str(entry.parameters) if entry.lines else "",

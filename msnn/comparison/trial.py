@@ -12,13 +12,14 @@ from msnn.data.dataset import Dataset
 from msnn.data.reading.frames import Frames
 from msnn.errors.comparison import killed_twice, nothing_held_out
 from msnn.errors.failures import MissingExtraError
-from msnn.model.kept_run import CHECKPOINT, WEIGHTS
+from msnn.model.kept_run import WEIGHTS
 from msnn.model.load import load_model, with_seed
 from msnn.model.model import Model
 from msnn.model.model_data import measured, sources_of
 from msnn.model.model_weights import redrawn_weights
 from msnn.model.weights_file import read_weights
 from msnn.training.folds import of_fold
+from msnn.training.plans.stage_data import TRAIN
 from msnn.training.records.progress import Silent
 from msnn.training.records.run_log import RunLine, measured_in
 from msnn.training.records.training_options import in_folder, options_for
@@ -52,7 +53,6 @@ class Setup:
     data_root: Path | None
     held_out: str
     """The set that models are compared on."""
-    trained_on: str
     runs: Path | None
     """Where trainings are kept; None keeps none."""
     counts_cost: bool
@@ -144,12 +144,9 @@ def _completed(line: RunLine, model: Model, data: Dataset, setup: Setup) -> RunL
     lacks_cost = setup.counts_cost and line.cost is None
     if (line.training and not lacks_cost) or setup.runs is None or line.folder is None:
         return line
-    file = setup.runs / line.folder / WEIGHTS
-    if not file.is_file():
-        return line
-    weights = read_weights(file, model.program)
+    weights = read_weights(setup.runs / line.folder / WEIGHTS, model.program)
     if not line.training:
-        found = validate(model.program, data, model.spec.checks, weights, on=setup.trained_on)
+        found = validate(model.program, data, model.spec.checks, weights, on=TRAIN)
         line = replace(line, training=measured_in(found))
     return replace(line, cost=c_cost(model, weights)) if lacks_cost else line
 
@@ -157,26 +154,22 @@ def _completed(line: RunLine, model: Model, data: Dataset, setup: Setup) -> RunL
 def _trained(line: RunLine, trial: Trial, setup: Setup, model: Model, data: Dataset) -> RunLine:
     first = redrawn_weights(model, trial.seed) if trial.seed else None
     heard = _Heard()
-    options, folder = options_for(model, runs=setup.runs, has_errors=False), None
+    options = options_for(model, runs=setup.runs, has_errors=False)
     if setup.runs is not None:
-        folder = setup.runs / model.name / _FOLDER / line.key[:_KEY_SHOWN]
-        options = in_folder(options, folder)
+        options = in_folder(options, setup.runs / model.name / _FOLDER / line.key[:_KEY_SHOWN])
     found = train(model.program, data, model.spec.train, options, heard, first)
     checks, weights = model.spec.checks, found.weights
     held_out, trained_on = (
         measured_in(validate(model.program, data, checks, weights, on=name))
-        for name in (setup.held_out, setup.trained_on)
+        for name in (setup.held_out, TRAIN)
     )
-    line = replace(
+    return replace(
         ended(line, found, setup.runs),
         held_out=held_out,
         training=trained_on,
         cost=c_cost(model, weights) if setup.counts_cost else None,
         warnings=tuple(heard.said),
     )
-    if folder is not None:
-        (folder / CHECKPOINT).unlink(missing_ok=True)  # what is in the log is not trained again
-    return line
 
 
 class _Heard(Silent):

@@ -39,15 +39,17 @@ def outcomes(
         batch = [suspects.pop()] if alone else waiting
         with _Workers(setup, known, 1 if alone else jobs) as workers:
             while workers.busy or (batch and not workers.broken):
-                while batch and workers.has_room:
-                    workers.start(batch.pop())
-                for trial, outcome in workers.ended():
+                while batch and workers.has_room and workers.start(batch[-1]):
+                    batch.pop()
+                for trial, outcome in workers.ended() if workers.busy else ():
                     if outcome is not None:
                         yield trial, outcome
                     elif alone:
                         yield trial, killed(trial)
                     else:  # which of those that ran together was killed, nobody knows
                         suspects.append(trial)
+        if alone:
+            suspects += batch
 
 
 @dataclass(slots=True)
@@ -93,8 +95,13 @@ class _Workers:
     def has_room(self) -> bool:
         return len(self._running) < self._jobs and not self.broken
 
-    def start(self, trial: Trial) -> None:
-        self._running[self._pool.submit(_in_worker, trial)] = trial
+    def start(self, trial: Trial) -> bool:
+        """Whether it has begun: one that ran may have been killed since the last look."""
+        try:
+            self._running[self._pool.submit(_in_worker, trial)] = trial
+        except BrokenProcessPool:
+            self.broken = True
+        return not self.broken
 
     def ended(self) -> list[tuple[Trial, Outcome | None]]:
         """Trials that are over, at least one; None where their process was killed."""
