@@ -116,6 +116,7 @@ def by_torch(p: Problem, found: StepDerivatives) -> Array:
                 materialize_grads=True,
             )
             for column, values_of in zip(members, second, strict=True):
-                part = values_of.numpy(force=True).reshape(p.members, -1)
+                # what torch knows to be 0 is memory that it never wrote until something is added
+                part = (values_of + 0.0).numpy(force=True).reshape(p.members, -1)
                 hessian[:, row.first + number, column.first : column.first + column.size] = part
     return hessian
