@@ -49,11 +49,20 @@ class OnnxExport(FloatTargetEntry):
 
 
 class CasadiExport(FloatTargetEntry):
-    """A CasADi function; names start with `prefix`, by default the name of the spec."""
+    """CasADi functions; names start with `prefix`, by default the name of the spec.
+
+    `params: inline` writes the parameters' values into the functions, otherwise they are inputs.
+    `form: sx` makes expressions of single numbers, whose derivatives cost least in models of some
+    hundred operations; `mx` keeps arrays.
+    """
 
     noun: ClassVar[str] = "the casadi export"
 
     prefix: NewName | None = None
+    params: Annotated[Literal["input", "inline"], choice("input", "inline")] = "input"
+    """Parameters as inputs of the functions, or as numbers in them."""
+    form: Annotated[Literal["mx", "sx"], choice("mx", "sx")] = "mx"
+    """Expressions of arrays, or of single numbers."""
 
 
 class CExport(TargetEntry):
