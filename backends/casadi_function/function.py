@@ -55,8 +55,8 @@ def build_function(program: Program, name: str = "step", *, form: Form = "mx") -
     if form == "mx":
         return _function(name, arguments, results, result_names, _OPTIONS)
     with exact_arithmetic():
-        # what is never inlined would stay a call
-        return _function(name, arguments, results, result_names, {}).expand(name, _OPTIONS)
+        # in a problem of arrays it is one call, and in expressions of numbers inlined as it should
+        return _function(name, arguments, results, result_names, {}).expand(name)
 
 
 def build_initial_state(program: Program, name: str = "initial_state") -> casadi.Function:

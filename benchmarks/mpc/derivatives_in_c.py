@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,9 +54,11 @@ class _Leaves:
         return None
 
 
-def derivatives_source(found: StepDerivatives, weights: Weights, name: str) -> str:
+def derivatives_source(
+    found: StepDerivatives, weights: Weights, name: str, math: Literal["own", "libm"] = "own"
+) -> str:
     """`void NAME(z, lambda, r, J, H)` and the kernels that it calls, in double."""
-    table = FunctionTable(FunctionNames(name, "float64", "own", False))
+    table = FunctionTable(FunctionNames(name, "float64", math, False))
     scope = Scope(LocalNames(name))
     for taken in ("z", "lambda", "r", "J", "H"):
         scope.reserve(taken)
@@ -69,7 +72,8 @@ def derivatives_source(found: StepDerivatives, weights: Weights, name: str) -> s
     for matrix in found.matrices:
         for place, known in enumerate(matrix.known):
             if known is not None:
-                scope.assign(ArrayView(Name(matrix.name), (matrix.size,), (1,)).element([Index(place)]), Real(known))
+                entry = ArrayView(Name(matrix.name), (matrix.size,), (1,))
+                scope.assign(entry.element([Index(place)]), Real(known))
         for block in matrix.blocks:
             shape = found.graph[block.node].type.shape
             view = ArrayView(Name(matrix.name), shape, block.strides, Index(block.offset))
@@ -85,6 +89,10 @@ def derivatives_source(found: StepDerivatives, weights: Weights, name: str) -> s
     )
     body = (*locals.constants(statements), *statements)
     function = Printer(name, "float64").function(Function(name, "void", arguments, body, ""))
-    kernels = c_sources(table.kernels, "double", name)
-    own = kernels.source.replace(f'#include "{kernels.header_name}"', "")
-    return f"#include <stdint.h>\n#include <stdbool.h>\n#include <string.h>\ntypedef double {real};\n{kernels.header}\n{own}\n{function}"
+    includes = "".join(f"#include <{header}.h>\n" for header in ("math", "stdbool", "stdint"))
+    parts = [f"{includes}typedef double {real};\n", function]
+    if table.kernels:
+        kernels = c_sources(table.kernels, "double", name)
+        own = kernels.source.replace(f'#include "{kernels.header_name}"', "")
+        parts[1:1] = [kernels.header, own]
+    return "\n".join(parts)
