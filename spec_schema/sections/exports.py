@@ -54,6 +54,8 @@ class CasadiExport(FloatTargetEntry):
     `params: inline` writes the parameters' values into the functions, otherwise they are inputs.
     `form: sx` makes expressions of single numbers, whose derivatives cost least in models of some
     hundred operations; `mx` keeps arrays.
+    `smooth: true` rounds off kinks that the declared ranges reach, for solvers that take second
+    derivatives.
     """
 
     noun: ClassVar[str] = "the casadi export"
@@ -63,6 +65,8 @@ class CasadiExport(FloatTargetEntry):
     """Parameters as inputs of the functions, or as numbers in them."""
     form: Annotated[Literal["mx", "sx"], choice("mx", "sx")] = "mx"
     """Expressions of arrays, or of single numbers."""
+    smooth: Switch | None = None
+    """Whether kinks are rounded off; false accepts them, and by default they are warned of."""
 
 
 class CExport(TargetEntry):

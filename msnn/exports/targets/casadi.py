@@ -14,14 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.casadi_function.options import CasadiOptions
-from compiler.ir.program import Program
+from compiler.ir.program import NodeId, Program
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Matrix
+from compiler.passes.analyses.kinks import Kink, kinks
+from compiler.passes.smooth_kinks import sharp_kinks, smooth_kinks
 from msnn.agreement.judgement import Arrays, Beginning
 from msnn.agreement.loaded import Loaded, Slopes, loaded_by_steps, stacked
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
+from spec_schema.diagnostics.source import Span
 from spec_schema.sections.exports import CasadiExport
 
 
@@ -31,8 +34,28 @@ def _prepare(request: Request, entry: CasadiExport | None) -> ExportPlan[CasadiO
     if entry.dtype not in (None, TARGET.dtype):
         request.findings.report(workflow.casadi_is_double(entry.place.key))
     plan = float_plan(TARGET, request, entry, entry.prefix)
+    if plan is None:
+        return None
     options = CasadiOptions(params=entry.params, form=entry.form)
-    return None if plan is None else replace(plan, options=options)
+    program = smooth_kinks(plan.program) if entry.smooth else plan.program
+    if entry.smooth is not False:
+        left = sharp_kinks(plan.program) if entry.smooth else kinks(plan.program)
+        _warn(request, plan.program, left, stays=entry.smooth is True)
+    return replace(plan, options=options, program=program)
+
+
+def _warn(request: Request, program: Program, found: Mapping[NodeId, Kink], *, stays: bool) -> None:
+    """Names each place that has kinks once."""
+    entries = (*program.signals, *program.states, *program.expected)
+    ranges = {entry.name: entry.range for entry in entries}
+    places: dict[Span, Kink] = {}
+    for node, kink in found.items():
+        span = program.step[node].span
+        if span is not None:
+            places.setdefault(span, kink)
+    for span, kink in places.items():
+        declared = {name: limits for name in sorted(kink.distance.of) if (limits := ranges[name])}
+        request.findings.report(workflow.kink_within_ranges(kink.word, declared, span, stays=stays))
 
 
 def _write(plan: ExportPlan[CasadiOptions], weights: Weights, folder: Path) -> tuple[Path, ...]:
