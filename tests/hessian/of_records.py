@@ -23,7 +23,7 @@ from tests.every_op.gradients import Array, Problem, Variables, log_of_members
 
 def derivatives_of(p: Problem, *, hessian: bool = True) -> StepDerivatives:
     return step_derivatives(
-        p.program, parameters=[q.name for q in p.program.parameters], hessian=hessian
+        p.program, parameters=[q.name for q in p.interface.parameters], hessian=hessian
     )
 
 

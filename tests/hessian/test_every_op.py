@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
 
+from compiler.ir.program import Program
 from tests.every_op.gradients import problem
+from tests.every_op.random_programs import programs
 from tests.every_op.record import Record
 from tests.every_op.records import RECORDS
 from tests.hessian.of_records import (
@@ -15,6 +18,12 @@ from tests.hessian.of_records import (
     derivatives_of,
     first_slopes,
 )
+
+LOG = {
+    "u": np.random.default_rng(11).uniform(-1.5, 1.5, 12),
+    "q": np.random.default_rng(12).uniform(-1.5, 1.5, (12, 3)),
+}
+TIMES = np.arange(4, 9)
 
 of_every_record = pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.name)
 
@@ -71,3 +80,32 @@ def test_entries_known_to_be_0_are(record: Record) -> None:
     for matrix in found.matrices:
         known = np.array([number == 0.0 for number in matrix.known], bool).reshape(matrix.shape)
         assert not values.matrices[matrix.name][:, known].any()
+
+
+@settings(
+    max_examples=40,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+@given(programs())
+def test_random_programs_bend_as_torch_finds(program: Program) -> None:
+    p = problem(program, LOG, TIMES)
+    found = derivatives_of(p)
+    values = by_compiler(p, found).matrices
+    moving = [
+        member.first + i
+        for member in found.variables.members
+        if member.name not in {q.name for q in p.program.parameters}
+        for i in range(member.size)
+    ]
+    slopes, _ = first_slopes(p, p.variables)
+    _assert_close(values["J"], slopes)
+    _assert_close(values["H"][:, moving][:, :, moving], by_torch(p, found)[:, moving][:, :, moving])
+
+
+def _assert_close(found: np.ndarray, expected: np.ndarray) -> None:
+    # chains of two dozen operations amplify rounding
+    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * scale)

@@ -69,6 +69,28 @@ def test_results_are_those_of_the_step_to_the_bit(name: str) -> None:
             np.testing.assert_array_equal(results[name][0], values[k])
 
 
+@pytest.mark.parametrize("level", [0.0, 1e-9])
+def test_empty_tanks_have_finite_curvature_in_casadi_too(level: float) -> None:
+    """The level is below 0 in the second substep, where the root has an infinite slope."""
+    program = PROGRAMS["two_tanks"]()
+    found = step_derivatives(program)
+    lambdas = {m.name: np.ones([a.size for a in m.axes]) for m in found.results.members}
+    weights = physical_weights(program, {})
+    theirs, names = _casadi(program, found, lambdas)
+    given = {"u": {"pump": 0.0}, "x": {"upper": level, "lower": level}, "p": weights}
+    _, expected = theirs(*(np.ravel(given[kind][port]) for kind, port in names))
+    states = {name: np.full(1, value) for name, value in given["x"].items()}
+    states |= {multiplier(result): value[np.newaxis] for result, value in lambdas.items()}
+    own = DerivativeInterpreter(found, program, weights)
+    values = own.values({"pump": np.zeros(1)}, 0, states).matrices["H"][0]
+    if level:
+        assert np.isfinite(values).all()
+        np.testing.assert_allclose(values, np.array(expected), rtol=1e-12)
+    else:
+        assert np.isfinite(np.array(expected)).all()
+        assert np.isinf(values[0, 0])  # where CasADi has 0
+
+
 def _casadi(
     program: Program, found: StepDerivatives, lambdas: Arrays
 ) -> tuple[casadi.Function, list[tuple[str, str]]]:
