@@ -30,8 +30,6 @@ def kinks(program: Program) -> dict[NodeId, Kink]:
     graph, ranges = program.step, ValueRanges(program)
     found: dict[NodeId, Kink] = {}
     for index, node in graph:
-        if node.span is None:
-            continue
         for word, distance in _distances(graph, node, ranges):
             touches = distance.low <= 0.0 if word == "sqrt" else distance.low < 0.0
             if distance.of and touches and distance.high > 0.0:
