@@ -202,6 +202,6 @@ def test_run_never_raises(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(msnn.cli.application, "app", interrupted)
+    monkeypatch.setattr(msnn.cli.application, "application", interrupted)
     assert msnn.cli.application.run([]) == ExitCode.INTERRUPTED
     assert capsys.readouterr().err == "interrupted\n"
