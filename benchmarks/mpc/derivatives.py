@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import casadi
 import numpy as np
@@ -22,6 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from backends.casadi_function.function import build_function
+from backends.casadi_function.options import Form
 from benchmarks.mpc.derivatives_in_c import derivatives_source
 from compiler.hessian.step_derivatives import step_derivatives
 from compiler.ir.program import Program
@@ -112,9 +114,9 @@ def _by_hand(weights: dict[str, np.ndarray]) -> casadi.Function:
     return casadi.Function("step", [x, u], [following], ["x", "u"], ["x_next"])
 
 
-def _step(program: Program, weights: dict[str, np.ndarray], form: str) -> casadi.Function:
-    inner = build_function(inline_parameters(program, weights), form=form)  # pyright: ignore[reportArgumentType]
-    kind = casadi.SX if form == "sx" else casadi.MX
+def _step(program: Program, weights: dict[str, np.ndarray], form: Form) -> casadi.Function:
+    inner: Any = build_function(inline_parameters(program, weights), form=form)
+    kind: Any = casadi.SX if form == "sx" else casadi.MX
     x, u = kind.sym("x", 2), kind.sym("u")
     values = {"th": x[0], "w": x[1], "u": u}
     found = inner.call(values)
@@ -122,9 +124,9 @@ def _step(program: Program, weights: dict[str, np.ndarray], form: str) -> casadi
     return casadi.Function("step", [x, u], [following], ["x", "u"], ["x_next"])
 
 
-def _derivatives(step: casadi.Function, name: str) -> casadi.Function:
+def _derivatives(step: Any, name: str) -> casadi.Function:
     """x', J and H as one function of z and λ."""
-    kind = casadi.SX if step.is_a("SXFunction") else casadi.MX
+    kind: Any = casadi.SX if step.is_a("SXFunction") else casadi.MX
     z, multipliers = kind.sym("z", 3), kind.sym("lambda", 2)
     following = step(z[:2], z[2])
     jacobian = casadi.jacobian(following, z)
