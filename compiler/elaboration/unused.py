@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from compiler.elaboration.histories import Buffers
+from compiler.elaboration.found_before import FoundBefore
 from compiler.elaboration.names import Elaboration
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart
@@ -71,15 +71,15 @@ def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Di
     """
     zeros = tuple(Number(0.0, _NOWHERE) for _ in range(count))
     call = Call(Name(name, _NOWHERE), zeros, (), _NOWHERE)
-    attempt = _lowered_alone(elaborated, call, {})
-    known = attempt.histories.found()
-    if known:
+    attempt = _lowered_alone(elaborated, call, FoundBefore())
+    known = attempt.found()
+    if known.buffers:
         attempt = _lowered_alone(elaborated, call, known)
         attempt.histories.states()
     return [d for d in attempt.context.findings.in_order if d.severity == "error"]
 
 
-def _lowered_alone(elaborated: Elaboration, call: Call, known: Buffers) -> Elaboration:
+def _lowered_alone(elaborated: Elaboration, call: Call, known: FoundBefore) -> Elaboration:
     attempt = elaborated.afresh(known)
     with suppress(LoweringFailed):
         lower(attempt.context, call, _STEP)
