@@ -226,4 +226,6 @@ def test_centers_of_fuzzy_sets_are_members_in_the_unit_of_their_calls(tmp_path: 
         """
     program = model_of(tmp_path, text, part=part).program
     assert {str(parameter.unit) for parameter in program.parameters} == {"m/s"}
-    np.testing.assert_array_equal(run(program, {"v": [2.0]}), [4.0 - 6.0])
+    np.testing.assert_array_equal(
+        run(program, {"v": [2.0], "p.x": [0.0]}, output="far"), [4.0 - 6.0]
+    )
