@@ -43,7 +43,9 @@ def lower_unused(elaborated: Elaboration) -> None:
 
 
 _NOWHERE = Span(file="", line=0, column=0, end_line=0, end_column=0)
-_OF_NAMES = frozenset({"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319"})
+_OF_NAMES = frozenset(
+    {"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319", "E0349", "E0350"}
+)
 _UNKNOWN_DIM = "E0405"
 
 

@@ -1,4 +1,4 @@
-"""E0301-E0319: names, and what a name is used for."""
+"""E0301-E0319, E0349, E0350: names, and what a name is used for."""
 
 from collections.abc import Iterable, Sequence
 
@@ -76,7 +76,7 @@ def no_value_of_layer(
     members: Iterable[str],
     in_loss: bool,
 ) -> Diagnostic:
-    """E0307: something after the dot, not called, that a layer does not have at this place."""
+    """E0350: something of a layer that is no value there."""
     known = [*values, *(arrays if in_loss else ())]
     message, label = f"the layer `{layer}` has no member `{member}`", "unknown member"
     if member in members:
@@ -97,7 +97,7 @@ def no_value_of_layer(
         repair = f"`{layer}` has learned no arrays"
     else:
         repair = f"call the layer: `{layer}(…)`"
-    return error("E0307", span, message, label, help=repair)
+    return error("E0350", span, message, label, help=repair)
 
 
 def member_of_grid(grid: str, member: str, inner: Sequence[str], span: Span) -> Diagnostic:
