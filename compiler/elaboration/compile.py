@@ -265,7 +265,8 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
         estimated = entry.init is not None and entry.init.fit is not None
         if entry.range_policy == "reset" and (estimated or reads_log(start.graph(), first)):
             place = entry.init.place.value if entry.init is not None else entry.place.key
-            context.findings.report(state_errors.reset_to_the_log(name, place))
+            report = state_errors.reset_to_the_log(name, place, fitted=estimated)
+            context.findings.report(report)
     return found
 
 
