@@ -34,8 +34,8 @@ def nothing_in_common(
     )
     repair = (
         "give their `validate` sections an entry with the same output, unit and rollout; a signal "
-        "that one feeds back (`closing x`) and the other has as a target belongs under `inputs:` in "
-        "both"
+        "that one feeds back (`closing x`) and the other has as a target belongs under `inputs:` "
+        "in both"
     )
     return error("E0975", None, message, notes=notes, help=repair)
 
