@@ -4,9 +4,9 @@
 
 An oscillator, Duffing's and that of Bouc and Wen are simulated with known values, by the classical
 Runge-Kutta method with 16 steps a sample and the force between samples as the model has it. Each
-repetition has a force of its own (a random-phase multisine) and noise of its own on the travel,
-1 % of its rms, and a second record to measure on. Parameters are learned from the same wrong
-guesses by levenberg_marquardt over the whole record. Right is: the true value lies within two
+repetition has a force of its own (a random-phase multisine), noise of its own on the travel, 1 % of
+the rms of all records, and a second record to measure on. Parameters are learned from the same
+wrong guesses by levenberg_marquardt over the whole record. Right is: the true value lies within two
 standard errors of the learned one in 95.4 % of the repetitions, give or take 1.5 % by chance over
 200; a share p of new values lies in the interval of p; the spread of what is learned is its
 standard error. `--write` puts the table into coverage.md.
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 Slope = Callable[[Array, Array], Array]
 
 FINE, NOISE = 16, 0.01
-"""Steps of the simulation a sample; noise as a part of the travel's rms."""
+"""Steps of the simulation a sample; noise as a part of the rms of all travels."""
 MASS = 2.0
 
 
@@ -165,7 +165,7 @@ def repetitions(name: str, count: int) -> list[Repetition]:
     random = np.random.Generator(np.random.Philox(1))
     force = forces(system, 2 * count, random)
     exact = travels(system, force)
-    noise = NOISE * np.std(exact, axis=0) * random.normal(size=exact.shape)
+    noise = NOISE * np.std(exact) * random.normal(size=exact.shape)
     travel = exact + noise
     model = load_model(HERE / system.spec, list(system.settings))
     found: list[Repetition] = []
@@ -176,7 +176,7 @@ def repetitions(name: str, count: int) -> list[Repetition]:
                 for part, place in (("train", number), ("test", count + number))
             }
             result = trainings.train(model, data, runs=folder)
-            report = measurements.validate(model, result, data, intervals=True)
+            report = measurements.validate(model, result, data, engine="native", intervals=True)
             coverage, errors = report.measurements[0].coverage, result.standard_errors
             assert coverage is not None
             assert errors is not None

@@ -1,4 +1,4 @@
-"""Measures a model on data, and runs it freely."""
+"""Looks at data, measures a model on them, and runs it freely."""
 
 from __future__ import annotations
 
@@ -16,11 +16,30 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
+    from msnn.data_check.found import DataCheck
     from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.intervals import Intervals
     from msnn.simulation.simulate import Simulations
     from msnn.simulation.simulation_data import GivenData
     from msnn.validation.validate import ValidationReport
+
+
+def check_data(
+    model: Model, data: GivenData | None = None, *, data_root: str | Path | None = None
+) -> DataCheck:
+    """Looks at data before a model learns from them: sampling, columns, delays, excitation.
+
+        found = msnn.check_data(msnn.load("plant.msnn.yaml"))
+        for finding in found.findings:
+            print(finding.code, finding.message, finding.help)
+
+    `data` are frames as in `train`, or files with the columns that the spec names; None takes the
+    data of the spec. The answer has what `msnn data --json` writes. Raises SpecError where data
+    cannot be read at all, MissingExtraError.
+    """
+    from msnn.data_check.check import check_data as run
+
+    return run(model, data, data_root)
 
 
 def validate(
