@@ -20,6 +20,8 @@ from msnn.simulation.intervals import quantile
 LEVELS = (0.5, 0.8, 0.95)
 _CHANCE = 2.58
 """Standard deviations within which 99 % of what chance does lies."""
+_OPPOSITE = 0.5
+"""Parts of what is allowed beyond which shares too small and too large contradict each other."""
 _MATTERS = 0.1
 """Part of the deviation of one value that is small enough for any use of an interval."""
 
@@ -49,8 +51,9 @@ class Coverage:
         ]
         if max(map(abs, off)) <= 1.0:
             return "as wide as they say"
-        if max(off) > 1.0 and min(off) < -1.0:
-            return "errors are not normal: many small ones, some far out"
+        if max(off) > _OPPOSITE and min(off) < -_OPPOSITE:
+            which = "many small ones, some far out" if off[0] > 0 else "most of them of one size"
+            return f"errors are not normal: {which}"
         if min(off) < -1.0:
             return "too narrow: errors are larger here than in training"
         return "too wide: errors are smaller here than in training"

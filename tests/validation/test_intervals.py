@@ -171,6 +171,45 @@ def test_the_command_line_writes_intervals(line: Path, capsys: pytest.CaptureFix
     assert output["intervals"]["levels"] == [0.5, 0.8, 0.95]
 
 
+FALL = """
+msnn: 1
+name: fall
+sample_time: 0.1 s
+dims: {place: 2}
+inputs: {}
+targets: {m: {dims: place}}
+parameters: {c: {init: 0.1, dims: place}}
+states: {x: {dims: place, der: -c * x, init: {fit: {over: 30}}}}
+outputs: {y: {expr: x, predicts: "m[t]"}}
+data: {source: {train: "train*.csv", test: test.csv}, columns: {m: "m{1..2}"}}
+train: [{optimizer: levenberg_marquardt, rollout: record, epochs: 20}]
+validate: [{of: y, metric: rmse, rollout: record, data: test}]
+"""
+
+
+def test_elements_of_vectors_have_noise_of_their_own_and_starts_are_fitted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    random = np.random.default_rng(8)
+    noise = np.array([0.05, 0.4])
+    for name in ("train1", "train2", "test"):
+        clean = random.uniform(5, 9, 2) * np.exp(-np.outer(0.1 * np.arange(600), [0.02, 0.05]))
+        table = clean + noise * random.normal(size=(600, 2))
+        np.savetxt(f"{name}.csv", table, delimiter=",", header="m1,m2", comments="")
+    Path("fall.msnn.yaml").write_text(FALL)
+    model = msnn.load("fall.msnn.yaml")
+    result = msnn.train(model)
+    (found,) = msnn.validate(model, result, intervals=True).measurements
+    assert found.coverage is not None
+    assert found.coverage.elements.shape == (3, 2)
+    # 570 values each: three deviations of a share are 0.063, 0.05 and 0.027
+    off = np.abs(found.coverage.elements - np.array(LEVELS)[:, np.newaxis])
+    assert np.all(off < np.array([[0.07], [0.06], [0.035]]))
+    bands = msnn.simulate(model, None, result, intervals=95)[0].bands["y"]
+    np.testing.assert_allclose(bands.mean(axis=0), quantile(0.95) * noise, rtol=0.15)
+
+
 # ---- which weights a covariance belongs to
 
 
@@ -279,7 +318,10 @@ def test_errors_far_out_are_not_normal() -> None:
     errors = np.where(np.arange(1000) % 10 == 0, 4.0, 0.1)
     counts = Counts(np.array(float(np.mean(errors**2))))
     counts.add(errors, np.zeros(1000), np.zeros(1000))
-    assert counts.coverage([]).verdict.startswith("errors are not normal")
+    assert counts.coverage([]).verdict == "errors are not normal: many small ones, some far out"
+    counts = Counts(np.array(1.0))
+    counts.add(np.ones(1000), np.zeros(1000), np.zeros(1000))
+    assert counts.coverage([]).verdict == "errors are not normal: most of them of one size"
 
 
 def test_what_was_not_measured_counts_for_nothing_and_what_diverged_is_outside() -> None:
