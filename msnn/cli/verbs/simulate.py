@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -59,7 +58,7 @@ def simulate(
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", metavar="FILE", help="The CSV file to write.")
+        Path, typer.Option("-o", "--out", metavar="FILE", help="The CSV file to write.")
     ] = Path("simulation.csv"),
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
@@ -71,7 +70,7 @@ def simulate(
     measured and the ends of intervals.
     """
     from msnn.api import measurements
-    from msnn.cli.console import json_result, note, report, result
+    from msnn.cli.console import json_result, note, progress_stream, report, report_model, result
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
@@ -84,12 +83,12 @@ def simulate(
         raise typer.BadParameter("`record` or a number of steps", param_hint="--horizon")
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
-    report(model.warnings, model.sources)
+    report_model(model)
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     steps = None if horizon == "record" else int(horizon)
-    with StepProgress(sys.stderr) as progress:
+    with StepProgress(progress_stream()) as progress:
         found = measurements.simulate(
             model,
             data,
