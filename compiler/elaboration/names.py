@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from compiler.builtins.table import lower_builtin
 from compiler.elaboration.constants import Constants
 from compiler.elaboration.entries import Entries
+from compiler.elaboration.found_before import FoundBefore
 from compiler.elaboration.functions import argument_value, inlined
-from compiler.elaboration.histories import Buffers, Histories
-from compiler.elaboration.layer_calls import lower_layer
+from compiler.elaboration.histories import Histories
+from compiler.elaboration.layer_calls import lower_layer, member_of_layer
 from compiler.elaboration.states import States
 from compiler.ir.program import NodeId
 from compiler.ir.scalars.signatures import SIGNATURES
@@ -45,7 +46,7 @@ class Elaboration:
     """The meaning of every name of one spec (`Names`), and all that lowering it leaves."""
 
     def __init__(
-        self, linked: Linked, variables: frozenset[str], known: Buffers, draw: int = 0
+        self, linked: Linked, variables: frozenset[str], known: FoundBefore, draw: int = 0
     ) -> None:
         """`variables` are those of gradients; `known` was found by the lowering before this one."""
         self._linked, self._variables, self._draw = linked, variables, draw
@@ -63,14 +64,18 @@ class Elaboration:
         )
         self.constants = Constants(self.context)
         self.arrays = Arrays(self.context)
-        self.layers = LayerStores(self.arrays)
-        self.histories = Histories(self.context, known)
+        self.layers = LayerStores(self.arrays, known_units=known.units)
+        self.histories = Histories(self.context, known.buffers)
         self.states = States(self.context, self.histories, linked.integrators)
         self.entries = Entries(self.context, self.histories, variables)
 
-    def afresh(self, known: Buffers) -> Elaboration:
+    def afresh(self, known: FoundBefore) -> Elaboration:
         """Another one of the same spec, with graphs of its own: for what may fail half-way."""
         return Elaboration(self._linked, self._variables, known, self._draw)
+
+    def found(self) -> FoundBefore:
+        """What this lowering tells the next one."""
+        return FoundBefore(self.histories.found(), self.layers.found_units())
 
     # ---- names
 
@@ -127,7 +132,7 @@ class Elaboration:
         return found
 
     def member(self, member: Member, environment: Environment) -> NodeId:
-        """`s.meas`: the log of a signal or state, whatever the step sees (R6)."""
+        """`s.meas`: the log of a signal or state, whatever the step sees (R6); `phi.centers`."""
         base, _, rest = member.base.rpartition(".")
         if member.base not in self.context.scope and base in self.context.scope:  # `x.meas.meas`
             member = Member(base, f"{rest}.{member.name}", member.span)
@@ -146,22 +151,15 @@ class Elaboration:
                 submodels.log_of_connected(member.base, member.span, place)
             )
             raise LoweringFailed
-        if isinstance(entry, Layer) and environment.part is EnvironmentPart.LOSS:
-            return self._array_of_layer(member, environment)
+        if isinstance(entry, Layer):
+            self._forbid_in_constant(member.base, member.span, environment)
+            return member_of_layer(self.context, self.layers, member, entry, environment)
         if member.name != "meas" or not isinstance(entry, Signal | State):
             self.context.findings.report(names.no_member(member.base, member.name, member.span))
             raise LoweringFailed
         if isinstance(entry, State):
             self.context.measured.setdefault(member.base, entry)
         return self._signal(member.base, entry, member.span, environment, logged=True)
-
-    def _array_of_layer(self, member: Member, environment: Environment) -> NodeId:
-        """`f.weight`: an array that the layer f has learned; in losses, which come last."""
-        array = f"{member.base}.{member.name}"
-        if array not in self.arrays.all_names:
-            self.context.findings.report(names.no_member(member.base, member.name, member.span))
-            raise LoweringFailed
-        return self.arrays.read(self.context.builder(environment), array)
 
     # ---- calls
 

@@ -19,6 +19,7 @@ WEIGHTS = "weights.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
 SPEC = "spec.msnn.yaml"
 DESCRIPTION = "run.json"
+PARAMETERS = "parameters.json"
 PARTS = "parts"
 FOLD = "fold_"
 RUNS_SHOWN = 5

@@ -33,6 +33,12 @@ def validate(
     data_root: DataRoot = None,
     settings: Settings = None,
     engine: RolloutEngine = "auto",
+    intervals: Annotated[
+        bool,
+        typer.Option(
+            "--intervals", help="Also count how often targets lie inside prediction intervals."
+        ),
+    ] = False,
     junit: Annotated[
         Path | None,
         typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, a test a limit."),
@@ -51,7 +57,7 @@ def validate(
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
-    from msnn.validation.errors_report import regions_table, residuals_table
+    from msnn.validation.errors_report import coverage_table, regions_table, residuals_table
     from msnn.validation.report import (
         curves_table,
         junit_text,
@@ -69,7 +75,12 @@ def validate(
     note(f"weights: {chosen.origin}")
     with StepProgress(progress_stream()) as progress:
         found = measurements.validate(
-            model, chosen.weights, data_root=data_root, engine=engine, progress=progress.told
+            model,
+            chosen.file if intervals else chosen.weights,
+            data_root=data_root,
+            engine=engine,
+            progress=progress.told,
+            intervals=intervals,
         )
     report(found.warnings, model.sources)
     if junit is not None:
@@ -85,6 +96,7 @@ def validate(
             curves_table(found),
             residuals_table(found.measurements),
             regions_table(found.measurements),
+            coverage_table(found.measurements),
         )
         result("\n\n".join(table for table in tables if table))
     if plot is not None:
