@@ -118,7 +118,7 @@ _UNIT_SCHEMA = {
     "minimum": 1,
     "maximum": 1,
 }
-_QUANTITY_SCHEMA = {
+QUANTITY = {
     "type": ["string", "number"],
     "pattern": rf"^\s*{_NUMBER}(\s*{_UNIT})?\s*$",
 }
@@ -132,9 +132,9 @@ _SAMPLE_TIME = {
     "pattern": rf"^\s*{_NUMBER}\s*{_UNIT}\s*$",
     "examples": ["10 ms", "100 Hz"],
 }
-_RANGE = {"type": "array", "items": _QUANTITY_SCHEMA, "minItems": 2, "maxItems": 2}
+_RANGE = {"type": "array", "items": QUANTITY, "minItems": 2, "maxItems": 2}
 UnitField: TypeAlias = Annotated[Located[Unit], reads(read_unit, _UNIT_SCHEMA)]
-QuantityField: TypeAlias = Annotated[Quantity, reads(read_quantity, _QUANTITY_SCHEMA)]
+QuantityField: TypeAlias = Annotated[Quantity, reads(read_quantity, QUANTITY)]
 LengthField: TypeAlias = Annotated[Length, reads(read_length, {**_LENGTH, "minimum": 0})]
 PositiveLength: TypeAlias = Annotated[Length, reads(read_positive_length, POSITIVE_LENGTH)]
 SampleTime: TypeAlias = Annotated[Quantity, reads(_read_sample_time, _SAMPLE_TIME)]

@@ -6,9 +6,11 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import control as errors
+from spec_schema.errors import schema as schema_errors
 from spec_schema.expressions.tree import Expression
-from spec_schema.fields.entry import Entry, Variant, findings_of
+from spec_schema.fields.entry import Entry, RefusedError, Variant, findings_of
 from spec_schema.fields.formulas import EXPRESSION, ExpressionField, read_expression
+from spec_schema.fields.leaf import Gathering, JsonSchema, one_or_many
 from spec_schema.fields.located import Located
 from spec_schema.fields.named_tables import BySignal, Named
 from spec_schema.fields.plain import (
@@ -16,16 +18,18 @@ from spec_schema.fields.plain import (
     NonNegativeNumber,
     PositiveCount,
     PositiveNumber,
+    Reference,
     References,
     Switch,
     Text,
     choice,
     read_count,
+    read_different_items,
     reads,
 )
 from spec_schema.fields.quantities import (
+    QUANTITY,
     PositiveLength,
-    QuantityField,
     UnitField,
     read_quantity,
     split_quantity,
@@ -50,11 +54,34 @@ def _read_limit(node: Node, findings: Findings) -> Quantity | Expression:
 LimitField: TypeAlias = Annotated[Quantity | Expression, reads(_read_limit, EXPRESSION)]
 
 
+def _read_rate(node: Node, findings: Findings) -> Quantity:
+    rate = read_quantity(node, findings)
+    if rate.value <= 0:
+        findings.report(schema_errors.out_of_range(rate.text, rate.span, "above 0"))
+        raise RefusedError
+    return rate
+
+
 def _read_block(node: Node, findings: Findings) -> Located[int]:
     return Located(read_count(node, findings, 1), node.span, node.key)
 
 
 _BLOCK = {"type": "integer", "minimum": 1}
+
+
+def _read_controls(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
+    items = read_different_items(node, info)
+    if not items:
+        findings_of(info).report(schema_errors.empty_section("`controls`", node.span))
+        raise RefusedError
+    return items
+
+
+def _some(item: JsonSchema) -> JsonSchema:
+    return {**one_or_many(item), "minItems": 1}
+
+
+Controls: TypeAlias = Annotated[tuple[Reference, ...], Gathering(_read_controls, schema=_some)]
 
 
 class ControlCost(Entry):
@@ -96,7 +123,7 @@ class ControlBound(Entry):
     """Lowest value: a number, a quantity, or an expression of references."""
     max: LimitField | None = None
     """Highest value: a number, a quantity, or an expression of references."""
-    rate: QuantityField | None = None
+    rate: Annotated[Quantity, reads(_read_rate, {**QUANTITY, "exclusiveMinimum": 0})] | None = None
     """Most that a control moves in a second."""
     soft: SoftBound | None = None
     """What a violation costs."""
@@ -156,7 +183,7 @@ class OptimalControl(Entry):
 
     horizon: PositiveLength
     """How far the controller looks ahead: samples or a time."""
-    controls: References
+    controls: Controls
     """Inputs that it decides."""
     cost: ControlCost
     """What it makes small."""

@@ -16,7 +16,7 @@ from compiler.ir.types import Type, describe_axes
 from compiler.optimal_control.problem import ControlLimits, Limits, PathLimits
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import control as errors
-from spec_schema.errors import schema, shapes, units
+from spec_schema.errors import shapes, units
 from spec_schema.expressions.tree import Expression
 from spec_schema.sections.optimal_control import ControlBound, OptimalControl
 from spec_schema.units.parser import parse_unit
@@ -171,9 +171,6 @@ def _rate(
         return None
     rate = bound.rate
     number = rate.value
-    if number <= 0:
-        findings.report(schema.out_of_range(rate.text, rate.span, "above 0"))
-        return None
     if rate.unit is not None and unit is not None:
         per_second = unit / _SECOND
         if not rate.unit.same_dimension(per_second):

@@ -10,7 +10,7 @@ from compiler.linking.link import Linked
 from compiler.lowering.scope import Scope
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import control as errors
-from spec_schema.errors import names, schema
+from spec_schema.errors import names
 from spec_schema.errors import time as times
 from spec_schema.expressions.tree import Expression, Name
 from spec_schema.fields.located import KeyAndValueSpan
@@ -105,8 +105,6 @@ def _input(entry: ControlReference) -> Input:
 def _check_controls(
     spec: Spec, section: OptimalControl, closed: Mapping[str, str], findings: Findings
 ) -> None:
-    if not section.controls:
-        findings.report(schema.empty_section("`controls`", section.place.key))
     for control in section.controls:
         name = control.value
         if name not in spec.inputs:
