@@ -19,9 +19,8 @@ F, l, l_N, g and the limits are all one `Program` in step form: F its next state
 outputs, by the names that the fields below have. A limit and l_N are outputs like the others, which
 read less: `reads` says what.
 
-Derivatives: `compiler.jacobian.jacobian(problem.program)` has ∂F/∂x in A, ∂F/∂u in B, and the
-gradients of l, l_N and g in the rows of C and D that bear their names; the columns of B and D are
-all ports: controls, disturbances, references.
+x holds u_{k−1} of a control with a rate, and of all where a block is longer than a sample:
+`previous` says where. Derivatives are those of the program: `compiler.hessian.step_derivatives`.
 """
 
 from __future__ import annotations

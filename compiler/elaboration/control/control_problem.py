@@ -17,8 +17,8 @@ from compiler.elaboration.control.dependence import signals_in_step
 from compiler.ir.liveness import extents
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Program
-from compiler.ir.types import Axis, describe_axes
-from compiler.jacobian.matrices import Member, Vector
+from compiler.ir.types import describe_axes
+from compiler.jacobian.matrices import Vector, vector_of
 from compiler.linking.link import Linked
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.sampling import Sampling
@@ -27,7 +27,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.errors import control as errors
 from spec_schema.errors import shapes, units
 from spec_schema.sections.optimal_control import InteriorPoint, OptimalControl
-from spec_schema.units.unit import ONE, Unit
+from spec_schema.units.unit import ONE
 
 ITERATIONS = {"converged": 50, "fixed": 5}
 """By default: at most so many, or always."""
@@ -66,8 +66,13 @@ def control_problem(
 def _problem(asked: ControlSpec, program: Program, findings: Findings) -> ControlProblem | None:
     section = asked.section
     _check_costs(asked, program, findings)
-    rated = [name for name, bound in section.bounds.items() if bound.rate is not None]
-    step = control_program(asked, program, rated, findings)
+    held = any(block.value > 1 for block in section.blocks)
+    followed = [
+        name
+        for name in asked.controls
+        if held or (name in section.bounds and section.bounds[name].rate is not None)
+    ]
+    step = control_program(asked, program, followed, findings)
     if step is None:
         return None
     scales = scales_of(section, step)
@@ -85,7 +90,7 @@ def _problem(asked: ControlSpec, program: Program, findings: Findings) -> Contro
     solver = section.interior_point or InteriorPoint.model_construct(place=section.place)
     return ControlProblem(
         program=step,
-        states=_vector("x", [(state.name, state.axes, state.unit) for state in step.states]),
+        states=vector_of("x", [(state.name, state.axes, state.unit) for state in step.states]),
         controls=_ports("u", step, asked.controls),
         disturbances=_ports("d", step, others),
         references=_ports("r", step, [name for name in section.references if name in read]),
@@ -153,12 +158,5 @@ def _ports(letter: str, program: Program, names: Iterable[str]) -> Vector:
     types = {
         node.op.signal: node.type for _, node in program.step if isinstance(node.op, ReadSignal)
     }
-    return _vector(letter, [(name, types[name].axes, types[name].unit) for name in names])
+    return vector_of(letter, [(name, types[name].axes, types[name].unit) for name in names])
 
-
-def _vector(letter: str, quantities: Iterable[tuple[str, tuple[Axis, ...], Unit | None]]) -> Vector:
-    members: list[Member] = []
-    for name, axes, unit in quantities:
-        first = members[-1].first + members[-1].size if members else 0
-        members.append(Member(name, axes, unit, first))
-    return Vector(letter, tuple(members))
