@@ -137,8 +137,7 @@ class Controller:
         is_finite = np.isfinite(outcome.residual)
         self._last, self._is_good = outcome.iterate if is_finite else None, bool(is_solved)
         if not (is_finite and keeps):
-            kept = self._kept(Status.INFEASIBLE, allowed, outcome)
-            return kept
+            return self._kept(Status.INFEASIBLE, allowed, outcome)
         controls = allowed.nearest(outcome.iterate.controls)
         plan = f.plan(outcome.iterate.states, controls)
         penalties, excess = f.penalties(given, outcome.iterate.states, controls)

@@ -1,9 +1,9 @@
 """Solves an optimal control problem by a primal-dual interior-point method over the stages.
 
-Each limit c(w) ≥ 0 has a slack t > 0 with c(w) = t and a multiplier z, t·z → μ; a soft one an excess
-v > 0 more, c(w) + v = t, which costs w₁ v + w₂ v², with the multiplier ν = w₁ + 2 w₂ v − z, v·ν → μ
-(Nocedal, Wright: Numerical Optimization, 2006, ch. 19). Slacks and excesses are eliminated, so that
-each step is one Riccati recursion. Costates follow from the plan: the gradient in the states is 0
+Each limit c(w) ≥ 0 has a slack t > 0 with c(w) = t and a multiplier z, t·z → μ; a soft one has an
+excess v > 0 more, c(w) + v = t, which costs w₁ v + w₂ v², with the multiplier ν = w₁ + 2 w₂ v − z,
+v·ν → μ (Nocedal, Wright: Numerical Optimization, 2006, ch. 19). Slacks and excesses are eliminated,
+so that each step is one Riccati recursion. Costates follow from the plan: the gradient in the states is 0
 always. The curvature is exact where the recursion has a minimum with it, and that of the nearest
 convex stages where not. Steps are cut back by an ℓ₁ merit function.
 """
@@ -114,7 +114,8 @@ class InteriorPoint:
 
         With `stops` it ends once the residual is at most the tolerance, else after `iterations`.
         """
-        barrier = _FIRST_BARRIER if before is None else _WARM_BARRIER
+        steepest = float(np.max(self._linear, initial=1.0))
+        first = barrier = _FIRST_BARRIER * steepest if before is None else _WARM_BARRIER
         now, values = self._begin(states, controls, before, barrier)
         for count in range(iterations + 1):
             point = self._linearised(now, values)
@@ -123,7 +124,8 @@ class InteriorPoint:
             if is_over or count == iterations:
                 return Outcome(now, residual, self._violation(values), count)
             while barrier > tolerance / 10 and self._error(point, barrier) < 10 * barrier:
-                barrier = max(tolerance / 10, min(barrier / 5, barrier**1.5))
+                faster = min(0.1, (barrier / first) ** 0.5)
+                barrier = max(tolerance / 10, barrier * faster)
             moved = self._moved(point, barrier)
             if moved is None:
                 return Outcome(now, residual, self._violation(values), count)
@@ -149,14 +151,39 @@ class InteriorPoint:
         # those of control bounds are exact, and stay so: a linear limit is kept by every step
         slacks = np.where(own, distance, np.maximum(distance, away))
         slacks = np.where(self._active, slacks, 1.0)
-        known = 0.0 if before is None else before.multipliers
-        multipliers = np.maximum(known, barrier / slacks if before is None else barrier / 10)
-        multipliers = np.minimum(multipliers, np.where(self._soft, 0.9 * self._linear, np.inf))
+        if before is None:
+            central = self._central(distance, barrier)
+            multipliers = np.where(self._soft, central, barrier / slacks)
+            slacks = np.where(self._soft, barrier / np.where(self._soft, central, 1.0), slacks)
+        else:
+            multipliers = np.maximum(before.multipliers, barrier / 10)
+            cap = np.where(self._soft, 0.9 * self._linear, np.inf)
+            multipliers = np.minimum(multipliers, cap)
         multipliers = np.where(self._active, multipliers, 0.0)
-        excesses = np.where(self._soft, np.maximum(slacks - distance, barrier / 10), 0.0)
+        excesses = np.where(self._soft, np.maximum(slacks - distance, barrier * 1e-9), 0.0)
         rest = self._linear + 2 * self._quadratic * excesses - multipliers
-        others = np.where(self._soft, rest, 0.0)
+        others = np.where(self._soft, np.maximum(rest, 1e-9), 0.0)
         return Iterate(states, controls, slacks, multipliers, excesses, others), values
+
+    def _central(self, distance: Array, barrier: float) -> Array:
+        """z of soft limits at these distances with t·z = v·ν = μ and c + v = t, by bisection.
+
+        c + v − μ/z grows with z: from −∞ at z = 0 to +∞ where ν = 0.
+        """
+        beyond = np.maximum(-distance, 0.0) + barrier
+        low = np.zeros_like(distance)
+        high = self._linear + 2 * self._quadratic * (beyond + barrier) + 1.0
+        for _ in range(60):
+            z = (low + high) / 2
+            # ν v = μ with ν = w₁ − z + 2 w₂ v
+            rest, bend = self._linear - z, 2 * self._quadratic
+            root = np.sqrt(rest**2 + 4 * bend * barrier)
+            smaller = 2 * barrier / np.where(rest + root > 0, rest + root, np.inf)
+            larger = (root - rest) / np.where(bend > 0, 2 * bend, np.inf)
+            v = np.where(rest >= 0, smaller, np.where(bend > 0, larger, np.inf))
+            above = distance + v - barrier / np.maximum(z, 1e-300) > 0
+            low, high = np.where(above, low, z), np.where(above, z, high)
+        return (low + high) / 2
 
     def _distances(self, values: Values) -> Array:
         """c of every limit, 0 where there is none."""
@@ -277,7 +304,7 @@ class InteriorPoint:
     def _searched(
         self, point: _Point, step: _Direction, hessian: Array, barrier: float
     ) -> tuple[tuple[Iterate, Values] | None, bool]:
-        """The iterate along the step at which the merit is low enough, and whether there was one."""
+        """The iterate along the step where the merit is low enough, and whether there was one."""
         now = point.now
         primal = min(_longest(now.slacks, step.slacks), _longest(now.excesses, step.excesses))
         dual = min(
