@@ -103,7 +103,7 @@ class InteriorPoint:
         self._linear = np.where(self._soft, linear, 0.0)
         self._quadratic = np.where(self._soft, quadratic, 0.0)
         self._held = functions.held
-        self._weight = 1.0
+        self._weight = 1e-6
 
     def solve(
         self,
