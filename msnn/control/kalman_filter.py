@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -30,7 +31,7 @@ from compiler.optimal_control.horizon import by_name
 from compiler.state_estimation.augmented import augmented
 from compiler.state_estimation.problem import EstimationProblem
 
-Array = NDArray[np.floating]
+Array = NDArray[Any]
 
 
 class FilterStatus(IntEnum):
@@ -70,7 +71,7 @@ class KalmanFilter:
     ) -> None:
         """`weights` are those of all parameters, from which estimated ones begin."""
         self.problem = problem
-        self.dtype = np.dtype(dtype)
+        self.dtype: np.dtype[Any] = np.dtype(dtype)
         known = problem.program.parameters
         self._weights = {p.name: np.asarray(weights[p.name], float) for p in known}
         program = augmented(problem.program, problem.parameters)
@@ -79,7 +80,7 @@ class KalmanFilter:
         self._derivatives = step_derivatives(program, inputs=(), hessian=False)
         self._judge = DerivativeInterpreter(self._derivatives, program, self._weights, self.dtype)
         self._columns = self._places()
-        self._drift = self._deviations(initial=False) ** 2 * problem.sample_time
+        self._drift: Array = self._deviations(initial=False) ** 2 * problem.sample_time
         self.covariance: Array = np.zeros((self._size, self._size), self.dtype)
         self._vector: Array = np.zeros(self._size, self.dtype)
         self._known: set[str] = set()
@@ -132,18 +133,13 @@ class KalmanFilter:
                 raise ValueError(f"`{name}` has shape {value.shape}, not {expected.shape}")
             innovations[name] = value - expected
             variance = self.dtype.type(measurement.std**2)
-            before = vector.copy()
+            before = vector
             for number, row in zip(innovations[name].ravel(), slopes, strict=True):
-                if np.isnan(number):
-                    continue
-                # what numbers of the same measurement before it have moved already
-                rest = self.dtype.type(number) - row @ (vector - before)
-                gain = covariance @ row
-                gain = gain / (row @ gain + variance)
-                vector = vector + gain * rest
-                keep = np.eye(self._size, dtype=self.dtype) - np.outer(gain, row)
-                covariance = keep @ covariance @ keep.T + variance * np.outer(gain, gain)
-                covariance = (covariance + covariance.T) / 2
+                if not np.isnan(number):
+                    # what numbers of the same measurement before it have moved already
+                    rest = self.dtype.type(number) - row @ (vector - before)
+                    gain, covariance = _joseph(covariance, row, variance)
+                    vector = vector + gain * rest
         vector = self._within(vector)
         if not (np.all(np.isfinite(vector)) and np.all(np.isfinite(covariance))):
             return self._told(FilterStatus.DIVERGED, innovations)
@@ -284,6 +280,15 @@ class KalmanFilter:
             deviations,
             innovations,
         )
+
+
+def _joseph(covariance: Array, row: Array, variance: Any) -> tuple[Array, Array]:
+    """The gain of one number with the slope `row`, and the covariance once it is known."""
+    gain: Array = covariance @ row
+    gain = gain / (row @ gain + variance)
+    keep: Array = np.eye(len(row), dtype=covariance.dtype) - np.outer(gain, row)
+    after: Array = keep @ covariance @ keep.T + variance * np.outer(gain, gain)
+    return gain, (after + after.T) / 2
 
 
 def _is_not_finite(log: Mapping[str, Array]) -> bool:

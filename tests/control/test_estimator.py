@@ -35,18 +35,18 @@ def test_a_linear_model_is_kalmans_filter(tmp_path: Path) -> None:
     kalman.reset({"p": 0.5, "v": 0.0})
     A, B = np.array([[1, 0.25], [0, 1]]), np.array([0, 0.25])
     Q, R = np.diag([0.01, 0.16]) * 0.25, np.diag([0.04, 0.25])
-    x, P = np.array([0.5, 0.0]), np.diag([1.0, 4.0])
+    x, covariance = np.array([0.5, 0.0]), np.diag([1.0, 4.0])
     random = np.random.default_rng(0)
     for _ in range(50):
         y, u = random.normal(size=2), random.normal()
         found = kalman.correct({"p": y[0], "v": y[1]})
-        gain = P @ np.linalg.inv(P + R)
-        x, P = x + gain @ (y - x), (np.eye(2) - gain) @ P
+        gain = covariance @ np.linalg.inv(covariance + R)
+        x, covariance = x + gain @ (y - x), (np.eye(2) - gain) @ covariance
         assert found.status is FilterStatus.FILTERED
         np.testing.assert_allclose([found.states["p"], found.states["v"]], x, rtol=1e-11)
-        np.testing.assert_allclose(kalman.covariance, P, rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(kalman.covariance, covariance, rtol=1e-10, atol=1e-14)
         kalman.predict({"u": u})
-        x, P = A @ x + B * u, A @ P @ A.T + Q
+        x, covariance = A @ x + B * u, A @ covariance @ A.T + Q
 
 
 def test_nan_is_not_measured(tmp_path: Path) -> None:
@@ -102,10 +102,11 @@ def test_a_state_and_a_parameter_that_nobody_measures(tmp_path: Path) -> None:
     kalman = msnn.estimator(model)
     kalman.reset({"angle": 0.4, "rate": 0.5})
     random = np.random.default_rng(2)
+    state, found = plant.state, kalman.correct({})
     for k in range(400):
         torque = float(np.sin(0.07 * k))
-        state = {name: float(value) for name, value in plant.state.items()}
-        shadow = np.sin(state["angle"]) + 0.02 * random.normal()
+        state = plant.state
+        shadow = np.sin(float(state["angle"])) + 0.02 * random.normal()
         found = kalman.correct({"shadow": shadow if k % 3 else np.nan})
         kalman.predict({"torque": torque})
         plant.step(torque=torque)
