@@ -241,6 +241,7 @@ class HorizonFunctions:
         weights[problem.stage][:n] = 1.0
         if self._terminal is not None:
             weights[self._terminal][n] = 1.0
+        multipliers: dict[str, Array] = {}
         for member in self._derivatives.results.members:
             if member.name in of_paths:
                 columns = of_paths[member.name]
@@ -252,8 +253,10 @@ class HorizonFunctions:
                 weight[:n] = costates[:, columns] / self.scale_x[columns]
             else:
                 weight = weights[member.name]
-            log[multiplier(member.name)] = weight.reshape(-1, *(a.size for a in member.axes))
-        named = by_name(problem.states, plan.states)
+            multipliers[multiplier(member.name)] = weight.reshape(
+                -1, *(a.size for a in member.axes)
+            )
+        named = by_name(problem.states, plan.states) | multipliers
         found = self._curved.values(log, np.arange(n + 1), named).matrices["H"]
         return found[:, self._columns][:, :, self._columns] * self._scale * self._scale[:, None]
 
