@@ -18,7 +18,16 @@ check_package_names()
 
 if TYPE_CHECKING:
     from msnn.api.measurements import check_data, simulate, validate
-    from msnn.api.models import compile, export, initial_weights, linearize, load, stepper
+    from msnn.api.models import (
+        compile,
+        estimator,
+        export,
+        initial_weights,
+        linearize,
+        load,
+        mpc,
+        stepper,
+    )
     from msnn.api.trainings import compare, stage_loss, train, train_folds
     from msnn.errors.failures import MissingExtraError
     from msnn.model.model import Model
@@ -34,10 +43,12 @@ __all__ = [
     "check_data",
     "compare",
     "compile",
+    "estimator",
     "export",
     "initial_weights",
     "linearize",
     "load",
+    "mpc",
     "simulate",
     "stage_loss",
     "stepper",
