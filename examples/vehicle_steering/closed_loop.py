@@ -98,15 +98,13 @@ def run(car: Car, controller: Controller, road: Road, seed: int) -> Run:
         if not rows:
             controller.start(seen)
         asked = controller.steer(seen)
-        rows.append(
-            (motion.x, motion.y, place.way, place.offset, motion.curvature, place.curvature)
-            + (asked, sensors["angle"], sensors["speed"], sensors["acceleration"])
-            + (sensors["yaw_rate"],)
-        )
+        here = (motion.x, motion.y, place.way, place.offset, motion.curvature, place.curvature)
+        measured = ("angle", "speed", "acceleration", "yaw_rate")
+        rows.append((*here, asked, *(sensors[name] for name in measured)))
         motion = car.step(asked, pedals.push(road, place.way, sensors["speed"]))
     names = [entry.name for entry in fields(Run)][:-1]
     columns = dict(zip(names, np.array(rows).T, strict=True))
-    return Run(**columns, arrived=abs(place.offset) < LOST)
+    return Run(**columns, arrived=bool(abs(place.offset) < LOST))
 
 
 def _measured(motion: Motion, random: np.random.Generator) -> Mapping[str, float]:

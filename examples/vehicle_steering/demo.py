@@ -53,9 +53,7 @@ def on_board() -> dict[str, Any] | None:
     if not all(map(shutil.which, BOARD)):
         print(f"no figures of a board: {' and '.join(BOARD)} are not installed")
         return None
-    report = json.loads(
-        msnn("verify", "build/export/c", "--targets", "m4", "--format", "json")
-    )
+    report = json.loads(msnn("verify", "build/export/c", "--targets", "m4", "--format", "json"))
     figures = [figure for check in report["results"] for figure in check["figures"]]
     return next(figure for figure in figures if figure["flags"] == "-O2")
 

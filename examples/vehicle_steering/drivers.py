@@ -44,10 +44,15 @@ class Stanley:
         v, place = seen.speed, seen.place
         offset = place.offset + self.to_front * np.sin(seen.heading)
         bend = v * place.curvature  # yaw rate of the road
-        steady = np.arctan((self.wheelbase - self.to_front) * place.curvature) - self.slip * v * bend
+        steady = (
+            np.arctan((self.wheelbase - self.to_front) * place.curvature) - self.slip * v * bend
+        )
         angle = -(seen.heading + steady) - np.arctan(self.gain * offset / (1.0 + v))
-        return float(angle + np.arctan(self.wheelbase * place.curvature)
-                     + self.damping * (bend - seen.yaw_rate))
+        return float(
+            angle
+            + np.arctan(self.wheelbase * place.curvature)
+            + self.damping * (bend - seen.yaw_rate)
+        )
 
 
 @dataclass
@@ -72,4 +77,6 @@ class Exploring:
         angles = 2 * np.pi * np.array(self.FREQUENCIES) * SAMPLE_TIME * self._step + self._phases
         self._step += 1
         wave = np.sqrt(2 / len(self.FREQUENCIES)) * np.sum(np.sin(angles))
-        return self.driver.steer(seen) + float(self.size * (10.0 / max(seen.speed, 8.0))**2 * wave)
+        return self.driver.steer(seen) + float(
+            self.size * (10.0 / max(seen.speed, 8.0)) ** 2 * wave
+        )

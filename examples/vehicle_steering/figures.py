@@ -12,7 +12,7 @@ from roads import draw
 from setting import SAMPLE_TIME, TEST, VARIATIONS
 
 matplotlib.use("svg")
-from matplotlib import pyplot as plt  # noqa: E402
+from matplotlib import pyplot as plt
 
 Array = npt.NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def _learned(folder: Path, path: Path) -> None:
     axes[0, 1].set(title="controller: road ahead to angle", xlabel="s", ylabel="rad m")
     axes[1, 0].plot(ACCELERATIONS, 1e3 * vehicle["A"], "o-")
     axes[1, 0].set(title="understeer A(a)", xlabel="acceleration, m/s²", ylabel="0.001 s²/m²")
-    axes[1, 1].plot(back[:-1] , controller["w0"], ".-")
+    axes[1, 1].plot(back[:-1], controller["w0"], ".-")
     axes[1, 1].set(title="controller: its past angles", xlabel="s")
     _save(figure, path)
 

@@ -12,9 +12,9 @@ from closed_loop import Controller, Run, run
 from drivers import Kinematic, Stanley
 from learned import Exported, fit_filters, fit_lead
 from multi_body import Car, MultiBody
-from open_loop import Trace, read, steered, through_kinematics, through_vehicle
+from open_loop import Drive, Trace, read, steered, through_kinematics, through_vehicle
 from roads import draw
-from setting import REAR_SLIP, SUBSTEPS, TEST, VARIATIONS, Variation
+from setting import REAR_SLIP, SUBSTEPS, TEST, VARIATIONS, Roads, Variation
 
 CONTROLLERS = ("controller", "mlp", "filters", "kinematic", "stanley")
 PREVIEWING = CONTROLLERS[:4]
@@ -28,7 +28,7 @@ class Judged:
     runs: dict[tuple[str, str], Run]
     """By controller and variation."""
     traces: dict[str, Trace]
-    """Curvatures on the recorded test drive: of the vehicle, of the kinematic one, of controllers."""
+    """Curvatures on the recorded test drive, of both vehicles and of controllers."""
     lead: int
     """Samples that the kinematic controller looks ahead."""
     finer_steps: float
@@ -37,13 +37,13 @@ class Judged:
     """How far the translated car is from the package's Python, over the size of each slope."""
 
 
-def judge(folder: Path, car_of: Callable[..., Car] = MultiBody) -> Judged:
-    """Everything, in the example's folder, which has the data and the trained models."""
+def judge(folder: Path, car_of: Callable[..., Car] = MultiBody, roads: Roads = TEST) -> Judged:
+    """Everything, in a folder that has the specs, the data and the trained models."""
     nominal = VARIATIONS[0]
     cases = [(name, variation, SUBSTEPS) for variation in VARIATIONS for name in CONTROLLERS]
     cases.append(("controller", nominal, 4 * SUBSTEPS))
     with ProcessPoolExecutor(min(os.cpu_count() or 1, 4), get_context("spawn")) as pool:
-        done = [pool.submit(_driven, folder, car_of, *case) for case in cases]
+        done = [pool.submit(_driven, folder, car_of, roads, *case) for case in cases]
         runs = [case.result() for case in done]
     by_case = {(name, v.name): r for (name, v, _), r in zip(cases[:-1], runs[:-1], strict=True)}
     coarse, fine = by_case["controller", nominal.name].offset, runs[-1].offset
@@ -56,7 +56,9 @@ def judge(folder: Path, car_of: Callable[..., Car] = MultiBody) -> Judged:
     }
     for name in PREVIEWING:
         asked = steered(controller(folder, name, car), drive)
-        traces[name] = through_vehicle(vehicle, drive, np.append(asked, drive["delta"][len(asked):]))
+        traces[name] = through_vehicle(
+            vehicle, drive, np.append(asked, drive["delta"][len(asked) :])
+        )
     return Judged(
         runs=by_case,
         traces=traces,
@@ -81,14 +83,19 @@ def controller(folder: Path, name: str, car: Car) -> Controller:
 
 
 def _driven(
-    folder: Path, car_of: Callable[..., Car], name: str, variation: Variation, substeps: int
+    folder: Path,
+    car_of: Callable[..., Car],
+    roads: Roads,
+    name: str,
+    variation: Variation,
+    substeps: int,
 ) -> Run:
     car = car_of(variation, substeps)
-    return run(car, controller(folder, name, car), draw(TEST), SEED)
+    return run(car, controller(folder, name, car), draw(roads), SEED)
 
 
-def _training(folder: Path) -> list[dict[str, np.ndarray]]:
-    return [dict(read(path)) for path in sorted((folder / "data" / "training").glob("*.csv"))]
+def _training(folder: Path) -> list[Drive]:
+    return [read(path) for path in sorted((folder / "data" / "training").glob("*.csv"))]
 
 
 def _translated(car: Car) -> float:

@@ -6,9 +6,9 @@ slope at 0 (Werling et al., Optimal Trajectory Generation for Dynamic Street Sce
 Frame, ICRA 2010). Its second slope begins at 0: a pose has none.
 
 What is handed on is the curvature that the car's yaw rate has to have. It differs from that of the
-path by the rate of the side slip, which in a steady bend is (distance to the rear axle · curvature -
-slip of the rear axle); that of the road is taken, since a plan that is derived once more feeds the
-car's own movements back.
+path by the rate of the side slip, which in a steady bend is (distance to the rear axle · curvature
+- slip of the rear axle). That of the road is taken: the plan's own would feed the car's movements
+back once more.
 """
 
 from dataclasses import dataclass

@@ -76,8 +76,11 @@ class _Function:
     def _returned(self) -> str:
         """The name of the list that the function returns; empty where it returns a number."""
         value = self._tree.body[-1]
-        name = value.value.id if isinstance(value, ast.Return) and isinstance(
-            value.value, ast.Name) else ""
+        name = (
+            value.value.id
+            if isinstance(value, ast.Return) and isinstance(value.value, ast.Name)
+            else ""
+        )
         return name if name in self._lists else ""
 
     def _statement(self, node: ast.stmt) -> list[str]:
@@ -87,8 +90,11 @@ class _Function:
             case ast.Assign(targets=[ast.Name(id=name)], value=ast.List(elts=[])):
                 self._lists[name] = 0
                 return []
-            case ast.Expr(value=ast.Call(func=ast.Attribute(value=ast.Name(id=name), attr="append"),
-                                         args=[value])):
+            case ast.Expr(
+                value=ast.Call(
+                    func=ast.Attribute(value=ast.Name(id=name), attr="append"), args=[value]
+                )
+            ):
                 self._lists[name] += 1
                 return [f"{name}[{self._lists[name] - 1}] = {self._number(value)};"]
             case ast.Assign(targets=[ast.Name(id=name)], value=ast.Call() as call) if (
@@ -107,14 +113,22 @@ class _Function:
                 return [line for inner in otherwise for line in self._statement(inner)]
             case ast.If(test=test, body=body, orelse=otherwise):
                 before = dict(self._lists)
-                lines = [f"if ({self._number(test)}) {{", *self._block(body), "} else {",
-                         *self._block(otherwise), "}"]
+                lines = [
+                    f"if ({self._number(test)}) {{",
+                    *self._block(body),
+                    "} else {",
+                    *self._block(otherwise),
+                    "}",
+                ]
                 assert self._lists == before, "a list grows in a branch"
                 return lines
-            case ast.For(target=ast.Name(id=name), body=body,
-                         iter=ast.Call(func=ast.Name(id="range"), args=[first, end])):
-                loop = f"for (int {name} = {ast.unparse(first)}; {name} < {ast.unparse(end)}; {name}++)"
-                return [loop + " {", *self._block(body), "}"]
+            case ast.For(
+                target=ast.Name(id=name),
+                body=body,
+                iter=ast.Call(func=ast.Name(id="range"), args=[first, end]),
+            ):
+                bounds = f"int {name} = {ast.unparse(first)}; {name} < {ast.unparse(end)}"
+                return [f"for ({bounds}; {name}++) {{", *self._block(body), "}"]
             case ast.Return(value=ast.Name(id=name)) if name in self._lists:
                 return []
             case ast.Return(value=ast.expr() as value):
@@ -138,7 +152,7 @@ class _Function:
             case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=2)):
                 square = self._number(left)
                 return f"(({square})*({square}))"
-            case ast.BinOp(left=left, op=op, right=right):
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
                 return f"({self._number(left)} {_OPERATORS[type(op)]} {self._number(right)})"
             case ast.UnaryOp(op=ast.USub(), operand=value):
                 return f"(-{self._number(value)})"

@@ -71,8 +71,7 @@ def _open_loop(found: dict[str, Any]) -> str:
 def _closed_loop(found: dict[str, Any]) -> str:
     names = [TITLES[name] for name in CONTROLLERS]
     lines = [
-        "Largest and root mean square offset from the middle [m], largest and root mean square "
-        "steering rate [rad/s]:",
+        "Offset from the middle, largest and rms [m]; steering rate, largest and rms [rad/s]:",
         "",
         f"| car | {' | '.join(names)} |",
         "|---|" + "---|" * len(names),
@@ -86,9 +85,7 @@ def _closed_loop(found: dict[str, Any]) -> str:
 def _cell(row: dict[str, Any]) -> str:
     if not row["arrived"]:
         return "lost"
-    return (
-        f"{row['max']:.2f}, {row['rms']:.2f}; {row['rate_max']:.2f}, {row['rate_rms']:.3f}"
-    )
+    return f"{row['max']:.2f}, {row['rms']:.2f}; {row['rate_max']:.2f}, {row['rate_rms']:.3f}"
 
 
 def _export(exported: dict[str, Any]) -> str:
@@ -97,10 +94,10 @@ def _export(exported: dict[str, Any]) -> str:
     board = exported["board"]
     if board is not None:
         least, mean, most = board["instructions"]
-        lines += [
-            f"| Cortex-M4F, -O2, instructions a step: least, mean, most | {least}, {mean:.0f}, {most} |",
-            f"| flash, RAM, stack | {board['flash']}, {board['bss']}, {board['stack_bound']} bytes |",
-        ]
+        memory = f"{board['flash']}, {board['bss']}, {board['stack_bound']}"
+        title = "instructions of a step on a Cortex-M4F, -O2: least, mean, most"
+        lines.append(f"| {title} | {least}, {mean:.0f}, {most} |")
+        lines.append(f"| flash, RAM, stack, bytes | {memory} |")
     return "\n".join(lines)
 
 
