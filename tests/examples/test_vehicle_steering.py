@@ -150,8 +150,8 @@ def test_a_car_is_recorded_learned_steered_and_judged(
     for spec in EXAMPLE.glob("*.yaml"):
         shutil.copy(spec, tmp_path)
     (tmp_path / "README.md").write_text("before\n<!-- figures -->\n<!-- end -->\nafter\n")
-    for number, part in enumerate(("training", "training", "training", "validation", "test")):
-        roads = setting.Roads(sideways=3.0, bends=4, seed=number)
+    for number, part in enumerate(("training",) * 4 + ("validation", "test")):
+        roads = setting.Roads(sideways=3.0, bends=8 if part == "training" else 4, seed=number)
         waves = 0.0 if part == "test" else setting.WAVES
         file = "drive.csv" if part == "test" else f"drive_{number}.csv"
         drive = telemetry.Drive(f"{part}/{file}", roads, waves)
@@ -181,7 +181,7 @@ def test_a_car_is_recorded_learned_steered_and_judged(
     assert "| nominal |" in page
     told = json.loads((tmp_path / "results.json").read_text())
     # this car needs 0.0032 v² more steering than its wheelbase of 2.7 m says
-    assert told["open_loop"]["vehicle"]["mse"] < 0.1 * told["open_loop"]["wheels"]["mse"]
+    assert told["open_loop"]["vehicle"]["mse"] < 0.01 * told["open_loop"]["wheels"]["mse"]
     for variation, rows in told["closed_loop"].items():
         assert rows["controller"]["arrived"], variation
         assert rows["controller"]["max"] < 1.5, variation

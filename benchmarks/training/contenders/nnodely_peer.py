@@ -121,12 +121,15 @@ def _steering() -> Built:
     v, a, rho, past = Input("v"), Input("a"), Input("rho"), Input("past")
     phi_v = Fuzzify(centers=CENTERS, functions="Triangular")(v.last())
     phi_a = Fuzzify(centers=[-2.0, -1.0, 0.0, 1.0, 2.0], functions="Triangular")(a.last())
-    under = ParamFun(weighted, [Parameter("A", values=[1e-3] * 5)])(phi_a)
+    understeer = Parameter("A", values=np.linspace(5e-4, 15e-4, 5).tolist())
+    under = ParamFun(weighted, [understeer])(phi_a)
     nabla = ParamFun(understeered)(rho.sw([-1, 29]), v.sw([-1, 29]), under)
-    ahead = LocalModel(input_function=_cell("W", 0.01), pass_indexes=True)(nabla, phi_v)
+    ahead = LocalModel(input_function=_cell("W", lambda _: np.full(30, 0.01)), pass_indexes=True)(
+        nabla, phi_v
+    )
     steer = ahead + Fir(W=Parameter("w0", sw=29, values=[[0.0]] * 29))(past.sw(29))
     angles = TimeConcatenate(past.sw(29), steer)
-    turned = LocalModel(input_function=_cell("V", 0.01), pass_indexes=True)(angles, phi_v)
+    turned = LocalModel(input_function=_cell("V", _turning), pass_indexes=True)(angles, phi_v)
     curvature = ParamFun(divided)(turned, v.last(), under)
     frozen = ("A", *(f"V{i}" for i in range(len(CENTERS))))
     return Built(steer, "past", curvature, rho, _shifted, frozen)
@@ -135,9 +138,19 @@ def _steering() -> Built:
 CENTERS = [8.0 + 16.0 / 7.0 * i for i in range(8)]
 
 
-def _cell(name, value):
+def _cell(name, taps):
     """One filter over 30 samples a set, with a parameter of its own."""
-    return lambda index: Fir(W=Parameter(f"{name}{index[0]}", sw=30, values=[[value]] * 30))
+
+    def made(index):
+        values = taps(index[0]).reshape(30, 1).tolist()
+        return Fir(W=Parameter(f"{name}{index[0]}", sw=30, values=values))
+
+    return made
+
+
+def _turning(index):
+    """The frozen vehicle's taps of a set."""
+    return (1 + 0.05 * index) * 0.1 * np.exp(np.arange(-29, 1) / 4)
 
 
 def _shifted(log):
