@@ -78,11 +78,11 @@ WORKLOADS: Mapping[str, Workload] = {
     for w in (
         Workload("a", "feed_forward", 20, 1, 1e-3, 40 * _GIVEN, _MASS),
         Workload("b", "closed_loop", 20, 51, 1e-4, 20 * (_FED_BACK + _GIVEN), _MASS),
+        Workload("c", "vehicle", 30, 31, 1e-4, 30 * (_FED_BACK + 6 * _GIVEN) + _FUZZY, _VEHICLE),
         # two sets of eight are active in each of both filters; understeer and preview are 30 each
         Workload(
             "d", "steering", 30, 80, 1e-4, 29 * 6 + 60 * 4 + 60 * 4 + 30 * 6 + _FUZZY, _STEERING
         ),
-        Workload("c", "vehicle", 30, 31, 1e-4, 30 * (_FED_BACK + 6 * _GIVEN) + _FUZZY, _VEHICLE),
     )
 }
 
