@@ -4,8 +4,8 @@
 
     (I − h ∂f/∂τ diag(∂τᵢ/∂xᵢ)) Δ = h f(x, τ(x)).
 
-That is the linearly implicit Euler method with a part of the Jacobian, a W-method of order 1 (Hairer,
-Wanner: Solving Ordinary Differential Equations II, 1996, IV.7). See decisions/0241.
+That is the linearly implicit Euler method with a part of the Jacobian, a W-method of order 1
+(Hairer, Wanner: Solving Ordinary Differential Equations II, 1996, IV.7). See decisions/0241.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from compiler.differentiation.gradient_nodes import element_gradients, gradient_nodes
 from compiler.elaboration.linear_implicit import Row, difference, scalar_of, solved
 from compiler.ir.builder import GraphBuilder
+from compiler.ir.liveness import needed
 from compiler.ir.program import NodeId
 from compiler.ir.types import UNNAMED, Axis
 from compiler.jacobian.sparsity_pattern import nonzero_elements
@@ -69,8 +70,8 @@ class ImplicitPart:
 
 
 def depends(builder: GraphBuilder, value: NodeId, on: NodeId) -> bool:
-    """Whether a value has a derivative with respect to another one."""
-    return gradient_nodes(builder, value, [on])[0] is not None
+    """Whether a value is made of another one."""
+    return needed(builder.graph(), (value,))[on]
 
 
 def _diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId:

@@ -180,7 +180,7 @@ class _Steps:
         with builder.at(expression.span):
             increment = part.increment(self.step_length, self.context.dynamics)
             moved = dict(values) | {name: self._sum(builder, name, values[name], increment)}
-        builder.conflicts.clear()  # of derivatives; the step itself is compared as explicit ones are
+        builder.conflicts.clear()  # of derivatives, whose units nobody has written
         for other in values:
             if other != name:
                 slope = self._slope(other, self._stage(dict(moved), self.end))
@@ -208,7 +208,7 @@ class _Steps:
             if found:
                 problem = f"the derivatives of {' and '.join(f'`{n}`' for n in found)} read it"
             else:
-                problem = "no state of its dims has a derivative that reads it, and is in it"
+                problem = "no state of its dims is in it and has a derivative that reads it"
             self._refuse(of, problem, "leave `of` out: then the whole system is implicit")
         return found[0], equation
 

@@ -119,10 +119,13 @@ def unknown_robot_member(name: str, span: Span, known: Iterable[str]) -> Diagnos
     """E1218: something after the dot that a robot does not have."""
     base, _, member = name.rpartition(".")
     known = tuple(known)
-    meant = nearest(member, known)
-    message = f"the robot `{base}` has no `{member}`"
     notes = (f"it has {', '.join(known)}",)
-    return error("E1218", span, message, "no such member", notes=notes, help=did_you_mean(meant))
+    if member in known:
+        message, repair = f"`{name}` is no value by itself", f"call it: `{name}(q)`"
+        return error("E1218", span, message, "of a robot", notes=notes, help=repair)
+    repair = did_you_mean(nearest(member, known))
+    message = f"the robot `{base}` has no `{member}`"
+    return error("E1218", span, message, "no such member", notes=notes, help=repair)
 
 
 def argument_of_robot(

@@ -78,18 +78,17 @@ def tree_of(urdf: Urdf, moving: Sequence[str], *, floats: bool, findings: Findin
         for name, (slides, axis) in _AXES.items():
             place = urdf.links[root].span
             frame = growing.moved(frame, root, name, axis, place, slides=slides)
-    waiting = [(root, frame)]
+    growing.add(root, frame, urdf.links[root].inertia)
+    waiting = [(joint, frame) for joint in reversed(children.get(root, []))]
     while waiting:
-        link, frame = waiting.pop()
+        joint, frame = waiting.pop()
+        link = joint.child
+        frame = frame.joined(joint.rotation, joint.offset)
+        if joint.name in moving:
+            slides = joint.type == "prismatic"
+            frame = growing.moved(frame, link, joint.name, joint.axis, joint.span, slides=slides)
         growing.add(link, frame, urdf.links[link].inertia)
-        for joint in reversed(children.get(link, [])):
-            inner = frame.joined(joint.rotation, joint.offset)
-            if joint.name in moving:
-                slides = joint.type == "prismatic"
-                inner = growing.moved(
-                    inner, joint.child, joint.name, joint.axis, joint.span, slides=slides
-                )
-            waiting.append((joint.child, inner))
+        waiting += [(inner, frame) for inner in reversed(children.get(link, []))]
     return Tree(tuple(growing.bodies), growing.frames)
 
 

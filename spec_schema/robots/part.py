@@ -137,7 +137,7 @@ def _armature(
         given = given * (len(slides) - free)
     place = entry.armature[0].span
     if len(given) != len(slides) - free:
-        problem = f"has {len(given)} numbers for {len(slides) - free} joints"
+        problem = f"has {len(given)} numbers, one for each joint are {len(slides) - free}"
         findings.report(errors.unfit_setting_of_robot("armature", problem, place, None))
         return (0.0,) * len(slides)
     units = (_SLIDING if sliding else _TURNING for sliding in slides[free:])
