@@ -16,8 +16,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pinocchio as pin
-from adam.numpy import KinDynComputations
 from adam import Representations
+from adam.numpy import KinDynComputations
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -140,7 +140,7 @@ def record(
     lines += [
         f"use: {{arm: {{robot: {{urdf: {path}{base}{rotor}, frames: {{tip: {robot.tip}}}}}}}}}"
     ]
-    lines += ["inputs: {%s}" % ", ".join(f"{n}: {{dims: arm.joint}}" for n in log)]
+    lines += ["inputs:", *(f"  {n}: {{dims: arm.joint}}" for n in log)]
     lines += ["outputs:", "  forward: arm.forward_dynamics(q, dq, tau)"]
     lines += ["  inverse: arm.inverse_dynamics(q, dq, ddq)", "  mass: arm.mass_matrix(q)"]
     lines += ["  gravity: arm.gravity_torque(q)", "  coriolis: arm.coriolis(q, dq)"]

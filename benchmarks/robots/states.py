@@ -1,5 +1,4 @@
-"""Draws states of the robots that are compared with other programs, and reads what msnn makes of
-them."""
+"""Draws states of robots that are compared with other programs, and reads what msnn computes."""
 
 from __future__ import annotations
 
@@ -22,7 +21,9 @@ SPEC = """
 msnn: 1
 name: robot
 sample_time: 10 ms
-use: {{arm: {{robot: {{urdf: {urdf}, base: {base}, armature: {armature}, frames: {{tip: {tip}}}}}}}}}
+use:
+  arm:
+    robot: {{urdf: {urdf}, base: {base}, armature: {armature}, frames: {{tip: {tip}}}}}
 inputs:
   q: {{dims: arm.joint}}
   dq: {{dims: arm.joint}}
