@@ -13,7 +13,7 @@ from compiler.elaboration.estimation.estimation_problem import estimation_proble
 from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
 from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.found_before import FoundBefore
-from compiler.elaboration.gradient_variables import gradient_variables
+from compiler.elaboration.gradient_variables import gradient_variables, implicit_equations
 from compiler.elaboration.losses.losses import default_loss, lower_loss
 from compiler.elaboration.losses.penalties import checked_penalties
 from compiler.elaboration.names import Elaboration
@@ -168,7 +168,7 @@ def in_own_files(
         try:
             compile_spec(file.spec, used=file.used)
         except SpecError as error:
-            place, label = spec.use[name].spec.span, f"used here as `{name}`"
+            place, label = spec.use[name].file.span, f"used here as `{name}`"
             broken[path] = tuple(d.seen_from(place, label) for d in error.diagnostics)
     read = [file for file in used.values() if file.source.path in broken]
     files = {source.path for file in read for source in file.sources}
@@ -200,7 +200,7 @@ def _lowered(linked: Linked, draw: int) -> _Lowered:
     lowered expressions: a function, a layer or a sub-model may delay its argument. Nothing else
     iterates. What the text alone shows, as whose gradients are taken, is read from it.
     """
-    variables = gradient_variables(linked.spec)
+    variables = gradient_variables(linked.spec) | implicit_equations(linked)
     known = FoundBefore()
     for _ in range(_MOST_LOWERINGS):
         lowered = _lowered_once(Elaboration(linked, variables, known, draw))

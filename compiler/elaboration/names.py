@@ -18,7 +18,7 @@ from compiler.ir.types import WINDOW, Axis, Type
 from compiler.layers.rules.layer_context import LayerStores
 from compiler.linking.connected import Connected
 from compiler.linking.given_weights import GivenWeights
-from compiler.linking.link import Linked
+from compiler.linking.link import Linked, RobotPart
 from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart, Time
@@ -26,6 +26,7 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.moving_input import moving_input
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declaration, Kind, Scope
+from compiler.robots.calls import lower_robot_call, unknown_member
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, submodels
@@ -136,6 +137,10 @@ class Elaboration:
         base, _, rest = member.base.rpartition(".")
         if member.base not in self.context.scope and base in self.context.scope:  # `x.meas.meas`
             member = Member(base, f"{rest}.{member.name}", member.span)
+        robot = self._robot_of(member)
+        if robot is not None:
+            self.context.findings.report(unknown_member(*robot, member))
+            raise LoweringFailed
         entry = self.declared(member.base, member.span).entry
         if isinstance(entry, Use):
             unknown = f"{member.base}.{member.name}"
@@ -167,6 +172,10 @@ class Elaboration:
         """The value of a layer, function or builtin."""
         function = call.function
         if isinstance(function, Member):
+            robot = self._robot_of(function)
+            if robot is not None:
+                self._forbid_in_constant(robot[0], function.span, environment)
+                return lower_robot_call(self.context, *robot, call, environment)
             owner = self.context.scope.get(function.base)
             if owner is not None and isinstance(owner.entry, Layer):
                 self.context.used.add(function.base)
@@ -231,6 +240,14 @@ class Elaboration:
         return self.entries.tried(lower_it)
 
     # ---- inside
+
+    def _robot_of(self, member: Member) -> tuple[str, RobotPart] | None:
+        """The robot that a member, or the frame before its dot, belongs to."""
+        for name in (member.base, member.base.rpartition(".")[0]):
+            part = self._linked.robots.get(name)
+            if part is not None and member.base not in self.context.spec.dims:
+                return name, part
+        return None
 
     def _at_a_stage(self, name: str, entry: Signal, environment: Environment) -> NodeId | None:
         """An input that moves while a right-hand side is evaluated; None where it does not."""

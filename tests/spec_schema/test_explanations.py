@@ -33,6 +33,18 @@ outputs: {y: k * u}
 """
 """The sub-model `plant.yaml` that stands beside every example."""
 
+_MASS = '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+ROBOT = f"""
+<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><inertial>{_MASS}</inertial></link>
+  <link name="lower"><inertial>{_MASS}</inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/></joint>
+</robot>
+"""
+"""The robot `robot.urdf` that stands beside every example."""
+
 DATA = "{source: {train: data.csv}, time: time}"
 RAN = [code for code in known_codes() if explain(code).examples]
 
@@ -110,7 +122,7 @@ def _files(examples: tuple[Example, ...], *, repaired: bool) -> dict[str, str]:
 
 
 def _said_of(files: dict[str, str], folder: Path) -> tuple[Diagnostic, ...]:
-    for name, text in (files | {"plant.yaml": PLANT}).items():
+    for name, text in (files | {"plant.yaml": PLANT, "robot.urdf": ROBOT}).items():
         (folder / name).write_text(text, encoding="utf-8")
     path = next(folder / name for name in files if name.startswith("spec."))
     try:
