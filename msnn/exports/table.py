@@ -59,6 +59,17 @@ TARGETS = (
         "C99 in floating or fixed point, with a self-test",
         extras=("jacobian", "state_jacobian", "parameter_jacobian"),
     ),
+    ListedTarget(
+        "fmu",
+        "FMU",
+        "units for co-simulation by FMI 2.0 and 3.0",
+        package=Package(
+            name="fmpy",
+            extra="fmu",
+            purpose="validates and runs FMU exports for `export --check`",
+            what="FMPy, which runs FMUs,",
+        ),
+    ),
 )
 NAMES = tuple(target.name for target in TARGETS)
 EXTRAS = tuple(extra for target in TARGETS for extra in target.extras)
