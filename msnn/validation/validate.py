@@ -10,6 +10,7 @@ import numpy as np
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.validation import extrapolates
+from msnn.simulation.engines.engine import Engine
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.validation.measurement import Measurement
 from msnn.validation.outcomes import LossValue, Outcome, Simulator, simulated_together
@@ -79,7 +80,7 @@ def validate(
     *,
     on: str | None = None,
     files: Mapping[str, Dataset] | None = None,
-    engine: str = "auto",
+    engine: Engine = "auto",
     progress: RolloutProgress = nobody,
 ) -> ValidationReport:
     """Measures every entry of the `validate` section in float64.
