@@ -7,6 +7,7 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import templates
@@ -51,16 +52,21 @@ def this_platform() -> Platform | None:
 
 def binary(sources: Mapping[str, str], compiler: Sequence[str]) -> bytes:
     """A shared library of these files. Raises CompilerFailedError."""
+    return _compiled(tuple(sorted(sources.items())), tuple(compiler))
+
+
+@lru_cache(maxsize=8)  # one model is often written again: entries of `validate`, tests
+def _compiled(sources: tuple[tuple[str, str], ...], compiler: tuple[str, ...]) -> bytes:
     with tempfile.TemporaryDirectory(prefix="msnn-fmu-") as place:
         folder = Path(place)
-        for name, text in sources.items():
+        for name, text in sources:
             (folder / name).write_text(text, encoding="utf-8")
         library = folder / "unit.library"
         command = [
             *compiler,
             *("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared"),
             *("-s", f"-I{HEADERS}", f"-I{folder}"),
-            *(str(folder / name) for name in sorted(sources) if name.endswith(".c")),
+            *(str(folder / name) for name, _ in sources if name.endswith(".c")),
             *("-o", str(library), "-lm"),
         ]
         try:

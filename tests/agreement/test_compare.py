@@ -34,7 +34,6 @@ TYPES: list[tuple[str, FloatType]] = [
     ("onnx", "float32"),
     ("c", "float64"),
     ("c", "float32"),
-    ("fmu", "float64"),
     ("fmu", "float32"),
 ]
 

@@ -27,7 +27,6 @@ TYPES = [
     ("c", "float64"),
     ("c", "float32"),
     ("fmu", "float64"),
-    ("fmu", "float32"),
 ]
 
 SPEC = """
