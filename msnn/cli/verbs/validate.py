@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -49,7 +48,7 @@ def validate(
     when a limit is broken.
     """
     from msnn.api import measurements
-    from msnn.cli.console import json_result, note, report, result
+    from msnn.cli.console import json_result, note, progress_stream, report, report_model, result
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
@@ -66,12 +65,12 @@ def validate(
     refuse_two_origins(weights, initial)
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
-    report(model.warnings, model.sources)
+    report_model(model)
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     every: EnginesReport | None = None
-    with StepProgress(sys.stderr) as progress:
+    with StepProgress(progress_stream()) as progress:
         if engine == EVERY_ENGINE:
             every = measurements.validate_every_engine(
                 model, chosen.weights, data_root=data_root, progress=progress.told
