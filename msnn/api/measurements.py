@@ -9,18 +9,24 @@ from typing import TYPE_CHECKING
 
 from compiler.passes.close_loop import LoopError
 from msnn.data.dataset import FloatArray
+from msnn.errors.failures import MissingExtraError
 from msnn.model.given_weights import Weights
 from msnn.model.model import Model
 from msnn.model.model_data import data_folder, known_in, measured, sources_of
 from spec_schema.diagnostics.diagnostic import SpecError
 
+NOT_HERE = {"E1042", "E1301"}
+"""Of engines that cannot be had on this machine, or for this spec."""
+
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
     from msnn.data_check.found import DataCheck
+    from msnn.simulation.engines.engine import Engine
     from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.intervals import Intervals
     from msnn.simulation.simulate import Simulations
     from msnn.simulation.simulation_data import GivenData
+    from msnn.validation.engines_report import EnginesReport
     from msnn.validation.validate import ValidationReport
 
 
@@ -58,18 +64,18 @@ def validate(
         assert report.passed
 
     `data` as in `train`; entries with `files:` are measured on these all the same. `engine` is what
-    simulates: `interpreter`, the judge of all others, `native` kernels, `torch`, or `auto`, kernels
-    where they save time; `progress(done, total)` is told how many steps are done. `intervals`
-    counts how often targets lie inside prediction intervals; weights are then a result or the path
-    of a run. Raises SpecError.
+    simulates: `interpreter`, the judge of all others, `native` kernels, `torch`, an export (`onnx`,
+    `casadi`, `c`, `fmu`), or `auto`, kernels where they save time; `progress(done, total)` is told
+    how many steps are done. `intervals` counts how often targets lie inside prediction intervals;
+    weights are then a result or the path of a run. Raises SpecError.
     """
     from msnn.data.reading.file_sets import load_file_sets
+    from msnn.exports.exported_rollouts import chosen_engine
     from msnn.model.known_covariance import known_covariance
-    from msnn.simulation.engines.open_rollouts import known_engine
     from msnn.simulation.engines.progress import nobody
     from msnn.validation import validate as validation
 
-    engine = known_engine(engine)
+    chosen = chosen_engine(model, engine)
     checks, dataset = model.spec.checks, None
     if intervals or not checks or any(check.files is None for check in checks):
         dataset = measured(model, data, data_root, "validation")
@@ -82,13 +88,50 @@ def validate(
             checks,
             known,
             files=files,
-            engine=engine,
+            engine=chosen,
             progress=progress or nobody,
             covariance=known_covariance(weights, known) if intervals else None,
         )
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]
         return replace(report, warnings=(*warnings, *report.warnings))
+
+
+def validate_every_engine(
+    model: Model,
+    weights: Weights | None = None,
+    data: Frames | None = None,
+    *,
+    data_root: str | Path | None = None,
+    progress: RolloutProgress | None = None,
+) -> EnginesReport:
+    """The same of every engine, exports too, that can be had on this machine.
+
+    Raises SpecError for what is wrong with the spec or its data.
+    """
+    from msnn.simulation.engines.open_rollouts import AUTO, ENGINES
+    from msnn.validation.engines_report import EnginesReport
+
+    reports: dict[str, ValidationReport] = {}
+    left_out: dict[str, str] = {}
+    names = [engine for engine in ENGINES if engine != AUTO]
+    for place, engine in enumerate(names):
+
+        def told(done: int, total: int, place: int = place) -> None:
+            if progress is not None:
+                progress(place * total + done, len(names) * total)
+
+        try:
+            reports[engine] = validate(
+                model, weights, data, data_root=data_root, engine=engine, progress=told
+            )
+        except MissingExtraError as error:
+            left_out[engine] = str(error)
+        except SpecError as error:
+            if not {found.code for found in error.diagnostics} <= NOT_HERE:
+                raise
+            left_out[engine] = error.diagnostics[0].message
+    return EnginesReport(reports, left_out)
 
 
 def simulate(
@@ -115,14 +158,14 @@ def simulate(
     weights are then a result or the path of a run. The answer is a sequence of runs, with
     `warnings`. Raises SpecError.
     """
+    from msnn.exports.exported_rollouts import chosen_engine
     from msnn.exports.prepare import loop_fault
-    from msnn.simulation.engines.open_rollouts import known_engine
     from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
     from msnn.simulation.simulation_data import simulation_data
 
-    engine = known_engine(engine)
+    chosen = chosen_engine(model, engine)
     try:
         program = simulation_program(model.program)
     except LoopError as error:
@@ -131,7 +174,7 @@ def simulate(
     known = known_in(model, weights)
     bands = None
     if intervals is not None:
-        bands = _intervals(model, weights, known, intervals / 100.0, data_root, engine)
+        bands = _intervals(model, weights, known, intervals / 100.0, data_root, chosen)
     with sources_of(model):
         return run(
             program,
@@ -139,7 +182,7 @@ def simulate(
             known,
             horizon,
             data_set,
-            engine=engine,
+            engine=chosen,
             progress=progress or nobody,
             intervals=bands,
         )
@@ -151,7 +194,7 @@ def _intervals(
     known: Mapping[str, FloatArray],
     level: float,
     data_root: str | Path | None,
-    engine: str,
+    engine: Engine,
 ) -> Intervals:
     """How wide the bands of free runs are: what errors leave is measured on the training rows."""
     from msnn.model.known_covariance import known_covariance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from msnn.packages import CASADI, ONNX, ONNXRUNTIME, TORCH, OptionalPackage
+from msnn.packages import CASADI, FMPY, ONNX, ONNXRUNTIME, TORCH, OptionalPackage
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,12 @@ TARGETS = (
         "C",
         "C99 in floating or fixed point, with a self-test",
         extras=("jacobian", "state_jacobian", "parameter_jacobian"),
+    ),
+    ListedTarget(
+        "fmu",
+        "FMU",
+        "units for co-simulation by FMI 2.0 and 3.0",
+        runner=FMPY,
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)

@@ -17,7 +17,7 @@ from msnn.data.reads import reads
 from msnn.data.starts import Runs, reach, rollouts
 from msnn.errors import data_files
 from msnn.errors.workflow import records_too_short, unknown_set
-from msnn.simulation.engines.engine import first_places
+from msnn.simulation.engines.engine import Engine, first_places
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.simulation.intervals import Intervals, uncertain_program
@@ -121,7 +121,7 @@ def simulate(
     horizon: int | None = None,
     data_set: str | None = None,
     *,
-    engine: str = "auto",
+    engine: Engine = "auto",
     progress: RolloutProgress = nobody,
     intervals: Intervals | None = None,
 ) -> Simulations:
@@ -129,8 +129,8 @@ def simulate(
 
     `program` is in window form; what it closes is fed back, what it leaves open is read from the
     data. `horizon` ends every run after so many steps; `data_set` takes the stretches of one set
-    only. `engine` is what runs, in float64 (`open_rollouts`). `intervals` says how wide bands are.
-    Raises SpecError where there is no such set, or all is too short.
+    only. `engine` is what runs, in float64 unless it is an export (`open_rollouts`). `intervals`
+    says how wide bands are. Raises SpecError where there is no such set, or all is too short.
     """
     # targets of `predicts` need not be there: a simulation may run past the last of them
     unscored = replace(

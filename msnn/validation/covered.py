@@ -9,7 +9,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.intervals import no_training_rows, nothing_to_band
 from msnn.model.covariance_file import Covariance
-from msnn.simulation.engines.engine import Advance
+from msnn.simulation.engines.engine import Advance, Engine
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.intervals import Intervals, uncertain_program
 from msnn.simulation.rollout_plan import free_rollout
@@ -38,7 +38,7 @@ def residual_variances(
     data: Dataset | None,
     weights: Weights,
     covariance: Covariance,
-    engine: str,
+    engine: Engine,
 ) -> list[FloatArray]:
     """σ² of the errors of each plan's rollouts over the training rows, of each element.
 
@@ -74,7 +74,7 @@ def free_intervals(
     weights: Weights,
     covariance: Covariance,
     level: float,
-    engine: str,
+    engine: Engine,
 ) -> Intervals:
     """The intervals of a free run over records, of every output that predicts something."""
     rollout = free_rollout(program)
@@ -93,7 +93,7 @@ def coverages(
     *,
     weights: Weights,
     covariance: Covariance,
-    engine: str,
+    engine: Engine,
     advance: Advance,
 ) -> list[Coverage]:
     """How often the targets of each entry, none of them a loss, lie inside its intervals."""

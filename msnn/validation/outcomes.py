@@ -13,7 +13,7 @@ from compiler.ir.program import Loss, Output, Program
 from compiler.passes.drop_unused import drop_unused
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
-from msnn.simulation.engines.engine import Advance, OpenedRollouts, RolloutEngine
+from msnn.simulation.engines.engine import Advance, Engine, OpenedRollouts, RolloutEngine
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.stepwise import interpreted_rollouts
 from msnn.simulation.rollout import LossSum, entry_value
@@ -50,7 +50,7 @@ class Found:
 class Simulator:
     """Simulates with one engine and one set of weights; says by `advance` how far it is."""
 
-    def __init__(self, engine: str, weights: Mapping[str, FloatArray], advance: Advance) -> None:
+    def __init__(self, engine: Engine, weights: Mapping[str, FloatArray], advance: Advance) -> None:
         self._engine, self._weights, self._advance = engine, weights, advance
         self.notes: dict[Diagnostic, None] = {}
         """What the user should know of the choice of engines."""

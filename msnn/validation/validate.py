@@ -11,6 +11,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.validation import extrapolates
 from msnn.model.covariance_file import Covariance
+from msnn.simulation.engines.engine import Engine
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.validation.covered import coverages, residual_variances
 from msnn.validation.measurement import Measurement
@@ -81,7 +82,7 @@ def validate(
     *,
     on: str | None = None,
     files: Mapping[str, Dataset] | None = None,
-    engine: str = "auto",
+    engine: Engine = "auto",
     progress: RolloutProgress = nobody,
     covariance: Covariance | None = None,
 ) -> ValidationReport:

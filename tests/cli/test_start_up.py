@@ -11,6 +11,7 @@ from tests.cli.command_line import in_new_process
 
 _HEAVY = (
     "casadi",
+    "fmpy",
     "h5py",
     "jinja2",
     "matplotlib",

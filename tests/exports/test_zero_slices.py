@@ -136,7 +136,8 @@ def test_every_target_agrees(model: Model, tmp_path: Path) -> None:
     report = check_exports(model, exports, weights, tmp_path)
     assert report.agrees, report
     assert {plan.target.name for plan in plans} == set(NAMES)
-    assert all(plan.cuts for plan in plans)
+    # parameters of a unit are tunable: 0 may not stay 0
+    assert [plan.target.name for plan in plans if not plan.cuts] == ["fmu"]
 
 
 def test_c_takes_fewer_instructions(
