@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 
 from compiler.elaboration.between_samples import report_between
+from compiler.elaboration.control.control_problem import asked_control, control_problem
 from compiler.elaboration.deep_recursion import room_for
 from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
 from compiler.elaboration.formulas import formulas_of
@@ -29,6 +31,7 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.predictions import as_predicted, prediction_of
 from compiler.lowering.ranges import expected_values, signal_ranges
 from compiler.lowering.scope import owner_of
+from compiler.optimal_control.problem import ControlProblem
 from compiler.passes import run_passes
 from compiler.passes.analyses.infinite_slopes import infinite_slopes
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
@@ -38,6 +41,7 @@ from spec_schema.errors import units
 from spec_schema.expressions.tree import Name
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections import signals
+from spec_schema.sections.references import names_in
 from spec_schema.sections.spec import Spec
 
 UNIT_WARNINGS = ("W0504", "W0505", "W0737")
@@ -55,6 +59,8 @@ class Compiled:
     spec: Spec
     """With the entries of sub-models under their full names."""
     warnings: tuple[Diagnostic, ...]
+    control: ControlProblem | None = None
+    """Of the `mpc` section, where there is one."""
 
 
 def compile_spec(
@@ -77,7 +83,8 @@ def compile_spec(
     try:
         linked = link(spec, used or {}, weights or {}, problems)
         problems.raise_errors()
-        return compile_linked(linked, strict_units=strict_units, spec_hash=spec_hash, draw=draw)
+        compile_it = partial(compile_linked, strict_units=strict_units, draw=draw)
+        return _with_control(linked, compile_it(linked, spec_hash=spec_hash), compile_it)
     except SpecError as error:
         raise SpecError(in_own_files(error.diagnostics, spec, used or {})) from None
 
@@ -122,6 +129,19 @@ def compile_linked(
     program = run_passes(program)
     found = (*never_finite(program), *infinite_slopes(program))
     return Compiled(program, spec, (*diagnostics, *found))
+
+
+def _with_control(
+    linked: Linked, compiled: Compiled, compile_it: Callable[[Linked], Compiled]
+) -> Compiled:
+    """The same with the optimal control problem of its `mpc` section."""
+    if linked.spec.mpc is None:
+        return compiled
+    asked = asked_control(linked, linked.spec.mpc)
+    whole = compile_it(asked.linked)
+    more = [found for found in whole.warnings if found not in compiled.warnings]
+    control, warnings = control_problem(asked, whole.program, more)
+    return replace(compiled, control=control, warnings=(*compiled.warnings, *warnings))
 
 
 def in_own_files(
@@ -187,6 +207,8 @@ def _lowered(linked: Linked, draw: int) -> _Lowered:
     check_fitted_starts(context, lowered.states, lowered.losses)
     _report_log_reads(context, lowered.outputs, lowered.states)
     report_between(context)
+    if linked.spec.mpc is not None:
+        context.used.update(names_in(linked.spec.mpc))
     if not context.findings.failed:  # what is left unused by a mistake is no news
         report_unused(context)
     return lowered

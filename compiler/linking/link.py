@@ -16,6 +16,7 @@ from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.integrators import Integrator
+from spec_schema.sections.optimal_control import OptimalControl
 from spec_schema.sections.signals import Output, Signal
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Connection, Use
@@ -130,6 +131,8 @@ class _Linking:
             sections["losses"] = {name: renaming.entry(e) for name, e in spec.losses.items()}
             if spec.data is not None:
                 sections["data"] = _with_full_names(spec.data, renaming)
+            if spec.mpc is not None:
+                sections["mpc"] = _control_with_full_names(spec.mpc, renaming)
         return _Part(sections, names)
 
     def connect(self, sections: dict[str, dict[str, Any]]) -> None:
@@ -202,6 +205,13 @@ def _with_full_names(data: Data, renaming: Renaming) -> Data:
         for name, source in data.source.items()
     }
     return data.model_copy(update={"source": sources, "filter": renaming.entry(data.filter)})
+
+
+def _control_with_full_names(control: OptimalControl, renaming: Renaming) -> OptimalControl:
+    """The optimal control problem; names of its own, the references, stay as they are."""
+    bounds = {renaming.name(name): renaming.entry(b) for name, b in control.bounds.items()}
+    references = {name: renaming.entry(entry) for name, entry in control.references.items()}
+    return renaming.entry(control).model_copy(update={"bounds": bounds, "references": references})
 
 
 def _is_same(outer: Dimension, inner: Dimension) -> bool:

@@ -101,6 +101,7 @@ def _compiled(
         text=text,
         sources=sources,
         warnings=tuple(found for found in said if found.severity == "warning"),
+        control=compiled.control,
         remarks=tuple(found for found in said if found.severity == "note"),
         read=read,
         parts=parts,

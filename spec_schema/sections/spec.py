@@ -13,6 +13,7 @@ from spec_schema.sections.dimensions import Dimension, DimensionField
 from spec_schema.sections.exports import Export
 from spec_schema.sections.integrators import Integrator
 from spec_schema.sections.layers.layer import Layer
+from spec_schema.sections.optimal_control import OptimalControl
 from spec_schema.sections.signals import Equation, Input, Loss, Output, Signal, State
 from spec_schema.sections.submodels import Connection, Connections, Use
 from spec_schema.sections.training.training import Stage
@@ -27,7 +28,7 @@ class Spec(Entry):
     """
 
     noun: ClassVar[str] = "the spec"
-    later: ClassVar[frozenset[str]] = frozenset({"mpc"})
+    later: ClassVar[frozenset[str]] = frozenset({"estimator"})
 
     msnn: LanguageVersion
     """Version of the language: 1."""
@@ -72,3 +73,5 @@ class Spec(Entry):
     """What is measured of the trained model, with limits."""
     export: Export | None = None
     """What `msnn export` writes."""
+    mpc: OptimalControl | None = None
+    """The predictive controller whose plant is this model."""

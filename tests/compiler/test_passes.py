@@ -24,6 +24,7 @@ from compiler.passes.expand_functions import expand_functions
 from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
 from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
 from compiler.passes.guard_untaken import guard_untaken
+from compiler.passes.inline_parameters import inline_parameters
 from compiler.passes.limit_expected import limit_expected
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.prune_zero_slices import prune_zero_slices
@@ -59,6 +60,13 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
     ],
     "draw_dropout": [
         ("dropouts", PASS_PROGRAMS["dropouts"], lambda p: draw_dropout(p, {"frozen"}).program)
+    ],
+    "inline_parameters": [
+        (
+            "local_models",
+            PASS_PROGRAMS["local_models"],
+            lambda p: inline_parameters(p, {}),
+        )
     ],
     "settle_zeros": [("local_models", PASS_PROGRAMS["local_models"], settle_zeros)],
     "fold_constants": [("numbers", PASS_PROGRAMS["numbers"], fold_constants)],
