@@ -18,7 +18,7 @@ check_package_names()
 
 if TYPE_CHECKING:
     from msnn.api.measurements import simulate, validate
-    from msnn.api.models import compile, export, initial_weights, linearize, load, stepper
+    from msnn.api.models import compile, export, initial_weights, linearize, load, mpc, stepper
     from msnn.api.trainings import compare, stage_loss, train, train_folds
     from msnn.model.model import Model
     from spec_schema.diagnostics.diagnostic import SpecError
@@ -32,6 +32,7 @@ __all__ = [
     "initial_weights",
     "linearize",
     "load",
+    "mpc",
     "simulate",
     "stage_loss",
     "stepper",

@@ -1,4 +1,4 @@
-"""Loads, compiles, steps, linearises and exports one model."""
+"""Loads, compiles, steps, linearises, controls and exports one model."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.spec import Spec
 
 if TYPE_CHECKING:
+    from msnn.control.controller import Controller
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
 
@@ -95,6 +96,21 @@ def stepper(model: Model, weights: Weights | None = None) -> Stepper:
     known = known_in(model, weights)
     with sources_of(model):
         return open_stepper(model, known)
+
+
+def mpc(model: Model, weights: Weights | None = None) -> Controller:
+    """The predictive controller that the spec's `mpc` section describes.
+
+        controller = msnn.mpc(model, result.weights)
+        found = controller.solve({"level": 3.0}, references={"wanted": 6.0})
+        print(found.status, found.control["pump"])
+
+    It remembers its plan and what it applied; `reset` forgets both. Weights None: the initial
+    values. Raises ValueError for a model without that section.
+    """
+    from msnn.control.open_controller import open_controller
+
+    return open_controller(model, known_in(model, weights))
 
 
 def export(

@@ -159,4 +159,3 @@ def _ports(letter: str, program: Program, names: Iterable[str]) -> Vector:
         node.op.signal: node.type for _, node in program.step if isinstance(node.op, ReadSignal)
     }
     return vector_of(letter, [(name, types[name].axes, types[name].unit) for name in names])
-

@@ -1,0 +1,18 @@
+"""Makes the predictive controller of a model with its weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from compiler.optimal_control.trained import trained
+from msnn.control.controller import Controller
+from msnn.data.dataset import FloatArray
+from msnn.model.model import Model
+
+
+def open_controller(model: Model, weights: Mapping[str, FloatArray]) -> Controller:
+    """The controller of the model's `mpc` section. ValueError where it has none."""
+    if model.control is None:
+        raise ValueError(f"the spec of `{model.name}` has no `mpc` section")
+    known = {parameter.name for parameter in model.control.program.parameters}
+    return Controller(trained(model.control, {n: w for n, w in weights.items() if n in known}))
