@@ -7,6 +7,11 @@ import numpy as np
 from backends.c_language.literals import Dtype, real_literal
 
 
+def reachable(tolerance: float, dtype: Dtype) -> float:
+    """The tolerance, or in single precision what rounding leaves of it."""
+    return tolerance if dtype == "float64" else max(tolerance, 1e-3)
+
+
 def solver_constants(tolerance: float, dtype: Dtype) -> list[dict[str, str]]:
     """Name, value as C, and meaning of each."""
     precision = float(np.finfo(dtype).eps)
@@ -40,6 +45,10 @@ def solver_constants(tolerance: float, dtype: Dtype) -> list[dict[str, str]]:
         ("SMALL_RATIO", 1e-8, "Products of ratios beyond this are taken apart."),
         ("LARGE_RATIO", 1e8, "The same for large ones."),
         ("LEAST_ROOM", 1e-9 if exact else 1e-5, "Distance of limits that leaves a control room."),
+        ("STEEPEST", 1e8 if exact else 1e4, "Slope that stands for an infinite one."),
+        ("HARD_TOLERANCE", tolerance, "Violation, by its scale, of what holds."),
+        ("HARDER", 10.0, "Factor by which the cost of violating what must hold grows."),
+        ("HARDEST", 1e6 if exact else 1e3, "Where it ends: then nothing can hold it."),
     ]
     return [
         {"name": name, "value": real_literal(value, dtype), "text": text}

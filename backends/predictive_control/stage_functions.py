@@ -52,6 +52,8 @@ class StageFunctions:
     values: Function
     slopes: Function
     kept: int
+    can_be_infinite: bool
+    """Whether slopes can be infinite where variables are finite."""
 
 
 class StageWriter:
@@ -80,6 +82,7 @@ class StageWriter:
             self._values(f"{name}value", found, cut, places, firsts, arrays),
             self._slopes(f"{name}slopes", found, cut, places, arrays),
             sum(sizes),
+            any(matrix.perhaps_infinite for matrix in found.matrices),
         )
 
     def limits(self, graph: Graph, limits: Sequence[PlacedLimit], given: Vector) -> Function:

@@ -16,8 +16,10 @@ from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
 from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
-from backends.predictive_control.constants import solver_constants
+from backends.predictive_control.constants import reachable, solver_constants
 from backends.predictive_control.inputs import input_fields, quantity_lines
+from backends.predictive_control.about import about_text
+from backends.predictive_control.members import Sizes, members
 from backends.predictive_control.numbers import Numbers
 from backends.predictive_control.rows import Rows, rows_of
 from backends.predictive_control.stage_functions import (
@@ -61,6 +63,7 @@ def write_controller(
 
 def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict[str, str]:
     """Texts by path, of a problem without parameters."""
+    problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
     controller = Controller(problem.program.name, f"{prefix}_mpc")
     name = controller.prefix
     rows = rows_of(problem)
@@ -73,7 +76,21 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
     results = nx + 1 + sum(problem.type(path.value).size for path in rows.paths)
     draws = drawn_starts(problem)
     sides = [limit for row in rows.rows for limit in (row.minimum, row.maximum)]
+    hard = [int(row.hard) for row in rows.rows]
+    sizes = Sizes(
+        horizon=problem.horizon,
+        states=nx,
+        controls=nu,
+        results=results,
+        sides=len(sides),
+        kept=max(stage.kept, terminal.kept),
+        given=given,
+        limits_move=rows.move,
+        has_hard=any(hard),
+    )
+    struct = members(sizes, numbers.real)
     facts = {
+        "members": struct,
         **origin(problem.program.spec_hash),
         "about": numbers.comment(_about(problem)),
         "real": numbers.real,
@@ -107,8 +124,9 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         ],
         "linear": [row.linear for row in rows.rows],
         "quadratic": [row.quadratic for row in rows.rows],
-        "hard": [int(row.hard) for row in rows.rows] if any(r.hard for r in rows.rows) else [],
+        "hard": hard if any(hard) else [],
         "resting": [_nearest_to_zero(row.minimum, row.maximum, rows.move) for row in rows.rows[:nu]],
+        "can_be_infinite": stage.can_be_infinite or terminal.can_be_infinite,
         "gauss_newton": problem.hessian == "gauss_newton",
         "iterations": problem.iterations,
         "log_terms": 15 if dtype == "float64" else 7,
@@ -127,6 +145,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
     texts = {
         f"include/{name}.h": text("header.h.j2", "Predictive controller"),
         f"src/{name}.c": text("staged.c.j2", "Predictive controller"),
+        f"{name}.json": about_text(problem, name, dtype, struct, fields),
         f"src/{name}_selftest.c": text("selftest.c.j2", "Self-test of the predictive controller"),
     }
     if table.kernels:
