@@ -10,11 +10,11 @@ from compiler.optimal_control.problem import ControlProblem
 STARTS = 6
 
 
-def drawn_starts(problem: ControlProblem) -> list[list[float]]:
+def drawn_starts(problem: ControlProblem, count: int = STARTS) -> list[list[float]]:
     """States within their ranges, or else within their scales; the first one is 0 or nearest."""
     random = np.random.default_rng(0)
     rows: list[list[float]] = []
-    for number in range(STARTS):
+    for number in range(count):
         row: list[float] = []
         for state in problem.program.states:
             size, scale = Type(state.axes).size, problem.state_scales[state.name]

@@ -44,6 +44,8 @@ def check_export(
 ) -> Agreement:
     """The same of one target. MissingExtraError where it needs what is not installed."""
     target, weights = plan.target, plan.of(weights)
+    if target.compare is not None:
+        return target.compare(plan, weights, written)
     subject = Subject(
         target=target.name,
         dtype=plan.dtype,

@@ -15,6 +15,8 @@ class ListedTarget:
     """On the command line, in `export:`, and of its folder."""
     title: str
     about: str
+    of_control: bool = False
+    """Whether it is of the `mpc` section alone."""
     extras: tuple[str, ...] = ()
     """What `--with` and the spec's `with:` may name beside the step."""
     writer: OptionalPackage | None = None
@@ -60,6 +62,9 @@ TARGETS = (
         "C",
         "C99 in floating or fixed point, with a self-test",
         extras=("jacobian", "state_jacobian", "parameter_jacobian"),
+    ),
+    ListedTarget(
+        "mpc", "predictive control", "the controller of an `mpc` section as C99", of_control=True
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)

@@ -98,11 +98,23 @@ class CExport(TargetEntry):
         return self.dtype in ("q15", "q31")
 
 
+class MpcExport(FloatTargetEntry):
+    """The controller of the `mpc` section; names start with `prefix`, by default the spec's name.
+
+    What it controls, and what is fed back, stands in that section: `outputs` and `close` are none
+    of its keys.
+    """
+
+    noun: ClassVar[str] = "the mpc export"
+
+    prefix: NewName | None = None
+
+
 class Export(Entry):
     """The targets that `msnn export` writes; None where not asked for."""
 
     noun: ClassVar[str] = "export"
-    later: ClassVar[frozenset[str]] = frozenset({"fmu", "mpc", "report"})
+    later: ClassVar[frozenset[str]] = frozenset({"fmu", "report"})
 
     torch: TorchExport | None = None
     """A module that needs only torch."""
@@ -112,6 +124,8 @@ class Export(Entry):
     """A CasADi function."""
     c: CExport | None = None
     """C99 sources."""
+    mpc: MpcExport | None = None
+    """The controller of the `mpc` section as C99."""
 
     def entry(self, kind: type[OwnEntry]) -> OwnEntry | None:
         """The entry of one target, None where it is not asked for."""

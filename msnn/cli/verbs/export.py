@@ -79,7 +79,9 @@ def export(
     model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     findings = Findings()
-    targets, missing = writable_targets(names, model.spec.export)
+    targets, missing = writable_targets(
+        names, model.spec.export, has_control=model.control is not None
+    )
     for target in missing:
         note(target.left_out)
     having = [target.name for target in TARGETS if target.extras]
