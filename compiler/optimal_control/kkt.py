@@ -177,7 +177,7 @@ class _Judged:
             real = np.isfinite(distance)
             exceeded.append(np.maximum(-distance / scale, 0.0)[real])
             products.append((np.abs(distance) * multiplier)[real])
-            products.append((np.maximum(-multiplier, 0.0) * scale).ravel())
+            products.append(np.ravel(np.maximum(-multiplier, 0.0) * scale))
             exceeded.append(np.where(np.isnan(distance), np.nan, 0.0).ravel())
             products.append(np.where(real, 0.0, multiplier).ravel())
 
@@ -204,10 +204,8 @@ class _Judged:
                 steepest = path.linear + 2 * path.quadratic * beyond
                 hard(distance + beyond, multiplier, path.scale)
                 products.append((np.abs(multiplier - steepest) * beyond).ravel())
-                products.append(np.maximum(multiplier - steepest, 0.0).ravel() * path.scale)
-        return np.concatenate([v.ravel() for v in exceeded]), np.concatenate(
-            [v.ravel() for v in products]
-        )
+                products.append(np.ravel(np.maximum(multiplier - steepest, 0.0)) * path.scale)
+        return np.concatenate(exceeded), np.concatenate(products)
 
 
 def _columns(controls: Vector, inputs: Vector) -> list[int]:

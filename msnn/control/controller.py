@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +20,9 @@ from msnn.control.horizon_functions import HorizonFunctions
 from msnn.control.interior_point import InteriorPoint, Iterate, Outcome
 from msnn.control.memory import Memory
 from msnn.control.solution import Solution, Status
+
+if TYPE_CHECKING:
+    from backends.casadi_function.optimal_control import OptimalControlNlp
 
 _FAR = 1e4
 """A cold start that leads beyond so many scales is no help."""
@@ -98,20 +103,33 @@ class Controller:
         self._judge = self._judge or Judge(self.problem)
         return self._judge.residuals(solution.given, solution.plan, solution.multipliers)
 
+    def casadi(
+        self, solver: Literal["ipopt", "fatrop"] = "ipopt", options: Mapping[str, Any] | None = None
+    ) -> OptimalControlNlp:
+        """The same problem for a solver of CasADi, to compare with; `options` are its own.
+
+        nlp = controller.casadi("fatrop")
+        print(nlp.solve(found.given, found.plan).cost, found.cost)
+        """
+        from backends.casadi_function.optimal_control import OptimalControlNlp
+
+        return OptimalControlNlp(self.problem, solver, options)
+
     # ---- one solve
 
     def _found(self, given: Given, allowed: ControlRange) -> Solution:
         method = InteriorPoint(self._functions, given)
         stops = self.problem.mode == "converged"
-        settings = {"iterations": self.problem.iterations, "tolerance": self.problem.tolerance}
+        iterations, tolerance = self.problem.iterations, self.problem.tolerance
+        solve = partial(method.solve, iterations=iterations, tolerance=tolerance, stops=stops)
         outcome: Outcome | None = None
         if self._last is not None and self._is_good:
             before = _shifted(self._last)
             controls = allowed.blocked(before.controls)
-            outcome = method.solve(before.states, controls, before, **settings, stops=stops)
+            outcome = solve(before.states, controls, before)
         if outcome is None or (stops and not outcome.residual <= self.problem.tolerance):
             states, controls = self._cold(given, allowed)
-            again = method.solve(states, controls, None, **settings, stops=stops)
+            again = solve(states, controls, None)
             if outcome is None or not outcome.residual <= again.residual:
                 outcome = again
         return self._told(given, allowed, outcome)

@@ -3,9 +3,9 @@
 Each limit c(w) ≥ 0 has a slack t > 0 with c(w) = t and a multiplier z, t·z → μ; a soft one has an
 excess v > 0 more, c(w) + v = t, which costs w₁ v + w₂ v², with the multiplier ν = w₁ + 2 w₂ v − z,
 v·ν → μ (Nocedal, Wright: Numerical Optimization, 2006, ch. 19). Slacks and excesses are eliminated,
-so that each step is one Riccati recursion. Costates follow from the plan: the gradient in the states is 0
-always. The curvature is exact where the recursion has a minimum with it, and that of the nearest
-convex stages where not. Steps are cut back by an ℓ₁ merit function.
+so that each step is one Riccati recursion. Costates follow from the plan: the gradient in
+the states is 0 always. The curvature is exact where the recursion has a minimum with it, and that
+of the nearest convex stages where not. Steps are cut back by an ℓ₁ merit function.
 """
 
 from __future__ import annotations
@@ -89,16 +89,21 @@ class InteriorPoint:
     def __init__(self, functions: HorizonFunctions, given: Given) -> None:
         self._f, self._given = functions, given
         limits = functions.limits(given)
+        whole = np.concatenate([limits.low, limits.high], axis=1)
         ends = np.concatenate(_with_inside(limits), axis=1)
         self._signs = np.repeat([1.0, -1.0], limits.low.shape[1])
         self._active = np.isfinite(ends)
         self._ends = np.where(self._active, ends, 0.0)
+        # controls are put within their limits at last, so that those of the method are theirs
+        nu, size = functions.controls, limits.low.shape[1]
+        is_control = np.isin(np.arange(2 * size) % size, np.arange(nu))
+        self._judged_ends = np.where(is_control, self._ends, np.where(self._active, whole, 0.0))
         linear, quadratic = (np.tile(w, 2) for w in (limits.linear, limits.quadratic))
         self._soft = self._active & np.isfinite(linear)
         self._linear = np.where(self._soft, linear, 0.0)
         self._quadratic = np.where(self._soft, quadratic, 0.0)
         self._held = functions.held
-        self._weight = 1.0
+        self._weight = 1e-6
 
     def solve(
         self,
@@ -114,6 +119,19 @@ class InteriorPoint:
 
         With `stops` it ends once the residual is at most the tolerance, else after `iterations`.
         """
+        with np.errstate(all="ignore"):
+            return self._solved(states, controls, before, iterations, tolerance, stops=stops)
+
+    def _solved(
+        self,
+        states: Array,
+        controls: Array,
+        before: Iterate | None,
+        iterations: int,
+        tolerance: float,
+        *,
+        stops: bool,
+    ) -> Outcome:
         steepest = float(np.max(self._linear, initial=1.0))
         first = barrier = _FIRST_BARRIER * steepest if before is None else _WARM_BARRIER
         now, values = self._begin(states, controls, before, barrier)
@@ -185,10 +203,11 @@ class InteriorPoint:
             low, high = np.where(above, low, z), np.where(above, z, high)
         return (low + high) / 2
 
-    def _distances(self, values: Values) -> Array:
-        """c of every limit, 0 where there is none."""
+    def _distances(self, values: Values, *, judged: bool = False) -> Array:
+        """c of every limit, 0 where there is none; `judged` by the limits as they are given."""
         both = np.concatenate([values.rows, values.rows], axis=1)
-        return np.where(self._active, self._signs * (both - self._ends), 0.0)
+        ends = self._judged_ends if judged else self._ends
+        return np.where(self._active, self._signs * (both - ends), 0.0)
 
     # ---- how good it is
 
@@ -221,7 +240,7 @@ class InteriorPoint:
         return signed[:, :size] + signed[:, size:]
 
     def _residual(self, point: _Point) -> float:
-        distance, z = self._distances(point.values), point.now.multipliers
+        distance, z = self._distances(point.values, judged=True), point.now.multipliers
         beyond = np.maximum(-distance, 0.0)
         steepest = self._linear + 2 * self._quadratic * beyond
         hard = np.where(self._soft, 0.0, np.maximum(beyond, z * np.abs(distance)))
@@ -232,7 +251,8 @@ class InteriorPoint:
         return float(np.max([*parts, _largest(held), 0.0 * point.values.cost]))
 
     def _violation(self, values: Values) -> float:
-        hard = np.where(self._active & ~self._soft, -self._distances(values), 0.0)
+        distance = self._distances(values, judged=True)
+        hard = np.where(self._active & ~self._soft, -distance, 0.0)
         return float(np.max(hard, initial=0.0))
 
     def _error(self, point: _Point, barrier: float) -> float:
@@ -285,6 +305,8 @@ class InteriorPoint:
         size = len(self._signs) // 2
         weights = stiffness[:, :size] + stiffness[:, size:]
         whole = hessian + np.einsum("kmi,km,kmj->kij", slopes.rows, weights, slopes.rows)
+        if not np.all(np.isfinite(whole)):
+            return None
         pull = self._by_row(z - stiffness * offset)
         gradient = slopes.cost + np.einsum("km,kmw->kw", pull, slopes.rows)
         held_gaps = self._held_gaps(now)
@@ -364,8 +386,9 @@ class InteriorPoint:
 
 
 def _with_inside(limits: RowLimits) -> tuple[Array, Array]:
-    """The limits, those that leave no room a little apart."""
-    apart = np.where(limits.high - limits.low < _NARROW, _APART, 0.0)
+    """The limits, hard ones that leave no room a little apart."""
+    is_narrow = (limits.high - limits.low < _NARROW) & np.isinf(limits.linear)
+    apart = np.where(is_narrow, _APART, 0.0)
     size = np.maximum(1.0, np.where(np.isfinite(limits.low), np.abs(limits.low), 0.0))
     return limits.low - apart * size, limits.high + apart * size
 

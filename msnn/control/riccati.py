@@ -1,6 +1,7 @@
 """Solves the quadratic problem of one Newton step by a Riccati recursion over the stages.
 
-    min Σ_k ½ wᵀ H_k w + g_kᵀ w,  w = (dx_k, du_k),   dx_{k+1} = A_k dx_k + B_k du_k + c_k,  dx_0 = 0
+    min Σ_k ½ wᵀ H_k w + g_kᵀ w,   w = (dx_k, du_k)
+    dx_{k+1} = A_k dx_k + B_k du_k + c_k,   dx_0 = 0
 
 Where a block goes on, u_k is u_{k−1}, which x_k holds: there is nothing to decide.
 """
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import LinAlgError
+from numpy.typing import NDArray
 
 from compiler.optimal_control.horizon import Array
 
@@ -20,9 +22,9 @@ _LEAST_CURVATURE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class HeldControls:
-    """The stages at which controls are those of the stage before: du_k = selection · dx_k + gaps."""
+    """The stages whose controls are those of the stage before: du_k = selection · dx_k + gaps."""
 
-    stages: Array
+    stages: NDArray[np.bool_]
     """(N), whether it is one."""
     selection: Array
     """(nu, nx)"""
@@ -79,5 +81,5 @@ def _best_control(quadratic: Array, slope: Array, nx: int) -> tuple[Array, Array
     if not np.all(np.diagonal(factor) ** 2 > _LEAST_CURVATURE * np.max(np.abs(own))):
         return None
     right = np.concatenate([quadratic[nx:, :nx], slope[nx:, None]], axis=1)
-    found = -np.linalg.solve(own, right)
+    found: Array = -np.linalg.solve(own, right).astype(np.float64)
     return found[:, :nx], found[:, nx]

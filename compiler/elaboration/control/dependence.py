@@ -8,7 +8,6 @@ from dataclasses import replace
 from compiler.ir.liveness import needed, needed_over_time
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import NodeId, Output, Program
-from compiler.jacobian.jacobian import jacobian
 
 
 def signals_behind(program: Program, nodes: Iterable[NodeId]) -> set[str]:
@@ -25,6 +24,9 @@ def signals_in_step(program: Program, node: NodeId) -> set[str]:
     """
     if not _read(program, needed(program.step, [node])):
         return set()
+    # specs without such formulas are checked without derivatives
+    from compiler.jacobian.jacobian import jacobian
+
     found = jacobian(replace(program, states=(), outputs=(Output("value", node),)))
     slopes = next(matrix for matrix in found.matrices if matrix.name == "D")
     rows, columns = slopes.shape
