@@ -12,8 +12,10 @@ def reachable(tolerance: float, dtype: Dtype) -> float:
     return tolerance if dtype == "float64" else max(tolerance, 1e-3)
 
 
-def solver_constants(tolerance: float, dtype: Dtype) -> list[dict[str, str]]:
-    """Name, value as C, and meaning of each."""
+def solver_constants(
+    tolerance: float, dtype: Dtype, *, can_be_infinite: bool, has_hard: bool
+) -> list[dict[str, str]]:
+    """Name, value as C, and meaning of each that the solver needs."""
     precision = float(np.finfo(dtype).eps)
     exact = dtype == "float64"
     table: list[tuple[str, float, str]] = [
@@ -45,11 +47,16 @@ def solver_constants(tolerance: float, dtype: Dtype) -> list[dict[str, str]]:
         ("SMALL_RATIO", 1e-8, "Products of ratios beyond this are taken apart."),
         ("LARGE_RATIO", 1e8, "The same for large ones."),
         ("LEAST_ROOM", 1e-9 if exact else 1e-5, "Distance of limits that leaves a control room."),
-        ("STEEPEST", 1e8 if exact else 1e4, "Slope that stands for an infinite one."),
+    ]
+    if can_be_infinite:
+        steepest = 1e8 if exact else 1e4
+        table.append(("STEEPEST", steepest, "Slope that stands for an infinite one."))
+    of_hard = [
         ("HARD_TOLERANCE", tolerance, "Violation, by its scale, of what holds."),
         ("HARDER", 10.0, "Factor by which the cost of violating what must hold grows."),
         ("HARDEST", 1e6 if exact else 1e3, "Where it ends: then nothing can hold it."),
     ]
+    table += of_hard if has_hard else []
     return [
         {"name": name, "value": real_literal(value, dtype), "text": text}
         for name, value, text in table

@@ -96,7 +96,12 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "real": numbers.real,
         "num": numbers.literal,
         "braced": numbers.braced,
-        "constants": solver_constants(problem.tolerance, dtype),
+        "constants": solver_constants(
+            problem.tolerance,
+            dtype,
+            can_be_infinite=stage.can_be_infinite or terminal.can_be_infinite,
+            has_hard=any(hard),
+        ),
         "horizon": problem.horizon,
         "states": nx,
         "controls": nu,

@@ -64,7 +64,7 @@ TARGETS = (
         extras=("jacobian", "state_jacobian", "parameter_jacobian"),
     ),
     ListedTarget(
-        "mpc", "predictive control", "the controller of an `mpc` section as C99", of_control=True
+        "mpc", "controllers", "the controller of an `mpc` section as C99", of_control=True
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)

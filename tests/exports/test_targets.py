@@ -51,7 +51,19 @@ def test_the_help_of_export_names_every_target(target: ListedTarget) -> None:
 
 def test_targets_are_written_in_the_order_of_the_table() -> None:
     assert target_names(["c", "torch"], None) == ("torch", "c")
-    assert target_names([], None) == target_names(["all"], None) == NAMES
+    every = target_names(["all"], None, has_control=True)
+    assert every == target_names([], None, has_control=True) == NAMES
+
+
+def test_controllers_are_among_all_targets_where_the_spec_has_one() -> None:
+    assert target_names([], None) == target_names(["all"], None)
+    assert set(NAMES) - set(target_names([], None)) == {"mpc"}
+    with pytest.raises(SpecError) as caught:
+        target_names(["mpc"], None)
+    assert [found.code for found in caught.value.diagnostics] == ["E1140"]
+
+
+def test_what_is_no_target_is_an_error() -> None:
     with pytest.raises(SpecError) as caught:
         target_names(["foo"], None)
     assert [found.code for found in caught.value.diagnostics] == ["E1038"]

@@ -30,7 +30,7 @@ def export(
         str,
         typer.Option(
             metavar="TARGET,…",
-            help="c, onnx, casadi, torch or all; default: those of the spec's `export:`, else all.",
+            help="c, onnx, casadi, torch, mpc or all; default: those of the spec's `export:`, else all.",
         ),
     ] = "",
     extra: Annotated[
@@ -59,7 +59,7 @@ def export(
     settings: Settings = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Write C, ONNX, CasADi and torch.
+    """Write C, ONNX, CasADi, torch and controllers.
 
     Each target into a folder of its own, as the spec's `export` section says. With --check exit
     code 3 when one of them computes something else than the interpreter.
