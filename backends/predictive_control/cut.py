@@ -79,9 +79,7 @@ def _kept(graph: Graph, roots: Iterable[NodeId], of_values: list[bool]) -> set[N
     return kept
 
 
-def _needed_beyond(
-    graph: Graph, roots: Iterable[NodeId], kept: frozenset[NodeId]
-) -> set[NodeId]:
+def _needed_beyond(graph: Graph, roots: Iterable[NodeId], kept: frozenset[NodeId]) -> set[NodeId]:
     found: set[NodeId] = set()
     waiting = list(roots)
     while waiting:

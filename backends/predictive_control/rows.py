@@ -78,9 +78,7 @@ def rows_of(problem: ControlProblem) -> Rows:
     rates: list[RatedControl] = []
     for member, control in zip(problem.controls.members, problem.control_limits, strict=True):
         low, high = known.of(control.limits, len(rows), member.size)
-        rows += [
-            Row(control.name, low[i], high[i], control.scale) for i in range(member.size)
-        ]
+        rows += [Row(control.name, low[i], high[i], control.scale) for i in range(member.size)]
         if control.rate is not None:
             places = problem.previous(control.name)
             assert places is not None
@@ -139,8 +137,13 @@ class _Limits:
 
 def _constant(problem: ControlProblem, output: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """The value of an output that reads nothing."""
-    log = {signal.name: np.zeros((_samples(problem), *Type(signal.axes).shape)) for signal in problem.program.signals}
-    states = {state.name: np.zeros((1, *Type(state.axes).shape)) for state in problem.program.states}
+    log = {
+        signal.name: np.zeros((_samples(problem), *Type(signal.axes).shape))
+        for signal in problem.program.signals
+    }
+    states = {
+        state.name: np.zeros((1, *Type(state.axes).shape)) for state in problem.program.states
+    }
     found = Interpreter(problem.program).step(log, np.arange(1), states, losses=False)
     return np.asarray(found.outputs[output], np.float64).reshape(1, -1)[0]
 

@@ -61,9 +61,7 @@ class StageFunctions:
 class StageWriter:
     """Writes functions that share prefix, kernels and type."""
 
-    def __init__(
-        self, functions: FunctionTable, formulas: tuple[Formula, ...], real: str
-    ) -> None:
+    def __init__(self, functions: FunctionTable, formulas: tuple[Formula, ...], real: str) -> None:
         self._functions = functions
         self._formulas = formulas
         self._real = real
@@ -211,7 +209,12 @@ class _Body:
         self.scope = Scope(names)
         notes = SpecNotes(graph, formulas)
         self._locals = LocalValues(
-            functions, notes, _UNROLL, parallel_sums=_SIDE_BY_SIDE, block=_BLOCK, names_constants=True
+            functions,
+            notes,
+            _UNROLL,
+            parallel_sums=_SIDE_BY_SIDE,
+            block=_BLOCK,
+            names_constants=True,
         )
 
     def lowered(self, roots: Iterable[int]) -> GraphLowering:

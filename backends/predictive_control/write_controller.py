@@ -16,9 +16,9 @@ from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
 from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
+from backends.predictive_control.about import about_text
 from backends.predictive_control.constants import reachable, solver_constants
 from backends.predictive_control.inputs import input_fields, quantity_lines
-from backends.predictive_control.about import about_text
 from backends.predictive_control.members import Sizes, members
 from backends.predictive_control.numbers import Numbers
 from backends.predictive_control.rows import Rows, rows_of
@@ -130,7 +130,9 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "linear": [row.linear for row in rows.rows],
         "quadratic": [row.quadratic for row in rows.rows],
         "hard": hard if any(hard) else [],
-        "resting": [_nearest_to_zero(row.minimum, row.maximum, rows.move) for row in rows.rows[:nu]],
+        "resting": [
+            _nearest_to_zero(row.minimum, row.maximum, rows.move) for row in rows.rows[:nu]
+        ],
         "can_be_infinite": stage.can_be_infinite or terminal.can_be_infinite,
         "gauss_newton": problem.hessian == "gauss_newton",
         "iterations": problem.iterations,

@@ -76,9 +76,7 @@ def _run(folder: Path, repetitions: str) -> list[list[str]]:
     includes = [f"-I{folder / name / 'include'}" for name in ("plant", "quick")]
     command = ["gcc", "-std=c99", *FLAGS, *includes, f"-I{folder}", str(HERE / "interleaved.c")]
     subprocess.run([*command, *sources, "-o", str(program), "-lm"], check=True)
-    done = subprocess.run(
-        [str(program), repetitions], check=True, capture_output=True, text=True
-    )
+    done = subprocess.run([str(program), repetitions], check=True, capture_output=True, text=True)
     return [line.split("|") for line in done.stdout.splitlines()]
 
 
@@ -98,7 +96,9 @@ def _print(lines: list[list[str]]) -> None:
         rows.append((name, kind, *cells, f"{float(values[4]):.2f}", *values[5:]))
     header = ("set", "solver", "median", "p99", "longest", "to control", "iterations")
     print(table_text((*header, "failed", "cost", "resets"), rows, numbers=list(range(2, 10))))
-    print("times in us, in parentheses by the prototype of the same kind; `failed` counts plans that")
+    print(
+        "times in us, in parentheses by the prototype of the same kind; `failed` counts plans that"
+    )
     print("are not optimal to 1e-6, of five and one iterations of the prototype nearly all")
     print(f"memory of a controller: {lines[-1][1]} bytes")
 
@@ -109,8 +109,12 @@ def _print_sizes(folder: Path) -> None:
         include = f"-I{folder / 'plant' / 'include'}"
         command = ["gcc", "-std=c99", "-Os", "-ffp-contract=off", include, "-c", str(source)]
         subprocess.run([*command, "-o", str(object_file)], check=True)
-        done = subprocess.run(["size", str(object_file)], check=True, capture_output=True, text=True)
-        print(f"{source.name}: {done.stdout.splitlines()[1].split()[0]} bytes of code and tables, -Os")
+        done = subprocess.run(
+            ["size", str(object_file)], check=True, capture_output=True, text=True
+        )
+        print(
+            f"{source.name}: {done.stdout.splitlines()[1].split()[0]} bytes of code and tables, -Os"
+        )
 
 
 if __name__ == "__main__":

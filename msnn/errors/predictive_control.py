@@ -11,13 +11,6 @@ def no_control(place: Span | None = None) -> Diagnostic:
     return error("E1140", place, message, "asked for here", help=repair)
 
 
-def unsupported_structure(structure: str, place: Span | None) -> Diagnostic:
-    """E1141: a structure of the solver that exported controllers do not have."""
-    message = f"exported controllers are solved stage by stage, not `{structure}`"
-    repair = "leave `structure:` out, or write `structure: staged`"
-    return error("E1141", place, message, "asked for here", help=repair)
-
-
 def unsupported_blocks(place: Span | None) -> Diagnostic:
     """E1142: controls that stay the same over several samples."""
     message = "exported controllers decide on each sample apart"

@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -18,16 +19,26 @@ from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from spec_schema.sections.exports import MpcExport
 
 
-def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[ControlProblem] | None:
+@dataclass(frozen=True, slots=True)
+class Controlled:
+    """The problem of a plan."""
+
+    problem: ControlProblem | None
+
+    @property
+    def known(self) -> ControlProblem:
+        """The problem of a plan that was prepared."""
+        assert self.problem is not None
+        return self.problem
+
+
+def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Controlled] | None:
     problem, report = request.model.control, request.findings.report
     if problem is None:
         if entry is not None:
             report(predictive_control.no_control(entry.place.key))
         return None
     place = None if request.model.spec.mpc is None else request.model.spec.mpc.place.key
-    if problem.structure == "condensed":
-        report(predictive_control.unsupported_structure(problem.structure, place))
-        return None
     if any(block > 1 for block in problem.blocks):
         report(predictive_control.unsupported_blocks(place))
         return None
@@ -40,24 +51,24 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[ControlPro
         program=problem.program,
         prefix=name_prefix(request, None if entry is None else entry.prefix),
         dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
-        options=problem,
+        options=Controlled(problem),
     )
 
 
-def _write(plan: ExportPlan[ControlProblem], weights: Weights, folder: Path) -> tuple[Path, ...]:
+def _write(plan: ExportPlan[Controlled], weights: Weights, folder: Path) -> tuple[Path, ...]:
     from backends.predictive_control import write_controller
 
     return write_controller(
-        plan.options, _own(plan, weights), folder, prefix=plan.prefix, dtype=plan.float_type
+        plan.options.known, _own(plan, weights), folder, prefix=plan.prefix, dtype=plan.float_type
     )
 
 
-def _own(plan: ExportPlan[ControlProblem], weights: Weights) -> Weights:
+def _own(plan: ExportPlan[Controlled], weights: Weights) -> Weights:
     known = {parameter.name for parameter in plan.program.parameters}
     return {name: values for name, values in weights.items() if name in known}
 
 
-def _load(plan: ExportPlan[ControlProblem], written: Written) -> NoReturn:
+def _load(plan: ExportPlan[Controlled], written: Written) -> NoReturn:
     raise AssertionError("a controller is judged by its plans, not by its steps")
 
 
@@ -85,20 +96,20 @@ def built_controller(written: Written) -> Generator[Path]:
         yield alone
 
 
-def _compare(plan: ExportPlan[ControlProblem], weights: Weights, written: Written) -> Agreement:
+def _compare(plan: ExportPlan[Controlled], weights: Weights, written: Written) -> Agreement:
     from msnn.exports.judged_controller import compare_controller
 
     with built_controller(written) as folder:
         return compare_controller(
-            plan.options, _own(plan, weights), folder, plan.float_type, target=TARGET.name
+            plan.options.known, _own(plan, weights), folder, plan.float_type, target=TARGET.name
         )
 
 
-TARGET: Target[MpcExport, ControlProblem | None] = Target(
+TARGET: Target[MpcExport, Controlled] = Target(
     name="mpc",
     entry=MpcExport,
     dtype="float64",
-    options=None,
+    options=Controlled(None),
     prepare=_prepare,
     write=_write,
     load=_load,

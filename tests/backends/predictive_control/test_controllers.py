@@ -39,7 +39,11 @@ mpc:
   horizon: 1
   controls: [u, v]
   cost: {stage: x**2 + w**2 + 0.1 * u**2 + v**2, terminal: x**2 + w**2}
-  bounds: {u: {min: -1, max: 1}, v: {min: 0.2, max: 0.2}, w: {max: 0.9, hard: true}, power: {max: 0.5}}
+  bounds:
+    u: {min: -1, max: 1}
+    v: {min: 0.2, max: 0.2}
+    w: {max: 0.9, hard: true}
+    power: {max: 0.5}
 """,
     "window_and_no_weight": """
 inputs: {u: {between: hold}}
@@ -179,7 +183,7 @@ def test_nothing_moves_the_control_where_the_state_is_not_a_number(tmp_path: Pat
 
 def test_a_struct_that_nobody_began_is_refused(tmp_path: Path) -> None:
     library = _library("unstable", tmp_path)
-    library._state[:] = 0  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+    library._state[:] = 0  # pyright: ignore[reportPrivateUsage]
     assert library.solve({"x": [2.0, 0.0]}).status == NOT_INITIALISED
 
 
