@@ -18,7 +18,16 @@ check_package_names()
 
 if TYPE_CHECKING:
     from msnn.api.measurements import simulate, validate
-    from msnn.api.models import compile, export, initial_weights, linearize, load, mpc, stepper
+    from msnn.api.models import (
+        compile,
+        estimator,
+        export,
+        initial_weights,
+        linearize,
+        load,
+        mpc,
+        stepper,
+    )
     from msnn.api.trainings import compare, stage_loss, train, train_folds
     from msnn.errors.failures import MissingExtraError
     from msnn.model.model import Model
@@ -33,6 +42,7 @@ __all__ = [
     "TrainingInterruptedError",
     "compare",
     "compile",
+    "estimator",
     "export",
     "initial_weights",
     "linearize",

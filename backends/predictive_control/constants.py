@@ -1,4 +1,4 @@
-"""Lists the constants of the interior-point method; docs/decisions/0236 says how they were found."""
+"""Lists the constants of the interior-point method; decision 0236 says what they are for."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from backends.c_language.layout import comment
 from backends.c_language.literals import Dtype, real_literal
+from compiler.kernels.tables.formats import RealName
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +17,7 @@ class Numbers:
     dtype: Dtype
 
     @property
-    def real(self) -> str:
+    def real(self) -> RealName:
         """The type in C."""
         return "float" if self.dtype == "float32" else "double"
 

@@ -9,6 +9,7 @@ from functools import partial
 from compiler.elaboration.between_samples import report_between
 from compiler.elaboration.control.control_problem import asked_control, control_problem
 from compiler.elaboration.deep_recursion import room_for
+from compiler.elaboration.estimation.estimation_problem import estimation_problem
 from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
 from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.gradient_variables import gradient_variables
@@ -34,6 +35,7 @@ from compiler.lowering.scope import owner_of
 from compiler.optimal_control.problem import ControlProblem
 from compiler.passes import run_passes
 from compiler.passes.analyses.infinite_slopes import infinite_slopes
+from compiler.state_estimation.problem import EstimationProblem
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.errors import states as state_errors
 from spec_schema.errors import time as times
@@ -61,6 +63,8 @@ class Compiled:
     warnings: tuple[Diagnostic, ...]
     control: ControlProblem | None = None
     """Of the `mpc` section, where there is one."""
+    estimation: EstimationProblem | None = None
+    """Of the `estimator` section, where there is one."""
 
 
 def compile_spec(
@@ -84,7 +88,8 @@ def compile_spec(
         linked = link(spec, used or {}, weights or {}, problems)
         problems.raise_errors()
         compile_it = partial(compile_linked, strict_units=strict_units, draw=draw)
-        return _with_control(linked, compile_it(linked, spec_hash=spec_hash), compile_it)
+        compiled = compile_it(linked, spec_hash=spec_hash)
+        return _with_problems(linked, compiled, compile_it)
     except SpecError as error:
         raise SpecError(in_own_files(error.diagnostics, spec, used or {})) from None
 
@@ -131,17 +136,21 @@ def compile_linked(
     return Compiled(program, spec, (*diagnostics, *found))
 
 
-def _with_control(
+def _with_problems(
     linked: Linked, compiled: Compiled, compile_it: Callable[[Linked], Compiled]
 ) -> Compiled:
-    """The same with the optimal control problem of its `mpc` section."""
-    if linked.spec.mpc is None:
-        return compiled
-    asked = asked_control(linked, linked.spec.mpc)
-    whole = compile_it(asked.linked)
-    more = [found for found in whole.warnings if found not in compiled.warnings]
-    control, warnings = control_problem(asked, whole.program, more)
-    return replace(compiled, control=control, warnings=(*compiled.warnings, *warnings))
+    """The same with the problems of its sections `mpc` and `estimator`."""
+    spec = linked.spec
+    if spec.mpc is not None:
+        asked = asked_control(linked, spec.mpc)
+        whole = compile_it(asked.linked)
+        more = [found for found in whole.warnings if found not in compiled.warnings]
+        control, said = control_problem(asked, whole.program, more)
+        compiled = replace(compiled, control=control, warnings=(*compiled.warnings, *said))
+    if spec.estimator is not None:
+        estimation = estimation_problem(spec, spec.estimator, compiled.program)
+        compiled = replace(compiled, estimation=estimation)
+    return compiled
 
 
 def in_own_files(

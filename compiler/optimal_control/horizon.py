@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,7 @@ def log_of(problem: ControlProblem, given: Given, controls: Array) -> dict[str, 
     return log
 
 
-def by_name(vector: Vector, values: Array) -> dict[str, Array]:
+def by_name(vector: Vector, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """The quantities of a vector; `values` are (rows, size)."""
     return {
         m.name: values[:, m.first : m.first + m.size].reshape(-1, *Type(m.axes).shape)

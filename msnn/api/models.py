@@ -20,6 +20,7 @@ from spec_schema.sections.spec import Spec
 
 if TYPE_CHECKING:
     from msnn.control.controller import Controller
+    from msnn.control.kalman_filter import KalmanFilter
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
 
@@ -111,6 +112,22 @@ def mpc(model: Model, weights: Weights | None = None) -> Controller:
     from msnn.control.open_controller import open_controller
 
     return open_controller(model, known_in(model, weights))
+
+
+def estimator(model: Model, weights: Weights | None = None) -> KalmanFilter:
+    """The estimator of states and parameters that the spec's `estimator` section describes.
+
+        kalman = msnn.estimator(model, result.weights)
+        kalman.reset({"level": 4.0, "leak": 0.0})
+        found = kalman.correct({"level": 4.1})
+        kalman.predict({"pump": 3.0})
+
+    It remembers what it found; NaN is a measurement that is not there. Weights None: the initial
+    values. Raises ValueError for a model without that section.
+    """
+    from msnn.control.open_controller import open_estimator
+
+    return open_estimator(model, known_in(model, weights))
 
 
 def export(

@@ -17,7 +17,8 @@ from compiler.optimal_control.kkt import Judge, Residuals
 from compiler.optimal_control.problem import ControlProblem
 from msnn.control.control_range import ControlRange
 from msnn.control.horizon_functions import HorizonFunctions
-from msnn.control.interior_point import InteriorPoint, Iterate, Outcome
+from msnn.control.interior_point import InteriorPoint, Outcome
+from msnn.control.iterate import Iterate
 from msnn.control.memory import Memory
 from msnn.control.solution import Solution, Status
 

@@ -141,7 +141,7 @@ class HorizonFunctions:
         for k in range(self.horizon):
             named = by_name(self.problem.states, state)
             values = self.interpreter.step(log, k, named, losses=False)
-            state = self._joined(values.next_states)
+            state = self._joined(values.next_states, 1)
             found.append(state)
         return np.concatenate(found) / self.scale_x
 
@@ -210,7 +210,7 @@ class HorizonFunctions:
         found = self.interpreter.step(log, every, named, losses=False)
         return Values(
             self._cost(found.outputs),
-            self._joined(found.next_states)[:-1] / self.scale_x,
+            self._joined(found.next_states, self.horizon + 1)[:-1] / self.scale_x,
             self._limited(found.outputs, plan),
         )
 
@@ -297,9 +297,8 @@ class HorizonFunctions:
             rows[stages, columns] = flat(outputs[path.value])[stages]
         return rows / self._row_scale
 
-    def _joined(self, values: dict[str, Array]) -> Array:
+    def _joined(self, values: dict[str, Array], rows: int) -> Array:
         parts = [flat(values[member.name]) for member in self.problem.states.members]
-        rows = len(parts[0]) if parts else self.horizon + 1
         return np.concatenate([*parts, np.empty((rows, 0))], axis=1)
 
 

@@ -15,7 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.optimal_control.horizon import Array, Given
-from msnn.control.horizon_functions import HorizonFunctions, RowLimits, Slopes, Values
+from msnn.control.barrier_limits import BarrierLimits
+from msnn.control.horizon_functions import HorizonFunctions, Values
+from msnn.control.iterate import Direction, Iterate, Point
 from msnn.control.riccati import newton_step
 
 _FIRST_BARRIER = 0.1
@@ -23,25 +25,6 @@ _WARM_BARRIER = 1e-4
 _TO_BOUNDARY = 0.995
 _CUTS = 14
 _ARMIJO = 1e-4
-_NARROW = 1e-7
-"""Limits that leave less than this, scaled, are set apart so that there is an inside …"""
-_APART = 1e-8
-"""… by this."""
-
-
-@dataclass(frozen=True, slots=True)
-class Iterate:
-    """Where the method is, scaled: a plan, and what belongs to its limits, low ones first.
-
-    Slacks, multipliers, excesses and multipliers of excesses are (N+1, 2m).
-    """
-
-    states: Array
-    controls: Array
-    slacks: Array
-    multipliers: Array
-    excesses: Array
-    excess_multipliers: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,52 +39,12 @@ class Outcome:
     iterations: int
 
 
-@dataclass(frozen=True, slots=True)
-class _Point:
-    """An iterate with its derivatives and what is wrong with it."""
-
-    now: Iterate
-    values: Values
-    slopes: Slopes
-    costates: Array
-    gaps: Array
-    """F(x_k, u_k) − x_{k+1}."""
-    misfits: Array
-    """p = c + v − t."""
-    stationarity: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Direction:
-    """A Newton step."""
-
-    states: Array
-    controls: Array
-    slacks: Array
-    multipliers: Array
-    excesses: Array
-    excess_multipliers: Array
-
-
 class InteriorPoint:
     """The method for one problem and one measurement."""
 
     def __init__(self, functions: HorizonFunctions, given: Given) -> None:
         self._f, self._given = functions, given
-        limits = functions.limits(given)
-        whole = np.concatenate([limits.low, limits.high], axis=1)
-        ends = np.concatenate(_with_inside(limits), axis=1)
-        self._signs = np.repeat([1.0, -1.0], limits.low.shape[1])
-        self._active = np.isfinite(ends)
-        self._ends = np.where(self._active, ends, 0.0)
-        # controls are put within their limits at last, so that those of the method are theirs
-        nu, size = functions.controls, limits.low.shape[1]
-        is_control = np.isin(np.arange(2 * size) % size, np.arange(nu))
-        self._judged_ends = np.where(is_control, self._ends, np.where(self._active, whole, 0.0))
-        linear, quadratic = (np.tile(w, 2) for w in (limits.linear, limits.quadratic))
-        self._soft = self._active & np.isfinite(linear)
-        self._linear = np.where(self._soft, linear, 0.0)
-        self._quadratic = np.where(self._soft, quadratic, 0.0)
+        self._limits = BarrierLimits(functions, given)
         self._held = functions.held
         self._weight = 1e-6
 
@@ -132,7 +75,7 @@ class InteriorPoint:
         *,
         stops: bool,
     ) -> Outcome:
-        steepest = float(np.max(self._linear, initial=1.0))
+        steepest = float(np.max(self._limits.linear, initial=1.0))
         first = barrier = _FIRST_BARRIER * steepest if before is None else _WARM_BARRIER
         now, values = self._begin(states, controls, before, barrier)
         for count in range(iterations + 1):
@@ -140,13 +83,13 @@ class InteriorPoint:
             residual = self._residual(point)
             is_over = not np.isfinite(residual) or (stops and residual <= tolerance)
             if is_over or count == iterations:
-                return Outcome(now, residual, self._violation(values), count)
+                return Outcome(now, residual, self._limits.violation(values), count)
             while barrier > tolerance / 10 and self._error(point, barrier) < 10 * barrier:
                 faster = min(0.1, (barrier / first) ** 0.5)
                 barrier = max(tolerance / 10, barrier * faster)
             moved = self._moved(point, barrier)
             if moved is None:
-                return Outcome(now, residual, self._violation(values), count)
+                return Outcome(now, residual, self._limits.violation(values), count)
             now, values = moved
         raise AssertionError("the last pass returns")
 
@@ -155,66 +98,44 @@ class InteriorPoint:
     def _begin(
         self, states: Array, controls: Array, before: Iterate | None, barrier: float
     ) -> tuple[Iterate, Values]:
-        n, nu, size = self._f.horizon, self._f.controls, len(self._signs) // 2
-        own = np.zeros_like(self._active)
+        n, nu, size = self._f.horizon, self._f.controls, len(self._limits.signs) // 2
+        own = np.zeros_like(self._limits.active)
         own[:n, :nu] = own[:n, size : size + nu] = True
-        low = np.where(self._active, self._ends, -np.inf)[:n, :nu]
-        high = np.where(self._active, self._ends, np.inf)[:n, size : size + nu]
+        low = np.where(self._limits.active, self._limits.ends, -np.inf)[:n, :nu]
+        high = np.where(self._limits.active, self._limits.ends, np.inf)[:n, size : size + nu]
         away = 1e-2 if before is None else 1e-4
         push = np.minimum(away, 0.1 * (high - low))
         controls = np.clip(controls, low + push, high - push)
         states = np.concatenate([self._given.state[None] / self._f.scale_x, states[1:]])
         values = self._f.values(self._given, states, controls)
-        distance = self._distances(values)
+        distance = self._limits.distances(values)
         # those of control bounds are exact, and stay so: a linear limit is kept by every step
         slacks = np.where(own, distance, np.maximum(distance, away))
-        slacks = np.where(self._active, slacks, 1.0)
+        slacks = np.where(self._limits.active, slacks, 1.0)
         if before is None:
-            central = self._central(distance, barrier)
-            multipliers = np.where(self._soft, central, barrier / slacks)
-            slacks = np.where(self._soft, barrier / np.where(self._soft, central, 1.0), slacks)
+            central = self._limits.central(distance, barrier)
+            multipliers = np.where(self._limits.soft, central, barrier / slacks)
+            slacks = np.where(
+                self._limits.soft, barrier / np.where(self._limits.soft, central, 1.0), slacks
+            )
         else:
             multipliers = np.maximum(before.multipliers, barrier / 10)
-            cap = np.where(self._soft, 0.9 * self._linear, np.inf)
+            cap = np.where(self._limits.soft, 0.9 * self._limits.linear, np.inf)
             multipliers = np.minimum(multipliers, cap)
-        multipliers = np.where(self._active, multipliers, 0.0)
-        excesses = np.where(self._soft, np.maximum(slacks - distance, barrier * 1e-9), 0.0)
-        rest = self._linear + 2 * self._quadratic * excesses - multipliers
-        others = np.where(self._soft, np.maximum(rest, 1e-9), 0.0)
+        multipliers = np.where(self._limits.active, multipliers, 0.0)
+        excesses = np.where(self._limits.soft, np.maximum(slacks - distance, barrier * 1e-9), 0.0)
+        rest = self._limits.linear + 2 * self._limits.quadratic * excesses - multipliers
+        others = np.where(self._limits.soft, np.maximum(rest, 1e-9), 0.0)
         return Iterate(states, controls, slacks, multipliers, excesses, others), values
-
-    def _central(self, distance: Array, barrier: float) -> Array:
-        """z of soft limits at these distances with t·z = v·ν = μ and c + v = t, by bisection.
-
-        c + v − μ/z grows with z: from −∞ at z = 0 to +∞ where ν = 0.
-        """
-        beyond = np.maximum(-distance, 0.0) + barrier
-        low = np.zeros_like(distance)
-        high = self._linear + 2 * self._quadratic * (beyond + barrier) + 1.0
-        for _ in range(60):
-            z = (low + high) / 2
-            # ν v = μ with ν = w₁ − z + 2 w₂ v
-            rest, bend = self._linear - z, 2 * self._quadratic
-            root = np.sqrt(rest**2 + 4 * bend * barrier)
-            smaller = 2 * barrier / np.where(rest + root > 0, rest + root, np.inf)
-            larger = (root - rest) / np.where(bend > 0, 2 * bend, np.inf)
-            v = np.where(rest >= 0, smaller, np.where(bend > 0, larger, np.inf))
-            above = distance + v - barrier / np.maximum(z, 1e-300) > 0
-            low, high = np.where(above, low, z), np.where(above, z, high)
-        return (low + high) / 2
-
-    def _distances(self, values: Values, *, judged: bool = False) -> Array:
-        """c of every limit, 0 where there is none; `judged` by the limits as they are given."""
-        both = np.concatenate([values.rows, values.rows], axis=1)
-        ends = self._judged_ends if judged else self._ends
-        return np.where(self._active, self._signs * (both - ends), 0.0)
 
     # ---- how good it is
 
-    def _linearised(self, now: Iterate, values: Values) -> _Point:
+    def _linearised(self, now: Iterate, values: Values) -> Point:
         f, n, nx = self._f, self._f.horizon, self._f.states
         slopes = f.slopes(self._given, now.states, now.controls)
-        gradient = slopes.cost + np.einsum("km,kmw->kw", self._by_row(now.multipliers), slopes.rows)
+        gradient = slopes.cost + np.einsum(
+            "km,kmw->kw", self._limits.by_row(now.multipliers), slopes.rows
+        )
         costates = np.zeros((n, nx))
         costate = gradient[n, :nx]
         worst = 0.0
@@ -228,38 +149,27 @@ class InteriorPoint:
                 worst = max(worst, _largest(whole[nx:]))
         if not np.all(np.isfinite(gradient)):
             worst = np.nan
-        misfits = self._distances(values) + now.excesses - now.slacks
-        misfits = np.where(self._active, misfits, 0.0)
+        misfits = self._limits.distances(values) + now.excesses - now.slacks
+        misfits = np.where(self._limits.active, misfits, 0.0)
         gaps = values.following - now.states[1:]
-        return _Point(now, values, slopes, costates, gaps, misfits, worst)
+        return Point(now, values, slopes, costates, gaps, misfits, worst)
 
-    def _by_row(self, multipliers: Array) -> Array:
-        """What multiplies the gradient of each row: those of its high limit less the low one's."""
-        size = len(self._signs) // 2
-        signed = -self._signs * multipliers
-        return signed[:, :size] + signed[:, size:]
-
-    def _residual(self, point: _Point) -> float:
-        distance, z = self._distances(point.values, judged=True), point.now.multipliers
+    def _residual(self, point: Point) -> float:
+        distance, z = self._limits.distances(point.values, judged=True), point.now.multipliers
         beyond = np.maximum(-distance, 0.0)
-        steepest = self._linear + 2 * self._quadratic * beyond
-        hard = np.where(self._soft, 0.0, np.maximum(beyond, z * np.abs(distance)))
+        steepest = self._limits.linear + 2 * self._limits.quadratic * beyond
+        hard = np.where(self._limits.soft, 0.0, np.maximum(beyond, z * np.abs(distance)))
         excess = np.maximum(np.abs(z - steepest) * beyond, z - steepest)
-        soft = np.where(self._soft, np.maximum(z * np.maximum(distance, 0.0), excess), 0.0)
+        soft = np.where(self._limits.soft, np.maximum(z * np.maximum(distance, 0.0), excess), 0.0)
         held = self._held_gaps(point.now)
         parts = (point.stationarity, _largest(point.gaps), _largest(hard), _largest(soft))
         return float(np.max([*parts, _largest(held), 0.0 * point.values.cost]))
 
-    def _violation(self, values: Values) -> float:
-        distance = self._distances(values, judged=True)
-        hard = np.where(self._active & ~self._soft, -distance, 0.0)
-        return float(np.max(hard, initial=0.0))
-
-    def _error(self, point: _Point, barrier: float) -> float:
+    def _error(self, point: Point, barrier: float) -> float:
         """How far the point is from the solution at this barrier."""
         now = point.now
-        products = np.where(self._active, now.slacks * now.multipliers - barrier, 0.0)
-        others = np.where(self._soft, now.excesses * now.excess_multipliers - barrier, 0.0)
+        products = np.where(self._limits.active, now.slacks * now.multipliers - barrier, 0.0)
+        others = np.where(self._limits.soft, now.excesses * now.excess_multipliers - barrier, 0.0)
         parts = (point.gaps, point.misfits, products, others, self._held_gaps(now))
         return max(point.stationarity, *(_largest(part) for part in parts))
 
@@ -269,10 +179,10 @@ class InteriorPoint:
 
     # ---- where it goes
 
-    def _moved(self, point: _Point, barrier: float) -> tuple[Iterate, Values] | None:
+    def _moved(self, point: Point, barrier: float) -> tuple[Iterate, Values] | None:
         """The next iterate; None where there is no way on."""
         f, now = self._f, point.now
-        rows = self._by_row(now.multipliers)
+        rows = self._limits.by_row(now.multipliers)
         if f.problem.hessian == "exact":
             hessian = f.curvature(self._given, now.states, now.controls, rows, point.costates)
             tries = (hessian, _convex(hessian))
@@ -293,21 +203,21 @@ class InteriorPoint:
             best = found or best
         return best
 
-    def _direction(self, point: _Point, hessian: Array, barrier: float) -> _Direction | None:
-        now, slopes = point.now, point.slopes
+    def _direction(self, point: Point, hessian: Array, barrier: float) -> Direction | None:
+        now, slopes, limits = point.now, point.slopes, self._limits
         t, z, v, nu = now.slacks, now.multipliers, now.excesses, now.excess_multipliers
-        z_or_1 = np.where(self._active, z, 1.0)
-        bend = np.where(self._soft, nu + 2 * self._quadratic * v, 1.0)
-        misfit = np.where(self._soft, self._linear + 2 * self._quadratic * v - z - nu, 0.0)
-        room = np.where(self._soft, (barrier - v * nu - v * misfit) / bend, 0.0)
-        stiffness = np.where(self._active, 1 / (t / z_or_1 + v / bend), 0.0)
+        z_or_1 = np.where(limits.active, z, 1.0)
+        bend = np.where(limits.soft, nu + 2 * limits.quadratic * v, 1.0)
+        misfit = np.where(limits.soft, limits.linear + 2 * limits.quadratic * v - z - nu, 0.0)
+        room = np.where(limits.soft, (barrier - v * nu - v * misfit) / bend, 0.0)
+        stiffness = np.where(limits.active, 1 / (t / z_or_1 + v / bend), 0.0)
         offset = point.misfits + room - barrier / z_or_1 + t
-        size = len(self._signs) // 2
+        size = len(limits.signs) // 2
         weights = stiffness[:, :size] + stiffness[:, size:]
         whole = hessian + np.einsum("kmi,km,kmj->kij", slopes.rows, weights, slopes.rows)
         if not np.all(np.isfinite(whole)):
             return None
-        pull = self._by_row(z - stiffness * offset)
+        pull = limits.by_row(z - stiffness * offset)
         gradient = slopes.cost + np.einsum("km,kmw->kw", pull, slopes.rows)
         held_gaps = self._held_gaps(now)
         found = newton_step(whole, gradient, slopes.following, point.gaps, self._held, held_gaps)
@@ -316,15 +226,15 @@ class InteriorPoint:
         states, controls = found
         moves = np.concatenate([states, np.concatenate([controls, controls[:1] * 0])], axis=1)
         rows = np.einsum("kmw,kw->km", slopes.rows, moves)
-        change = self._signs * np.concatenate([rows, rows], axis=1)
+        change = limits.signs * np.concatenate([rows, rows], axis=1)
         dz = -stiffness * (change + offset)
-        dt = np.where(self._active, barrier / z_or_1 - t - t / z_or_1 * dz, 0.0)
-        dv = np.where(self._soft, room + v / bend * dz, 0.0)
-        others = np.where(self._soft, misfit + 2 * self._quadratic * dv - dz, 0.0)
-        return _Direction(states, controls, dt, dz, dv, others)
+        dt = np.where(limits.active, barrier / z_or_1 - t - t / z_or_1 * dz, 0.0)
+        dv = np.where(limits.soft, room + v / bend * dz, 0.0)
+        others = np.where(limits.soft, misfit + 2 * limits.quadratic * dv - dz, 0.0)
+        return Direction(states, controls, dt, dz, dv, others)
 
     def _searched(
-        self, point: _Point, step: _Direction, hessian: Array, barrier: float
+        self, point: Point, step: Direction, hessian: Array, barrier: float
     ) -> tuple[tuple[Iterate, Values] | None, bool]:
         """The iterate along the step where the merit is low enough, and whether there was one."""
         now = point.now
@@ -355,26 +265,28 @@ class InteriorPoint:
         return found, False
 
     def _infeasibility(self, now: Iterate, values: Values) -> float:
-        misfits = np.where(self._active, self._distances(values) + now.excesses - now.slacks, 0.0)
+        misfits = np.where(
+            self._limits.active, self._limits.distances(values) + now.excesses - now.slacks, 0.0
+        )
         gaps = values.following - now.states[1:]
         return sum(float(np.sum(np.abs(v))) for v in (misfits, gaps, self._held_gaps(now)))
 
     def _merit(self, now: Iterate, values: Values, barrier: float) -> float:
-        penalties = self._linear * now.excesses + self._quadratic * now.excesses**2
-        logs = np.log(np.where(self._active, now.slacks, 1.0))
-        logs += np.log(np.where(self._soft, now.excesses, 1.0))
+        penalties = self._limits.linear * now.excesses + self._limits.quadratic * now.excesses**2
+        logs = np.log(np.where(self._limits.active, now.slacks, 1.0))
+        logs += np.log(np.where(self._limits.soft, now.excesses, 1.0))
         smooth = values.cost + float(np.sum(penalties) - barrier * np.sum(logs))
         return smooth + self._weight * self._infeasibility(now, values)
 
-    def _slope(self, point: _Point, step: _Direction, hessian: Array, barrier: float) -> float:
+    def _slope(self, point: Point, step: Direction, hessian: Array, barrier: float) -> float:
         """The merit's slope along the step; raises the weight of infeasibility where it must."""
         now = point.now
         last = np.zeros((1, step.controls.shape[1]))
         moves = np.concatenate([step.states, np.concatenate([step.controls, last])], axis=1)
-        marginal = self._linear + 2 * self._quadratic * now.excesses
-        marginal = marginal - barrier / np.where(self._soft, now.excesses, 1.0)
+        marginal = self._limits.linear + 2 * self._limits.quadratic * now.excesses
+        marginal = marginal - barrier / np.where(self._limits.soft, now.excesses, 1.0)
         slope = float(np.sum(point.slopes.cost * moves))
-        slope += float(np.sum(np.where(self._soft, marginal * step.excesses, 0.0)))
+        slope += float(np.sum(np.where(self._limits.soft, marginal * step.excesses, 0.0)))
         slope -= barrier * float(np.sum(step.slacks / now.slacks))
         bend = float(np.einsum("ki,kij,kj->", moves, hessian, moves))
         infeasible = self._infeasibility(now, point.values)
@@ -383,14 +295,6 @@ class InteriorPoint:
             if wanted > self._weight:
                 self._weight = 2 * wanted
         return slope - self._weight * infeasible
-
-
-def _with_inside(limits: RowLimits) -> tuple[Array, Array]:
-    """The limits, hard ones that leave no room a little apart."""
-    is_narrow = (limits.high - limits.low < _NARROW) & np.isinf(limits.linear)
-    apart = np.where(is_narrow, _APART, 0.0)
-    size = np.maximum(1.0, np.where(np.isfinite(limits.low), np.abs(limits.low), 0.0))
-    return limits.low - apart * size, limits.high + apart * size
 
 
 def _convex(hessian: Array) -> Array:

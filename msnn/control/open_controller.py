@@ -1,4 +1,4 @@
-"""Makes the predictive controller of a model with its weights."""
+"""Makes the predictive controller and the estimator of a model with its weights."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from compiler.optimal_control.trained import trained
 from msnn.control.controller import Controller
+from msnn.control.kalman_filter import KalmanFilter
 from msnn.data.dataset import FloatArray
 from msnn.model.model import Model
 
@@ -16,3 +17,10 @@ def open_controller(model: Model, weights: Mapping[str, FloatArray]) -> Controll
         raise ValueError(f"the spec of `{model.name}` has no `mpc` section")
     known = {parameter.name for parameter in model.control.program.parameters}
     return Controller(trained(model.control, {n: w for n, w in weights.items() if n in known}))
+
+
+def open_estimator(model: Model, weights: Mapping[str, FloatArray]) -> KalmanFilter:
+    """The filter of the model's `estimator` section. ValueError where it has none."""
+    if model.estimation is None:
+        raise ValueError(f"the spec of `{model.name}` has no `estimator` section")
+    return KalmanFilter(model.estimation, weights)

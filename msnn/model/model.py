@@ -9,6 +9,7 @@ from pathlib import Path
 from compiler.ir.program import Program
 from compiler.linking.link import WeightsByPart
 from compiler.optimal_control.problem import ControlProblem
+from compiler.state_estimation.problem import EstimationProblem
 from msnn.data.dataset import FloatArray
 from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -39,6 +40,8 @@ class Model:
     """The spec and its sub-models as their files have them; `spec` is both in one."""
     control: ControlProblem | None = None
     """Of the `mpc` section, with the parameters of the spec; None without one."""
+    estimation: EstimationProblem | None = None
+    """Of the `estimator` section, as above."""
     remarks: tuple[Diagnostic, ...] = ()
     """What compiling found worth a thought: `msnn check` says it, no other command does."""
     parts: tuple[SubmodelFile, ...] = ()

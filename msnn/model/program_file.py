@@ -87,11 +87,13 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     spec = link(
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
-    control = None if spec.mpc is None else compile_spec(read.spec, used=read.used).control
+    online = spec.mpc is not None or spec.estimator is not None
+    compiled = compile_spec(read.spec, used=read.used) if online else None
     return Model(
         program=program,
         spec=spec,
-        control=control,
+        control=None if compiled is None else compiled.control,
+        estimation=None if compiled is None else compiled.estimation,
         path=embedded.path,
         text=text,
         sources=sources,

@@ -21,8 +21,8 @@ from spec_schema.reading.settings import WORKFLOW, model_settings
 def refuse_other_model(model: Model, weights: Path) -> None:
     """Raises SpecError where the run of a weights file had another model, with what differs.
 
-    The model is all of a spec but data, train, validate and export; what is said in `doc` counts
-    for nothing. A file without a run beside it can be of any model that its arrays fit.
+    The model is all of a spec but its workflow (`WORKFLOW`); what is said in `doc` counts for
+    nothing. A file without a run beside it can be of any model that its arrays fit.
     """
     trained = _trained(weights.parent)
     if trained is None:

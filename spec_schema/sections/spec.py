@@ -10,6 +10,7 @@ from spec_schema.fields.plain import EntriesOf, LanguageVersion, NewName, Text
 from spec_schema.fields.quantities import SampleTime
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension, DimensionField
+from spec_schema.sections.estimation import Estimator
 from spec_schema.sections.exports import Export
 from spec_schema.sections.integrators import Integrator
 from spec_schema.sections.layers.layer import Layer
@@ -28,8 +29,6 @@ class Spec(Entry):
     """
 
     noun: ClassVar[str] = "the spec"
-    later: ClassVar[frozenset[str]] = frozenset({"estimator"})
-
     msnn: LanguageVersion
     """Version of the language: 1."""
     name: NewName
@@ -75,3 +74,5 @@ class Spec(Entry):
     """What `msnn export` writes."""
     mpc: OptimalControl | None = None
     """The predictive controller whose plant is this model."""
+    estimator: Estimator | None = None
+    """How states that nobody measures are found while it runs."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import msnn
+from compiler.ir.ops import Constant
 from msnn.control.controller import Controller
 from tests.control.gallery_problems import PROBLEMS
 
@@ -37,7 +38,6 @@ def test_closed_loop_stays_within_limits(name: str, tmp_path: Path) -> None:
     problem = PROBLEMS[name]
     controller = msnn.mpc(problem.model(name, tmp_path))
     given = {"references": problem.references, "disturbances": problem.disturbances}
-    low, high = -np.inf, np.inf
     for k in range(4):
         found = controller.solve(problem.x if k == 0 else None, **given)
         assert found.status in (0, 1)
@@ -55,4 +55,6 @@ def test_closed_loop_stays_within_limits(name: str, tmp_path: Path) -> None:
 def _number(controller: Controller, name: str | None) -> float:
     assert name is not None
     problem = controller.problem
-    return problem.program.step[problem.node(name)].op.values[0]
+    op = problem.program.step[problem.node(name)].op
+    assert isinstance(op, Constant)
+    return op.values[0]

@@ -17,7 +17,7 @@ B = np.array([[0.0], [0.1]])
 
 def test_linear_quadratic_control_is_the_riccati_recursion(tmp_path: Path) -> None:
     found = controller(tmp_path, DOUBLE_INTEGRATOR + mpc()).solve({"p": 1.0, "v": -0.5})
-    value = np.diag([20.0, 5.0])
+    value, gain = np.diag([20.0, 5.0]), np.zeros((1, 2))
     for _ in range(15):
         gain = np.linalg.solve(0.1 + B.T @ value @ B, B.T @ value @ A)
         value = np.diag([4.0, 1.0]) + A.T @ value @ (A - B @ gain)

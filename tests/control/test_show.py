@@ -10,7 +10,8 @@ from tests.control.specs import DOUBLE_INTEGRATOR, load, mpc
 
 def test_sizes_limits_and_how_it_is_solved(tmp_path: Path) -> None:
     section = mpc(
-        bounds="{u: {max: most, rate: 5}, v: {min: -1, hard: true}, p: {max: 3, soft: {linear: 7}}}",
+        bounds="{u: {max: most, rate: 5}, v: {min: -1, hard: true}, "
+        "p: {max: 3, soft: {linear: 7}}}",
         references="{most: {}}",
         blocks="[1, 4, 10]",
         solver="{interior_point: {mode: fixed, iterations: 4}}",

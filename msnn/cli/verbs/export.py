@@ -30,7 +30,10 @@ def export(
         str,
         typer.Option(
             metavar="TARGET,…",
-            help="c, onnx, casadi, torch, mpc or all; default: those of the spec's `export:`, else all.",
+            help=(
+                "c, onnx, casadi, torch, mpc or all; "
+                "default: those of the spec's `export:`, else all."
+            ),
         ),
     ] = "",
     extra: Annotated[
