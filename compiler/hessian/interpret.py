@@ -48,7 +48,7 @@ class DerivativeInterpreter:
     def values(
         self, log: Mapping[str, Array], t: ArrayLike, states: Mapping[str, Array]
     ) -> DerivativeValues:
-        """Of the steps at rows t from these states; the log has series of the multipliers too."""
+        """Of the steps at rows t from these states, among which are the multipliers."""
         values = self._interpreter.step(log, t, states, losses=False).outputs
         members = len(np.atleast_1d(np.asarray(t)))
         found = self._derivatives

@@ -26,6 +26,7 @@ from compiler.hessian.matrix_blocks import (
     matrix_of_blocks,
     slopes_of_result,
 )
+from compiler.hessian.picked_rows import with_picked_rows
 from compiler.hessian.second_slopes import is_held
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node
@@ -47,7 +48,7 @@ class StepDerivatives:
     """Matrices, and the graph that computes their entries and the results themselves."""
 
     graph: Graph
-    """It reads what the step reads, and the `multiplier` of each result as a signal."""
+    """It reads what the step reads, and the `multiplier` of each result as a state."""
     results: Vector
     """r: next states (`next_value`), then outputs."""
     variables: Vector
@@ -74,7 +75,7 @@ def next_value(state: str) -> str:
 
 
 def multiplier(result: str) -> str:
-    """The signal whose sample is the multiplier of a result, in the result's axes."""
+    """The state that is the multiplier of a result, in the result's axes."""
     return f"multiplier of {result}"
 
 
@@ -203,7 +204,7 @@ def _adjoints(
     """∂(λᵀf)/∂y of the wanted nodes y on which a result depends."""
     seeds: dict[NodeId, NodeId] = {}
     for name, root in roots.items():
-        weight = builder.signal(multiplier(name), 0, 0, Type(builder.type(root).axes))
+        weight = builder.state(multiplier(name), Type(builder.type(root).axes))
         seeds[root] = builder.add(seeds[root], weight) if root in seeds else weight
     found = gradients(builder, seeds, wanted)
     return {
@@ -225,7 +226,9 @@ def _finished(
             copies[index] = args[0] if is_held(node) else copy_node(draft, node, tuple(args))
             if index < count:
                 exact = max(exact, copies[index] + 1)
-    kept, moved = folded(draft.graph(), exact=exact, largest=LARGEST_FOLDED)
+    known, moved = folded(draft.graph(), exact=exact, largest=LARGEST_FOLDED)
+    picked, places = with_picked_rows(known, exact=exact)
+    at = {node: places[moved[copies[node]]] for node in wanted}
     builder = GraphBuilder()
-    found = without_zeros(kept, [moved[copies[node]] for node in wanted], builder, exact=exact)
-    return builder, {node: found[moved[copies[node]]] for node in wanted}
+    found = without_zeros(picked, list(at.values()), builder, exact=exact)
+    return builder, {node: found[place] for node, place in at.items()}

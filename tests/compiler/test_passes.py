@@ -31,6 +31,7 @@ from compiler.passes.prune_zero_slices import prune_zero_slices
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
 from compiler.passes.share_common import share_common
+from compiler.passes.smooth_kinks import smooth_kinks
 from compiler.passes.to_step_form import to_step_form
 from tests.golden import assert_golden
 from tests.pass_programs import PASS_PROGRAMS
@@ -95,6 +96,7 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
         ("steep", PASS_PROGRAMS["steep"], guard_infinite_slopes),
         ("branches", PASS_PROGRAMS["branches"], guard_infinite_slopes),
     ],
+    "smooth_kinks": [("kinks", PASS_PROGRAMS["kinks"], smooth_kinks)],
     "guard_untaken": [("branches", PASS_PROGRAMS["branches"], guard_untaken)],
 }
 
