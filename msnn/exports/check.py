@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from msnn.agreement.compare import Agreement, compare
+from msnn.agreement.agreement import Agreement
+from msnn.agreement.compare import compare
 from msnn.agreement.record import AgreementRecord, agreement_record
 from msnn.agreement.report import AgreementReport, Failure
 from msnn.agreement.subject import Subject

@@ -24,7 +24,7 @@ from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge
 from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
-from msnn.agreement.compare import Agreement
+from msnn.agreement.agreement import Agreement
 from msnn.agreement.faults import Fault, NotOptimal
 from msnn.agreement.judgement import FloatType
 from msnn.exports.target import Weights

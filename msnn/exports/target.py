@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from compiler.ir.program import Program
 from compiler.passes.prune_zero_slices import Cut, cut_weights
-from msnn.agreement.compare import Agreement
+from msnn.agreement.agreement import Agreement
 from msnn.agreement.judgement import FloatType, Judgement, NumberType, Promise
 from msnn.agreement.loaded import Loaded
 from msnn.agreement.record import AgreementRecord

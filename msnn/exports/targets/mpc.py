@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from compiler.optimal_control.problem import ControlProblem
-from msnn.agreement.compare import Agreement
+from msnn.agreement.agreement import Agreement
 from msnn.errors import predictive_control
 from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import name_prefix
@@ -97,6 +97,7 @@ def built_controller(written: Written) -> Generator[Path]:
 
 
 def _compare(plan: ExportPlan[Controlled], weights: Weights, written: Written) -> Agreement:
+
     from msnn.exports.judged_controller import compare_controller
 
     with built_controller(written) as folder:
