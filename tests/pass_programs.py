@@ -118,6 +118,26 @@ def steep() -> Program:
     return Program("steep", None, signals, (), (), b.graph(), Graph(), outputs)
 
 
+def kinks() -> Program:
+    """Kinks that the range of x reaches, one that it does not, and one of no known range."""
+    b = GraphBuilder()
+    x, free = b.signal("x", 0, 0, Type()), b.signal("free", 0, 0, Type())
+    zero, far = b.constant(0.0), b.constant(5.0)
+    root = b.apply("sqrt", x)
+    positive = b.compare(Relation.GREATER, x, zero)
+    outputs = (
+        Output("abs", b.apply("abs", x)),
+        Output("relu", b.maximum(zero, x)),
+        Output("root", root),
+        Output("chosen", b.select(positive, root, x)),
+        Output("kept", b.select(positive, b.apply("log", x), x)),
+        Output("far", b.minimum(x, far)),
+        Output("free", b.apply("abs", free)),
+    )
+    signals = (Signal("x", Role.INPUT, range=(-2.0, 2.0)), Signal("free", Role.INPUT))
+    return Program("kinks", None, signals, (), (), b.graph(), Graph(), outputs)
+
+
 def leftovers() -> Program:
     """A state, a parameter, an input and nodes that no output needs; a target that a loss needs."""
     b, starts = GraphBuilder(), GraphBuilder()
@@ -248,10 +268,24 @@ def units_of_0() -> Program:
     return Program("units", None, signals, parameters, (), b.graph(), Graph(), outputs)
 
 
+def single_numbers() -> Program:
+    """A polynomial of which two coefficients, `off`, are 0."""
+    b = GraphBuilder()
+    x, w = b.signal("x", 0, 0, Type()), b.signal("w", 0, 0, Type())
+    on, off = b.parameter("on", Type()), b.parameter("off", Type())
+    square = b.multiply(off, b.multiply(x, x))
+    y = b.subtract(b.add(square, b.multiply(on, x)), b.multiply(off, b.apply("sin", w)))
+    parameters = (Parameter("on"), Parameter("off"))
+    signals = (Signal("x", Role.INPUT), Signal("w", Role.INPUT))
+    outputs = (Output("y", y),)
+    return Program("numbers", None, signals, parameters, (), b.graph(), Graph(), outputs)
+
+
 PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "numbers": numbers,
     "branches": branches,
     "steep": steep,
+    "kinks": kinks,
     "twins": twins,
     "named": named,
     "leftovers": leftovers,
@@ -261,4 +295,5 @@ PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "dropouts": dropouts,
     "expectations": expectations,
     "units_of_0": units_of_0,
+    "single_numbers": single_numbers,
 }

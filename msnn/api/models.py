@@ -1,4 +1,4 @@
-"""Loads, compiles, steps, linearises and exports one model."""
+"""Loads, compiles, steps, linearises, controls and exports one model."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.spec import Spec
 
 if TYPE_CHECKING:
+    from msnn.control.controller import Controller
+    from msnn.control.kalman_filter import KalmanFilter
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
 
@@ -62,19 +64,28 @@ def linearize(
     inputs: Mapping[str, ArrayLike],
     states: Mapping[str, ArrayLike],
     weights: Weights | None = None,
+    hessian: Mapping[str, ArrayLike] | None = None,
 ) -> Linearization:
     """Slopes of one step in all that the model remembers, its inputs and its parameters.
 
         found = msnn.linearize(model, {"F": 0.0}, {"x": 0.1, "v": 0.0}, result.weights)
         print(found.matrices["A"], found.vectors["x"].member("v").first)
 
+        multipliers = {"next(v)": 1.0, "power": 0.5}
+        found = msnn.linearize(model, inputs, states, result.weights, hessian=multipliers)
+        print(found.hessians["xu"])
+
     `inputs` are samples in the shapes of ports, `states` all that is remembered by name, buffers
     (`F.history`) oldest sample first; `msnn show --interface` lists both. Matrices are (rows,
     columns), in the spec's units. Weights None: the initial values. Raises ValueError.
+
+    `hessian` asks for second derivatives too: of the sum of outputs (by name) and next states
+    (`next(v)`), each times its multiplier; what is not named has the multiplier 0. Numbers that
+    are not finite are shown as they are, and `found.infinite` names the matrices that have any.
     """
     from msnn.simulation.linearize import linearize as run
 
-    return run(model.program, inputs, states, known_in(model, weights))
+    return run(model.program, inputs, states, known_in(model, weights), hessian)
 
 
 def stepper(model: Model, weights: Weights | None = None) -> Stepper:
@@ -95,6 +106,37 @@ def stepper(model: Model, weights: Weights | None = None) -> Stepper:
     known = known_in(model, weights)
     with sources_of(model):
         return open_stepper(model, known)
+
+
+def mpc(model: Model, weights: Weights | None = None) -> Controller:
+    """The predictive controller that the spec's `mpc` section describes.
+
+        controller = msnn.mpc(model, result.weights)
+        found = controller.solve({"level": 3.0}, references={"wanted": 6.0})
+        print(found.status, found.control["pump"])
+
+    It remembers its plan and what it applied; `reset` forgets both. Weights None: the initial
+    values. Raises ValueError for a model without that section.
+    """
+    from msnn.control.open_controller import open_controller
+
+    return open_controller(model, known_in(model, weights))
+
+
+def estimator(model: Model, weights: Weights | None = None) -> KalmanFilter:
+    """The estimator of states and parameters that the spec's `estimator` section describes.
+
+        kalman = msnn.estimator(model, result.weights)
+        kalman.reset({"level": 4.0, "leak": 0.0})
+        found = kalman.correct({"level": 4.1})
+        kalman.predict({"pump": 3.0})
+
+    It remembers what it found; NaN is a measurement that is not there. Weights None: the initial
+    values. Raises ValueError for a model without that section.
+    """
+    from msnn.control.open_controller import open_estimator
+
+    return open_estimator(model, known_in(model, weights))
 
 
 def export(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from backends.files.atomic_write import write_text
+from compiler.elaboration.compile import compile_spec
 from compiler.linking.link import link
 from compiler.program_file.file import (
     data_from_json,
@@ -86,9 +87,13 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     spec = link(
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
+    online = spec.mpc is not None or spec.estimator is not None
+    compiled = compile_spec(read.spec, used=read.used) if online else None
     return Model(
         program=program,
         spec=spec,
+        control=None if compiled is None else compiled.control,
+        estimation=None if compiled is None else compiled.estimation,
         path=embedded.path,
         text=text,
         sources=sources,

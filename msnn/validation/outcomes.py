@@ -67,10 +67,10 @@ class Simulator:
     def _measurements(self, checks: list[ReadyCheck]) -> list[Outcome]:
         names = {check.plan.of for check in checks}
         first = checks[0]
-        program = _reduced(
+        program = reduced(
             first.plan.rollout.program, lambda output: output.name in names, lambda _: False
         )
-        parts = _parts(first.runs, max(_STEPS, first.data.rows))
+        parts = rollout_parts(first.runs, max(_STEPS, first.data.rows))
 
         def found(engine: RolloutEngine) -> Found:
             each = _measured_by(checks, parts)
@@ -89,7 +89,7 @@ class Simulator:
     def _losses(self, checks: list[ReadyCheck]) -> list[Outcome]:
         names = {check.plan.of for check in checks}
         first = checks[0]
-        program = _reduced(
+        program = reduced(
             first.plan.rollout.program,
             lambda _: False,
             lambda loss: bool(names & {loss.name, loss.entry}),
@@ -136,7 +136,7 @@ def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
     return groups
 
 
-def _reduced(
+def reduced(
     program: Program, output: Callable[[Output], bool], loss: Callable[[Loss], bool]
 ) -> Program:
     outputs = tuple(filter(output, program.outputs))
@@ -162,7 +162,7 @@ def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs]) -> list[Measur
     return found
 
 
-def _parts(runs: Runs, steps: int) -> list[Runs]:
+def rollout_parts(runs: Runs, steps: int) -> list[Runs]:
     """The rollouts in their order, about so many steps together."""
     done = np.cumsum(runs.steps)
     block = (done - runs.steps) // steps

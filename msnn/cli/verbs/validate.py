@@ -34,6 +34,12 @@ def validate(
     data_root: DataRoot = None,
     settings: Settings = None,
     engine: ValidationEngine = "auto",
+    intervals: Annotated[
+        bool,
+        typer.Option(
+            "--intervals", help="Also count how often targets lie inside prediction intervals."
+        ),
+    ] = False,
     junit: Annotated[
         Path | None,
         typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, a test a limit."),
@@ -53,7 +59,7 @@ def validate(
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
     from msnn.validation.engines_report import EnginesReport, engines_record, engines_table
-    from msnn.validation.errors_report import regions_table, residuals_table
+    from msnn.validation.errors_report import coverage_table, regions_table, residuals_table
     from msnn.validation.report import (
         curves_table,
         junit_text,
@@ -62,6 +68,9 @@ def validate(
         metrics_table,
     )
 
+    if intervals and engine == EVERY_ENGINE:
+        message = "are counted by one engine, not by `--engine all`"
+        raise typer.BadParameter(message, param_hint="'--intervals'")
     refuse_two_origins(weights, initial)
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
@@ -78,7 +87,12 @@ def validate(
             found = every.judged
         else:
             found = measurements.validate(
-                model, chosen.weights, data_root=data_root, engine=engine, progress=progress.told
+                model,
+                chosen.file if intervals else chosen.weights,
+                data_root=data_root,
+                engine=engine,
+                progress=progress.told,
+                intervals=intervals,
             )
     report(found.warnings, model.sources)
     if junit is not None:
@@ -100,6 +114,7 @@ def validate(
             curves_table(found),
             residuals_table(found.measurements),
             regions_table(found.measurements),
+            coverage_table(found.measurements),
         )
         result("\n\n".join(table for table in tables if table))
     if plot is not None:
