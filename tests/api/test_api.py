@@ -101,8 +101,8 @@ def test_arrays_that_do_not_fit(spec: Path, arrays: dict[str, object], message: 
 
 
 def test_exporting_another_target_is_refused(spec: Path, tmp_path: Path):
-    with pytest.raises(msnn.SpecError, match="`fmu` is not an export target"):
-        msnn.export(msnn.load(spec), "fmu", tmp_path / "out")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(msnn.SpecError, match="`report` is not an export target"):
+        msnn.export(msnn.load(spec), "report", tmp_path / "out")  # pyright: ignore[reportArgumentType]
     assert not (tmp_path / "out").exists()
 
 
