@@ -15,6 +15,8 @@ class ListedTarget:
     """On the command line, in `export:`, and of its folder."""
     title: str
     about: str
+    of_control: bool = False
+    """Whether it is of the `mpc` section alone."""
     extras: tuple[str, ...] = ()
     """What `--with` and the spec's `with:` may name beside the step."""
     writer: OptionalPackage | None = None
@@ -66,6 +68,9 @@ TARGETS = (
         "FMU",
         "units for co-simulation by FMI 2.0 and 3.0",
         runner=FMPY,
+    ),
+    ListedTarget(
+        "mpc", "controllers", "the controller of an `mpc` section as C99", of_control=True
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)

@@ -124,11 +124,23 @@ class FmuExport(FloatTargetEntry):
     """Inputs whose samples after t a step waits for: outputs are as many samples late."""
 
 
+class MpcExport(FloatTargetEntry):
+    """The controller of the `mpc` section; names start with `prefix`, by default the spec's name.
+
+    What it controls, and what is fed back, stands in that section: `outputs` and `close` are none
+    of its keys.
+    """
+
+    noun: ClassVar[str] = "the mpc export"
+
+    prefix: NewName | None = None
+
+
 class Export(Entry):
     """The targets that `msnn export` writes; None where not asked for."""
 
     noun: ClassVar[str] = "export"
-    later: ClassVar[frozenset[str]] = frozenset({"mpc", "report"})
+    later: ClassVar[frozenset[str]] = frozenset({"report"})
 
     torch: TorchExport | None = None
     """A module that needs only torch."""
@@ -140,6 +152,8 @@ class Export(Entry):
     """C99 sources."""
     fmu: FmuExport | None = None
     """Units for co-simulation by FMI 2.0 and 3.0."""
+    mpc: MpcExport | None = None
+    """The controller of the `mpc` section as C99."""
 
     def entry(self, kind: type[OwnEntry]) -> OwnEntry | None:
         """The entry of one target, None where it is not asked for."""

@@ -98,7 +98,7 @@ _NOT_WHOLE = {
     "compiler.jacobian": {"matrices", "sparsity_pattern"},
     "compiler.optimal_control": {"problem"},
     "compiler.state_estimation": {"problem"},
-    "msnn.agreement": {"judgement", "loaded", "record"},
+    "msnn.agreement": {"agreement", "faults", "judgement", "loaded", "record"},
     "msnn.data": {"dataset", "reads", "scored", "starts"},
     "msnn.data.formats": {"table_of_formats"},
     "msnn.data.reading": {"file_sets"},
