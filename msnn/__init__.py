@@ -17,7 +17,7 @@ from msnn.project.package_names import check_package_names
 check_package_names()
 
 if TYPE_CHECKING:
-    from msnn.api.measurements import simulate, validate
+    from msnn.api.measurements import check_data, simulate, validate
     from msnn.api.models import (
         compile,
         estimator,
@@ -40,6 +40,7 @@ __all__ = [
     "SpecError",
     "TrainingDivergedError",
     "TrainingInterruptedError",
+    "check_data",
     "compare",
     "compile",
     "estimator",
@@ -63,7 +64,7 @@ _HOMES = {
     ),
     "Model": "msnn.model.model",
     "SpecError": "spec_schema.diagnostics.diagnostic",
-    **dict.fromkeys(("simulate", "validate"), "msnn.api.measurements"),
+    **dict.fromkeys(("check_data", "simulate", "validate"), "msnn.api.measurements"),
     **dict.fromkeys(("compare", "stage_loss", "train", "train_folds"), "msnn.api.trainings"),
 }
 

@@ -12,8 +12,8 @@ from compiler.elaboration.deep_recursion import room_for
 from compiler.elaboration.estimation.estimation_problem import estimation_problem
 from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
 from compiler.elaboration.formulas import formulas_of
-from compiler.elaboration.gradient_variables import gradient_variables
-from compiler.elaboration.histories import Buffers
+from compiler.elaboration.found_before import FoundBefore
+from compiler.elaboration.gradient_variables import gradient_variables, implicit_equations
 from compiler.elaboration.losses.losses import default_loss, lower_loss
 from compiler.elaboration.losses.penalties import checked_penalties
 from compiler.elaboration.names import Elaboration
@@ -168,7 +168,7 @@ def in_own_files(
         try:
             compile_spec(file.spec, used=file.used)
         except SpecError as error:
-            place, label = spec.use[name].spec.span, f"used here as `{name}`"
+            place, label = spec.use[name].file.span, f"used here as `{name}`"
             broken[path] = tuple(d.seen_from(place, label) for d in error.diagnostics)
     read = [file for file in used.values() if file.source.path in broken]
     files = {source.path for file in read for source in file.sources}
@@ -195,15 +195,16 @@ _MOST_LOWERINGS = 100
 def _lowered(linked: Linked, draw: int) -> _Lowered:
     """The spec lowered until the buffers that it needs are those that it has.
 
-    How far back something is read, and which axes an equation that reads its own past has, is known
-    only of lowered expressions: a function, a layer or a sub-model may delay its argument.
-    Nothing else iterates. What the text alone shows, as whose gradients are taken, is read from it.
+    So is the unit of centres that are read before a call of their layer tells it. How far back
+    something is read, and which axes an equation that reads its own past has, is known only of
+    lowered expressions: a function, a layer or a sub-model may delay its argument. Nothing else
+    iterates. What the text alone shows, as whose gradients are taken, is read from it.
     """
-    variables = gradient_variables(linked.spec)
-    known: Buffers = {}
+    variables = gradient_variables(linked.spec) | implicit_equations(linked)
+    known = FoundBefore()
     for _ in range(_MOST_LOWERINGS):
         lowered = _lowered_once(Elaboration(linked, variables, known, draw))
-        found = lowered.elaborated.histories.found()
+        found = lowered.elaborated.found()
         if found == known:
             break
         known = found
@@ -295,7 +296,8 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
         estimated = entry.init is not None and entry.init.fit is not None
         if entry.range_policy == "reset" and (estimated or reads_log(start.graph(), first)):
             place = entry.init.place.value if entry.init is not None else entry.place.key
-            context.findings.report(state_errors.reset_to_the_log(name, place))
+            report = state_errors.reset_to_the_log(name, place, fitted=estimated)
+            context.findings.report(report)
     return found
 
 

@@ -13,6 +13,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
 from spec_schema.fields.entry import Entry
 from spec_schema.reading.reader import ReadResult
+from spec_schema.robots.robot import Robot
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.integrators import Integrator
@@ -26,6 +27,14 @@ WeightsByPart = Mapping[str, Mapping[str, Array]]
 
 
 @dataclass(frozen=True)
+class RobotPart:
+    """A robot, and the full names of its dims and parameters by those that it calls them."""
+
+    robot: Robot
+    names: Mapping[str, str]
+
+
+@dataclass(frozen=True)
 class Linked:
     """The spec of the whole model, and what its entries do not say."""
 
@@ -36,6 +45,7 @@ class Linked:
     files: Mapping[str, ReadResult] = field(default_factory=dict[str, ReadResult])
     """What was read for each sub-model."""
     weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, Array]])
+    robots: Mapping[str, RobotPart] = field(default_factory=dict[str, RobotPart])
 
 
 def link(
@@ -55,7 +65,8 @@ def link(
     whole = linking.part(spec, used, "", ())
     linking.connect(whole.sections)
     sections = {**whole.sections, "dims": linking.dims, "use": linking.use}
-    return Linked(spec.model_copy(update=sections), linking.integrators, linking.files, weights)
+    linked = spec.model_copy(update=sections)
+    return Linked(linked, linking.integrators, linking.files, weights, linking.robots)
 
 
 MODEL_SECTIONS = (
@@ -92,6 +103,7 @@ class _Linking:
         self.integrators: dict[str, Integrator | None] = {}
         self.files: dict[str, ReadResult] = {}
         self.connections: list[tuple[str, Connection, str]] = []
+        self.robots: dict[str, RobotPart] = {}
 
     def part(
         self, spec: Spec, used: Mapping[str, ReadResult], prefix: str, around: tuple[_Dims, ...]
@@ -111,6 +123,8 @@ class _Linking:
             self._compare_sample_times(full, use, spec, file.spec)
             part = self.part(file.spec, file.used, f"{full}.", (dims, *around))
             names |= {f"{name}.{member}": known for member, known in part.names.items()}
+            if file.robot is not None:
+                self.robots[full] = RobotPart(file.robot, part.names)
             inner.append(part)
         renaming = Renaming(prefix, names)
         self.connections += [
@@ -186,7 +200,7 @@ class _Linking:
     def _compare_sample_times(self, part: str, use: Use, spec: Spec, inner: Spec) -> None:
         expected, found = (s.sample_time.value if s.sample_time else None for s in (spec, inner))
         if expected != found:
-            place = use.spec.span
+            place = use.file.span
             declared = inner.sample_time.span if inner.sample_time else inner.name.span
             report = errors.other_sample_time(part, _rate(found), _rate(expected), place, declared)
             self.findings.report(report)

@@ -156,7 +156,7 @@ def export(
 
     findings = Findings()
     known = known_in(model, weights)
-    names, _ = writable_targets([target], model.spec.export)
+    names, _ = writable_targets([target], model.spec.export, has_control=model.control is not None)
     plans = plan_exports(model, names, findings, weights=known)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)

@@ -25,6 +25,8 @@ class ChosenWeights:
     weights: Mapping[str, FloatArray]
     origin: str
     warnings: tuple[Diagnostic, ...] = ()
+    file: Path | None = None
+    """Where they were read from; None for the initial values."""
 
 
 def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
@@ -62,7 +64,7 @@ def choose_weights(
         if unfinished is not None and age(unfinished) > age(_whole_run(latest.resolve())):
             warnings = (unfinished_run(str(unfinished), str(latest.resolve().name)),)
     refuse_other_model(model, file)
-    return ChosenWeights(read_weights(file, program), str(file), warnings)
+    return ChosenWeights(read_weights(file, program), str(file), warnings, file)
 
 
 def _whole_run(folder: Path) -> Path:

@@ -15,7 +15,8 @@ from spec_schema.reading.reader import ReadResult
 class SubmodelFile:
     """A sub-model: its full name, the path and text of its spec, sha256 of its weights or "".
 
-    `file` has these weights; None where there are none, or only a program has them.
+    Of a robot the text is its URDF. `file` has these weights; None where there are none, or only a
+    program has them.
     """
 
     name: str
@@ -23,6 +24,7 @@ class SubmodelFile:
     text: str
     weights: str
     file: Path | None = None
+    is_robot: bool = False
 
     def record(self) -> dict[str, str]:
         """What a run was made of, as data."""
@@ -30,7 +32,23 @@ class SubmodelFile:
             "path": self.path,
             "spec_sha256": _sha256(self.text),
             "weights_sha256": self.weights,
+            **({"kind": ROBOT} if self.is_robot else {}),
         }
+
+    @property
+    def kept_as(self) -> str:
+        """The name of the file in which a run keeps the text."""
+        return kept_name(self.name, self.record())
+
+
+ROBOT = "robot"
+"""What the record of a robot says under `kind`."""
+
+
+def kept_name(name: str, record: Mapping[str, str]) -> str:
+    """The name of the file in which a run keeps the text of a part, by what its record says."""
+    suffix = ".urdf" if record.get("kind") == ROBOT else ".msnn.yaml"
+    return f"{Path(name).name}{suffix}"
 
 
 def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[SubmodelFile, ...]:
@@ -60,7 +78,11 @@ def _parts(read: ReadResult, digests: Mapping[str, str], prefix: str) -> Iterato
     for name, file in read.used.items():
         full = prefix + name
         yield SubmodelFile(
-            name=full, path=file.source.path, text=file.source.text, weights=digests.get(full, "")
+            name=full,
+            path=file.source.path,
+            text=file.source.text,
+            weights=digests.get(full, ""),
+            is_robot=file.robot is not None,
         )
         yield from _parts(file, digests, f"{full}.")
 

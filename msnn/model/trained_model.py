@@ -53,9 +53,19 @@ def _is_kept(part: SubmodelFile, kept: object, weights: Path) -> bool:
         return False
     if cast("dict[str, Any]", kept).get("weights_sha256") != part.weights:
         return False
-    file = weights.parent / PARTS / f"{Path(part.name).name}.msnn.yaml"
+    file = weights.parent / PARTS / part.kept_as
+    if part.is_robot:
+        return _is_text(file, part.text)
     then = _read(file, ())
     return then is not None and not _differing(then, read_one_spec(part.path, part.text))
+
+
+def _is_text(file: Path, text: str) -> bool:
+    try:
+        refuse_endless(file)
+        return file.read_text(encoding="utf-8") == text
+    except (OSError, ValueError):
+        return False
 
 
 def _differing(then: ReadResult, now: ReadResult) -> list[tuple[str, str | None, str | None]]:

@@ -11,6 +11,7 @@ from tests.cli.command_line import in_new_process
 
 _HEAVY = (
     "casadi",
+    "fmpy",
     "h5py",
     "jinja2",
     "matplotlib",
@@ -97,7 +98,7 @@ _NOT_WHOLE = {
     "compiler.jacobian": {"matrices", "sparsity_pattern"},
     "compiler.optimal_control": {"problem"},
     "compiler.state_estimation": {"problem"},
-    "msnn.agreement": {"judgement", "loaded", "record"},
+    "msnn.agreement": {"agreement", "faults", "judgement", "loaded", "record"},
     "msnn.data": {"dataset", "reads", "scored", "starts"},
     "msnn.data.formats": {"table_of_formats"},
     "msnn.data.reading": {"file_sets"},
@@ -145,6 +146,7 @@ _MAY_BE_WHOLE = {
     "compiler.lowering.arrays",
     "compiler.passes",
     "compiler.passes.analyses",
+    "compiler.robots",
     "msnn",
     "msnn.cli",
     "msnn.cli.verbs",
@@ -157,6 +159,7 @@ _MAY_BE_WHOLE = {
     "spec_schema.expressions",
     "spec_schema.fields",
     "spec_schema.reading",
+    "spec_schema.robots",
     "spec_schema.sections",
     "spec_schema.sections.data",
     "spec_schema.sections.layers",

@@ -14,10 +14,12 @@ from typing import Any, cast
 from backends.files.atomic_write import naming, sync, write_bytes, write_text
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
+from msnn.model.covariance_file import COVARIANCE, Covariance, write_covariance
 from msnn.model.kept_run import (
     CHECKPOINT,
     DESCRIPTION,
     LATEST,
+    PARAMETERS,
     PARTS,
     SPEC,
     WEIGHTS,
@@ -27,7 +29,6 @@ from msnn.model.spec_hash import SubmodelFile
 from msnn.model.weights_file import write_weights
 
 METRICS = "metrics.jsonl"
-PARAMETERS = "parameters.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +96,13 @@ class RunFolder:
         text = json.dumps(finite(record), ensure_ascii=False, indent=2)
         write_text(self.path / PARAMETERS, text + "\n")
 
+    def write_covariance(self, found: Covariance | None) -> None:
+        """Writes how uncertain the learned numbers are; without it none of other weights stays."""
+        if found is None:
+            (self.path / COVARIANCE).unlink(missing_ok=True)
+        else:
+            write_covariance(self.path / COVARIANCE, found)
+
     def write_description(
         self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[SubmodelFile] = ()
     ) -> None:
@@ -103,7 +111,7 @@ class RunFolder:
         if spec_text is not None:
             write_text(self.path / SPEC, spec_text)
         for part in parts:
-            write_text(self.path / PARTS / f"{part.name}.msnn.yaml", part.text)
+            write_text(self.path / PARTS / part.kept_as, part.text)
             if part.file is not None:
                 place = self.path / PARTS / f"{part.name}.safetensors"
                 write_bytes(place, part.file.read_bytes())
