@@ -24,8 +24,8 @@ class BarrierLimits:
         self.active = np.isfinite(ends)
         self.ends = np.where(self.active, ends, 0.0)
         # controls are put within their limits at last, so that those of the method are theirs
-        nu, size = functions.controls, limits.low.shape[1]
-        is_control = np.tile(np.arange(size) < nu, 2)
+        nu, size = functions.controls, int(limits.low.shape[1])
+        is_control = np.array([number % size < nu for number in range(2 * size)], np.bool_)
         self._judged_ends = np.where(is_control, self.ends, np.where(self.active, whole, 0.0))
         linear, quadratic = (np.tile(w, 2) for w in (limits.linear, limits.quadratic))
         self.soft = self.active & np.isfinite(linear)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import msnn
 from tests.control.specs import DOUBLE_INTEGRATOR, controller, load, mpc
@@ -49,7 +50,7 @@ mpc:
   bounds: {u: {max: 1, min: low, rate: 4}, x: {max: 3, min: low}}
   blocks: [2, 2, 2]
 """
-Given = Mapping[str, object]
+Given = Mapping[str, ArrayLike]
 CASES: dict[str, tuple[str, Given, Given, Given]] = {
     "without memory": (MEMORYLESS, {}, {"r": np.arange(5.0)}, {}),
     "read ahead": (READ_AHEAD, {"x": 1.0}, {}, {"w": np.arange(6.0)}),
