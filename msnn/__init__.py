@@ -20,12 +20,17 @@ if TYPE_CHECKING:
     from msnn.api.measurements import simulate, validate
     from msnn.api.models import compile, export, initial_weights, linearize, load, stepper
     from msnn.api.trainings import compare, stage_loss, train, train_folds
+    from msnn.errors.failures import MissingExtraError
     from msnn.model.model import Model
+    from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
     from spec_schema.diagnostics.diagnostic import SpecError
 
 __all__ = [
+    "MissingExtraError",
     "Model",
     "SpecError",
+    "TrainingDivergedError",
+    "TrainingInterruptedError",
     "compare",
     "compile",
     "export",
@@ -41,6 +46,10 @@ __all__ = [
 ]
 
 _HOMES = {
+    "MissingExtraError": "msnn.errors.failures",
+    **dict.fromkeys(
+        ("TrainingDivergedError", "TrainingInterruptedError"), "msnn.training.training_result"
+    ),
     "Model": "msnn.model.model",
     "SpecError": "spec_schema.diagnostics.diagnostic",
     **dict.fromkeys(("simulate", "validate"), "msnn.api.measurements"),

@@ -17,7 +17,7 @@ class CompilerMissingError(Exception):
     def __init__(
         self,
         why: str = "no C compiler found",
-        remedy: str = "install gcc, clang or `msnn[zig]`, or set CC",
+        remedy: str = "install gcc, clang or the Python package ziglang, or set CC",
     ) -> None:
         super().__init__(f"{why}: {remedy}")
 

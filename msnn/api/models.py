@@ -108,13 +108,13 @@ def export(
         msnn.export(model, "c", "firmware/plant", result.weights)
 
     What the spec's `export` section says of the target holds. Weights None: the initial values.
-    Raises SpecError, OSError.
+    Raises SpecError, MissingExtraError, OSError.
     """
-    from msnn.exports.export import plan_exports, target_names, write_export
+    from msnn.exports.export import plan_exports, writable_targets, write_export
 
     findings = Findings()
     known = known_in(model, weights)
-    names = target_names([target], model.spec.export)
+    names, _ = writable_targets([target], model.spec.export)
     plans = plan_exports(model, names, findings, weights=known)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)

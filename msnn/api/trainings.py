@@ -11,6 +11,7 @@ from msnn.data.dataset import Dataset
 from msnn.model.given_weights import Weights
 from msnn.model.model import Model
 from msnn.model.model_data import given_in, measured, sources_of
+from msnn.packages import TORCH
 
 if TYPE_CHECKING:
     from msnn.comparison.compare import Comparison, Listener
@@ -47,8 +48,10 @@ def train(
     TrainingInterruptedError and MissingExtraError.
     """
     from msnn.training import train as engine
+    from msnn.training.engines.what_trains import require_what_trains
     from msnn.training.run_line import begun, diverged, ended, log
 
+    require_what_trains(model.spec.train)
     options = replace(_options(model, runs, tensorboard, device), resume=resume)
     first = given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
@@ -85,8 +88,10 @@ def train_folds(
     """
     from msnn.data.reading.frames import refuse_sets
     from msnn.training import folds
+    from msnn.training.engines.what_trains import require_what_trains
 
     refuse_sets(data)
+    require_what_trains(model.spec.train)
     options = replace(_options(model, runs, tensorboard, device), resume=resume)
     first = given_in(model, weights)
 
@@ -121,6 +126,7 @@ def stage_loss(
     schedule and limits of gradients are yours. `data` and `device` as in `train`. Raises SpecError
     and MissingExtraError.
     """
+    TORCH.require("gives the loss of a stage as a module")
     from msnn.training.engines.devices import find_device
     from msnn.training.stage_loss_module import stage_loss as opened
 

@@ -17,6 +17,7 @@ from msnn.data.reading.frames import Frames
 from msnn.model.kept_run import CHECKPOINT, run_of
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
+from msnn.training.engines.what_trains import require_what_trains
 from msnn.training.folds import fold_count
 from msnn.training.records.run_log import LOG, RunLine, append, read
 from spec_schema.reading.reader import read_spec
@@ -95,9 +96,10 @@ def compare(
     compared = variants(specs, grid, options.settings)
     for variant in _one_of_each_choice(compared):
         if run_of(variant.spec) is not None or variant.spec.name.endswith(PROGRAM_SUFFIX):
-            load_model(variant.spec, variant.settings)
+            stages = load_model(variant.spec, variant.settings).spec.train
         else:
-            read_spec(variant.spec, settings=variant.settings)
+            stages = read_spec(variant.spec, settings=variant.settings).spec.train
+        require_what_trains(stages)
     missing = missing_tools() if options.counts_cost else ()
     setup = Setup(
         data=options.data,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from msnn.agreement.loaded import Loaded
 from msnn.errors import commands
-from msnn.exports.table import NAMES, PACKAGES
+from msnn.exports.table import NAMES, ListedTarget, listed
 from msnn.exports.target import AnyPlan, AnyTarget, Request, Weights, Written
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
@@ -36,6 +36,25 @@ def target_names(names: Sequence[str], export: Export | None) -> tuple[str, ...]
         return NAMES
     asked = names or [name for name in NAMES if _entry(export, target_named(name)) is not None]
     return tuple(name for name in NAMES if name in asked) or NAMES
+
+
+def writable_targets(
+    names: Sequence[str], export: Export | None
+) -> tuple[tuple[str, ...], tuple[ListedTarget, ...]]:
+    """The targets to write, and those left out because what writes them is not installed.
+
+    One that the command line or the spec names is not left out: MissingExtraError. Raises
+    SpecError for a name that is no target.
+    """
+    targets = [listed(name) for name in target_names(names, export)]
+    is_open = "all" in names or len(targets) == len(NAMES)
+    if not is_open:
+        for target in targets:
+            target.require_writer()
+    return (
+        tuple(target.name for target in targets if target.can_be_written),
+        tuple(target for target in targets if not target.can_be_written),
+    )
 
 
 def plan_exports(
@@ -81,6 +100,5 @@ def load_export(plan: AnyPlan, written: Written) -> AbstractContextManager[Loade
     Raises MissingExtraError where it needs a package or a tool that is not installed.
     """
     name = plan.target.name
-    if name in PACKAGES:
-        PACKAGES[name].require()
+    listed(name).require_runner()
     return plan.target.load(plan, written)

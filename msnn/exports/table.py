@@ -2,27 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
 
-from msnn.errors.failures import MissingExtraError
-
-
-@dataclass(frozen=True, slots=True)
-class Package:
-    """A Python package that runs what a target wrote; an extra of msnn installs it."""
-
-    name: str
-    extra: str
-    purpose: str
-    """For `msnn doctor`."""
-    what: str
-    """It, in the sentence that says that it is not installed."""
-
-    def require(self) -> None:
-        """Raises MissingExtraError where it is not installed."""
-        if importlib.util.find_spec(self.name) is None:
-            raise MissingExtraError(self.what, f"pip install 'msnn[{self.extra}]'")
+from msnn.packages import CASADI, ONNX, ONNXRUNTIME, TORCH, OptionalPackage
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,24 +17,44 @@ class ListedTarget:
     about: str
     extras: tuple[str, ...] = ()
     """What `--with` and the spec's `with:` may name beside the step."""
-    package: Package | None = None
-    """What must be installed besides to run what it writes."""
+    writer: OptionalPackage | None = None
+    """What must be installed to write it."""
+    runner: OptionalPackage | None = None
+    """What must be installed besides to run what was written."""
+
+    @property
+    def can_be_written(self) -> bool:
+        """Whether it needs nothing that is not installed."""
+        return self.writer is None or self.writer.is_installed
+
+    @property
+    def left_out(self) -> str:
+        """Says that it is not written, and what would change that."""
+        assert self.writer is not None
+        missing = f"{self.writer.name} is not installed; {self.writer.install}"
+        return f"{self.name} is left out: {missing}"
+
+    def require_writer(self) -> None:
+        """Raises MissingExtraError where what writes it is not installed."""
+        if self.writer is not None:
+            self.writer.require(f"writes {self.title} exports")
+
+    def require_runner(self) -> None:
+        """Raises MissingExtraError where what runs it is not installed."""
+        if self.runner is not None:
+            self.runner.require(f"runs {self.title} models")
 
 
 TARGETS = (
-    ListedTarget("torch", "torch", "a module that needs only torch"),
+    ListedTarget("torch", "torch", "a module that needs only torch", writer=TORCH),
     ListedTarget(
         "onnx",
         "ONNX",
         "models with explicit states",
-        package=Package(
-            name="onnxruntime",
-            extra="onnxruntime",
-            purpose="runs ONNX exports for `export --check`",
-            what="onnxruntime, which runs ONNX models,",
-        ),
+        writer=ONNX,
+        runner=ONNXRUNTIME,
     ),
-    ListedTarget("casadi", "CasADi", "functions with named ports"),
+    ListedTarget("casadi", "CasADi", "functions with named ports", writer=CASADI),
     ListedTarget(
         "c",
         "C",
@@ -61,6 +63,11 @@ TARGETS = (
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)
+_TARGETS_BY_NAME = {target.name: target for target in TARGETS}
 EXTRAS = tuple(extra for target in TARGETS for extra in target.extras)
 """In the order in which they are written."""
-PACKAGES = {target.name: target.package for target in TARGETS if target.package is not None}
+
+
+def listed(name: str) -> ListedTarget:
+    """The line of the table that has this name."""
+    return _TARGETS_BY_NAME[name]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler
-from msnn.exports.table import PACKAGES
+from msnn.packages import OPTIONAL, ZIGLANG
 from spec_schema.version import __version__
 
 
@@ -22,24 +22,6 @@ class InstalledPart:
     install: str | None = None
 
 
-# Distribution, extra, and what it is for; an extra of None comes with msnn.
-_PACKAGES = (
-    ("numpy", None, "arithmetic"),
-    ("torch", None, "training without a compiler, torch exports"),
-    ("casadi", None, "CasADi exports"),
-    ("onnx", None, "ONNX exports"),
-    *((p.name, p.extra, p.purpose) for p in PACKAGES.values()),
-    ("matplotlib", "plot", "draws simulations"),
-    ("pyarrow", "parquet", "reads Parquet"),
-    ("scipy", "mat", "reads MATLAB files"),
-    ("h5py", "hdf5", "reads HDF5 and MATLAB 7.3 files"),
-    ("asammdf", "mdf", "reads MDF"),
-    ("rosbags", "ros", "reads ROS bags"),
-    ("tensorboard", "tensorboard", "curves of trainings"),
-    ("ziglang", "zig", "a C compiler as a package"),
-)
-
-
 def installation() -> Iterator[InstalledPart]:
     """Every part, looked up without importing it."""
     yield InstalledPart("msnn", "", __version__)
@@ -47,9 +29,9 @@ def installation() -> Iterator[InstalledPart]:
         "python", "", f"{platform.python_version()} on {platform.platform(terse=True)}"
     )
     yield _compiler()
-    for package, extra, purpose in _PACKAGES:
-        install = f"pip install {package}" if extra is None else f"pip install 'msnn[{extra}]'"
-        yield InstalledPart(package, purpose, _version(package), install)
+    yield InstalledPart("numpy", "arithmetic", _version("numpy"))
+    for package in OPTIONAL:
+        yield InstalledPart(package.name, package.purpose, _version(package.name), package.install)
 
 
 def _compiler() -> InstalledPart:
@@ -57,9 +39,7 @@ def _compiler() -> InstalledPart:
     try:
         command = find_compiler()
     except CompilerMissingError:
-        return InstalledPart(
-            "C compiler", purpose, None, "apt install gcc, or pip install 'msnn[zig]'"
-        )
+        return InstalledPart("C compiler", purpose, None, f"apt install gcc, or {ZIGLANG.install}")
     return InstalledPart("C compiler", purpose, " ".join(command))
 
 

@@ -99,8 +99,8 @@ def _readers(data: Data, findings: Findings) -> None:
         for pattern in source.files:
             kind = format_of(pattern.value)
             if kind.missing:
-                what = f"{kind.name} files need {' and '.join(kind.missing)}"
-                install = f"pip install 'msnn[{kind.extra}]'"
+                names = " and ".join(package.name for package in kind.missing)
+                what, install = f"{kind.name} files need {names}", kind.missing[0].install
                 findings.report(data_formats.missing_reader(what, install, pattern.span))
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from backends.files.atomic_write import replacing
 from compiler.ir.program import Program
-from msnn.errors.failures import MissingExtraError
+from msnn.packages import MATPLOTLIB
 from msnn.simulation.simulate import Simulation
 from msnn.training.records.progress import EpochEnd
 from msnn.validation.measurement import Measurement
@@ -22,8 +21,7 @@ FORMATS = ("png", "svg", "pdf")
 
 def require_plotting() -> None:
     """Raises MissingExtraError where matplotlib is not installed."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise MissingExtraError("matplotlib, which draws plots,", "pip install 'msnn[plot]'")
+    MATPLOTLIB.require("draws plots")
 
 
 def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:

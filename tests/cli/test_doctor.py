@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from msnn.packages import OPTIONAL, OptionalPackage
 from msnn.project import installation
 from tests.cli.command_line import ROOT, CommandLine
 
@@ -33,13 +34,13 @@ def test_a_missing_package_and_a_closed_cache(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("MSNN_CACHE", str(tmp_path / "file" / "kernels"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "own"))
-    packages = (("no-such-package", "plot", "draws"),)
-    monkeypatch.setattr(installation, "_PACKAGES", packages)
+    absent = OptionalPackage("no_such_package", "plot", "draws")
+    monkeypatch.setattr(installation, "OPTIONAL", (absent,))
     said = msnn("doctor", "--format", "json")
     record = json.loads(said.out)
     parts = {part["name"]: part for part in record["parts"]}
-    assert parts["no-such-package"]["found"] is None
-    assert parts["no-such-package"]["install"] == "pip install 'msnn[plot]'"
+    assert parts["no_such_package"]["found"] is None
+    assert parts["no_such_package"]["install"] == absent.install
     own = str(tmp_path / "own" / "msnn" / "kernels")
     assert parts["cache"]["found"] == f"{own} (trusted; 0 kernels, 0.0 MB)"
     refused = {"folder": str(tmp_path / "file" / "kernels"), "reason": "not a directory"}
@@ -93,5 +94,5 @@ def test_a_folder_of_others_is_not_cleaned(
 
 def test_every_extra_is_looked_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    named = {extra for _, extra, _ in installation._PACKAGES if extra is not None}
-    assert named == set(project["optional-dependencies"])
+    named = {package.extra for package in OPTIONAL}
+    assert named | {"all"} == set(project["optional-dependencies"])

@@ -246,7 +246,7 @@ def test_a_format_without_its_reader_names_the_install_line(
         if format.packages:
             with pytest.raises(MissingExtraError) as error:
                 require_reader(f"runs/a{format.suffixes[0]}")
-            assert error.value.diagnostic.help == f"pip install 'msnn[{format.extra}]'"
+            assert error.value.diagnostic.help == format.packages[0].install
 
 
 def test_a_suffix_that_says_nothing_is_text() -> None:

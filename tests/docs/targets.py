@@ -9,18 +9,18 @@ from tests.docs.markdown import table
 
 def targets() -> str:
     """A row a target."""
-    header = ("target", "writes", "computes in", "keeps", "to run it", "`msnn verify`")
+    header = ("target", "writes", "computes in", "keeps", "extras", "`msnn verify`")
     return table(header, [_row(listed) for listed in TARGETS])
 
 
 def _row(listed: ListedTarget) -> tuple[str, ...]:
     target = target_named(listed.name)
-    package = "" if listed.package is None else f"`pip install 'msnn[{listed.package.extra}]'`"
+    extras = [package.extra for package in (listed.writer, listed.runner) if package is not None]
     return (
         f"`{listed.name}`",
         listed.about,
         target.dtype,
         target.promise(target.dtype).value,
-        package,
+        ", ".join(f"`{extra}`" for extra in extras),
         "●" if target.is_verified else "",
     )

@@ -65,7 +65,7 @@ def export(
     code 3 when one of them computes something else than the interpreter.
     """
     from msnn.cli.console import json_result, note, report, result
-    from msnn.exports.export import plan_exports, target_names, write_export
+    from msnn.exports.export import plan_exports, writable_targets, write_export
     from msnn.exports.left_out import left_out
     from msnn.exports.target import AnyPlan, Written
     from msnn.model.load import load_model
@@ -79,7 +79,9 @@ def export(
     model = load_model(spec, settings or ())
     report(model.warnings, model.sources)
     findings = Findings()
-    targets = target_names(names, model.spec.export)
+    targets, missing = writable_targets(names, model.spec.export)
+    for target in missing:
+        note(target.left_out)
     having = [target.name for target in TARGETS if target.extras]
     if extras and not set(having) & set(targets):
         message = f"of all targets only {' and '.join(having)} has extras, and it is not among "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msnn.errors.failures import MissingExtraError
+from msnn.packages import ASAMMDF, H5PY, PYARROW, ROSBAGS, SCIPY, OptionalPackage
 
 if TYPE_CHECKING:
     from msnn.data.formats.csv_header import Dialect
@@ -26,8 +26,7 @@ class FileFormat:
     name: str
     suffixes: tuple[str, ...]
     module: str
-    packages: tuple[str, ...] = ()
-    extra: str = ""
+    packages: tuple[OptionalPackage, ...] = ()
     is_text: bool = False
     keeps_time: bool = False
     """Whether the file itself says when each value was recorded."""
@@ -37,9 +36,9 @@ class FileFormat:
         return import_module(self.module).read
 
     @property
-    def missing(self) -> tuple[str, ...]:
-        """The packages of the extra that are not installed."""
-        return tuple(p for p in self.packages if importlib.util.find_spec(p) is None)
+    def missing(self) -> tuple[OptionalPackage, ...]:
+        """What reads it and is not installed."""
+        return tuple(package for package in self.packages if not package.is_installed)
 
 
 TEXT = FileFormat(
@@ -56,37 +55,32 @@ FORMATS = (
         name="Parquet",
         suffixes=(".parquet",),
         module="msnn.data.formats.parquet_file",
-        packages=("pyarrow",),
-        extra="parquet",
+        packages=(PYARROW,),
     ),
     FileFormat(
         name="MAT",
         suffixes=(".mat",),
         module="msnn.data.formats.mat_file",
-        packages=("scipy", "h5py"),
-        extra="mat",
+        packages=(SCIPY, H5PY),
     ),
     FileFormat(
         name="HDF5",
         suffixes=(".h5", ".hdf5"),
         module="msnn.data.formats.hdf5_file",
-        packages=("h5py",),
-        extra="hdf5",
+        packages=(H5PY,),
     ),
     FileFormat(
         name="MDF",
         suffixes=(".mf4", ".mdf"),
         module="msnn.data.formats.mdf_file",
-        packages=("asammdf",),
-        extra="mdf",
+        packages=(ASAMMDF,),
         keeps_time=True,
     ),
     FileFormat(
         name="ROS bag",
         suffixes=(".bag", ".db3", ".mcap"),
         module="msnn.data.formats.rosbag_file",
-        packages=("rosbags",),
-        extra="ros",
+        packages=(ROSBAGS,),
         keeps_time=True,
     ),
 )
@@ -103,5 +97,6 @@ def require_reader(path: Path | str) -> None:
     """Raises MissingExtraError if what reads this file is not installed."""
     format = format_of(path)
     if format.missing:
-        what = f"{' and '.join(format.missing)}, which reads {format.name} files such as {path},"
-        raise MissingExtraError(what, f"pip install 'msnn[{format.extra}]'")
+        names = " and ".join(package.name for package in format.missing)
+        what = f"{names}, which reads {format.name} files such as {path},"
+        raise MissingExtraError(what, format.missing[0].install)

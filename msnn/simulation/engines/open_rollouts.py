@@ -14,6 +14,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.errors import kernels
+from msnn.packages import TORCH
 from msnn.simulation.engines.engine import EngineName, OpenedRollouts
 from msnn.simulation.engines.stepwise import SIDE_BY_SIDE, interpreted_rollouts
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -74,9 +75,11 @@ def open_rollouts(
 
 
 def known_engine(name: str) -> str:
-    """The name, if it is one of `ENGINES`. Raises SpecError."""
+    """The name, if it is one of `ENGINES` that runs here. Raises SpecError, MissingExtraError."""
     if name not in ENGINES:
         raise SpecError([kernels.unknown_engine(name, ENGINES)])
+    if name == "torch":
+        TORCH.require("runs models with `--engine torch`")
     return name
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from msnn.errors.devices import no_kernel_on_card, no_such_card, unknown_device
 from msnn.errors.failures import MissingExtraError
+from msnn.packages import TORCH
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 
@@ -42,7 +43,10 @@ def find_device(name: str) -> Device:
         raise SpecError((unknown_device(name),))
     if name == "cpu":
         return CPU
-    # torch takes seconds to import: only where somebody asks for more than the CPU
+    if name == "auto" and not TORCH.is_installed:
+        return CPU
+    TORCH.require("computes on graphics cards")
+    # it takes seconds to import: only where somebody asks for more than the CPU
     import torch
 
     cards = torch.cuda.device_count() if torch.cuda.is_available() else 0

@@ -14,13 +14,13 @@ import numpy as np
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
 from msnn.model.spec_hash import SubmodelFile
+from msnn.packages import TORCH
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.bits_record import bits_record
 from msnn.training.records.stage_record import stage_record
 from spec_schema.version import __version__
 
 _FORMAT = 1
-_LIBRARIES = ("numpy", "torch")
 _SAME_BITS = frozenset({"threads"})
 """Keys of a stage that change no result."""
 
@@ -37,7 +37,8 @@ def run_record(
         "versions": {
             "msnn": __version__,
             "python": platform.python_version(),
-            **{name: version(name) for name in _LIBRARIES},
+            "numpy": version("numpy"),
+            **({TORCH.name: version(TORCH.name)} if TORCH.is_installed else {}),
         },
         "bits": bits_record(program, plans),
         "stages": [stage_record(plan) for plan in plans],

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from msnn.data.dataset import FloatArray
-from msnn.errors.failures import MissingExtraError
+from msnn.packages import TENSORBOARD
 from msnn.training.records.progress import EpochEnd
 
 MOST_NUMBERS = 16
@@ -45,17 +45,14 @@ class Curves:
 
 def require_tensorboard() -> None:
     """Raises MissingExtraError where tensorboard is not installed."""
-    _tensorboard()
+    TENSORBOARD.require("draws curves of trainings")
 
 
 def _tensorboard() -> tuple[Any, Any, Any]:
     """Writer of event files, `Event` and `Summary`, from the parts that stand alone."""
-    try:
-        files = import_module("tensorboard.summary.writer.event_file_writer")
-        events = import_module("tensorboard.compat.proto.event_pb2")
-        summaries = import_module("tensorboard.compat.proto.summary_pb2")
-    except ImportError:
-        raise MissingExtraError("tensorboard", "pip install 'msnn[tensorboard]'") from None
+    files = import_module("tensorboard.summary.writer.event_file_writer")
+    events = import_module("tensorboard.compat.proto.event_pb2")
+    summaries = import_module("tensorboard.compat.proto.summary_pb2")
     return files.EventFileWriter, events.Event, summaries.Summary
 
 

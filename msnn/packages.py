@@ -1,0 +1,101 @@
+"""Names the packages that msnn can do without, what each is for, and the line that installs it."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from msnn.errors.failures import MissingExtraError
+
+
+@dataclass(frozen=True, slots=True)
+class OptionalPackage:
+    """A Python package that an extra of msnn installs."""
+
+    name: str
+    """As Python imports it and pip installs it."""
+    extra: str
+    purpose: str
+    """For `msnn doctor`."""
+
+    @property
+    def is_installed(self) -> bool:
+        """Looked up, not imported."""
+        try:
+            return importlib.util.find_spec(self.name) is not None
+        except ImportError:  # a finder that refuses the name
+            return False
+
+    @property
+    def install(self) -> str:
+        """The line that installs it."""
+        return install_line(self)
+
+    def require(self, use: str) -> None:
+        """Raises MissingExtraError, which says the use that needs it, where it is not installed."""
+        if not self.is_installed:
+            raise MissingExtraError(f"{self.name}, which {use},", self.install)
+
+
+TORCH = OptionalPackage("torch", "torch", "trains on its engine and writes torch exports")
+CASADI = OptionalPackage("casadi", "casadi", "writes CasADi exports")
+ONNX = OptionalPackage("onnx", "onnx", "writes ONNX exports")
+ONNXRUNTIME = OptionalPackage(
+    "onnxruntime", "onnxruntime", "runs ONNX exports for `export --check`"
+)
+MATPLOTLIB = OptionalPackage("matplotlib", "plot", "draws plots")
+PYARROW = OptionalPackage("pyarrow", "parquet", "reads Parquet")
+SCIPY = OptionalPackage("scipy", "mat", "reads MATLAB files")
+H5PY = OptionalPackage("h5py", "hdf5", "reads HDF5 and MATLAB 7.3 files")
+ASAMMDF = OptionalPackage("asammdf", "mdf", "reads MDF")
+ROSBAGS = OptionalPackage("rosbags", "ros", "reads ROS bags")
+TENSORBOARD = OptionalPackage("tensorboard", "tensorboard", "draws curves of trainings")
+ZIGLANG = OptionalPackage("ziglang", "zig", "is a C compiler")
+
+OPTIONAL = (
+    TORCH,
+    CASADI,
+    ONNX,
+    ONNXRUNTIME,
+    MATPLOTLIB,
+    PYARROW,
+    SCIPY,
+    H5PY,
+    ASAMMDF,
+    ROSBAGS,
+    TENSORBOARD,
+    ZIGLANG,
+)
+"""In the order of `msnn doctor`."""
+
+
+def install_line(package: OptionalPackage) -> str:
+    """The command that adds a package to this installation of msnn.
+
+    It names the folder or address that msnn was installed from, never the bare name of a package
+    that somebody else could publish. Where that is not known, the package itself.
+    """
+    origin = _origin()
+    if origin is None:
+        return f"pip install {package.name}"
+    url = str(origin.get("url"))
+    if "dir_info" in origin:
+        option = "-e " if origin["dir_info"].get("editable") else ""
+        return f"pip install {option}'{unquote(urlsplit(url).path)}[{package.extra}]'"
+    if "vcs_info" in origin:
+        url = f"{origin['vcs_info']['vcs']}+{url}@{origin['vcs_info']['commit_id']}"
+    return f"pip install 'msnn[{package.extra}] @ {url}'"
+
+
+def _origin() -> dict[str, Any] | None:
+    """What the installer recorded by PEP 610; None where it took msnn from an index."""
+    import json  # only where something is missing
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    try:
+        text = distribution("msnn").read_text("direct_url.json")
+    except PackageNotFoundError:
+        return None
+    return None if text is None else json.loads(text)

@@ -1,0 +1,26 @@
+"""Says before data are read whether what shall train is installed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from backends.files.c_compiler import CompilerMissingError, find_compiler
+from msnn.errors.failures import MissingExtraError
+from msnn.packages import TORCH, ZIGLANG
+from spec_schema.sections.training.training import Stage
+
+
+def require_what_trains(stages: Sequence[Stage]) -> None:
+    """Raises MissingExtraError where a stage needs torch or a C compiler that is not there."""
+    for stage in stages:
+        optimizer = stage.optimizer.choice
+        if optimizer.steps_by == "torch":
+            TORCH.require(f"has {optimizer.noun}")
+        if stage.engine == "torch":
+            TORCH.require("trains with `engine: torch`")
+    try:
+        find_compiler()
+    except CompilerMissingError as error:
+        if not TORCH.is_installed:
+            install = f"apt install gcc, or {ZIGLANG.install}, or {TORCH.install}"
+            raise MissingExtraError("a C compiler, or torch in its place,", install) from error

@@ -1,0 +1,1 @@
+"""What msnn does without torch, casadi and onnx, in the checkout and installed."""
