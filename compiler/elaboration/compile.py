@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from compiler.elaboration.between_samples import report_between
 from compiler.elaboration.deep_recursion import room_for
@@ -62,6 +62,7 @@ def compile_spec(
     *,
     used: Mapping[str, ReadResult] | None = None,
     weights: WeightsByPart | None = None,
+    numbers: Mapping[str, str] | None = None,
     strict_units: bool = False,
     spec_hash: str = "",
     draw: int = 0,
@@ -69,17 +70,18 @@ def compile_spec(
     """The program of a spec, in window form.
 
     `used` is what was read for its sub-models and `weights` the arrays of those with `weights:`, by
-    their full names; without them a sub-model has its initial values.
+    their full names; without them a sub-model has its initial values. `numbers` has the texts of
+    files of initial values, by path; those that are not there are read.
     Raises SpecError with every mistake found; with `strict_units` units that do not fit are errors.
     Another `draw` has other initial values where they are drawn.
     """
     problems = Findings()
     try:
-        linked = link(spec, used or {}, weights or {}, problems)
+        linked = replace(link(spec, used or {}, weights or {}, problems), numbers=numbers or {})
         problems.raise_errors()
         return compile_linked(linked, strict_units=strict_units, spec_hash=spec_hash, draw=draw)
     except SpecError as error:
-        raise SpecError(in_own_files(error.diagnostics, spec, used or {})) from None
+        raise SpecError(in_own_files(error.diagnostics, spec, used or {}, numbers)) from None
 
 
 def compile_linked(
@@ -125,7 +127,10 @@ def compile_linked(
 
 
 def in_own_files(
-    diagnostics: Iterable[Diagnostic], spec: Spec, used: Mapping[str, ReadResult]
+    diagnostics: Iterable[Diagnostic],
+    spec: Spec,
+    used: Mapping[str, ReadResult],
+    numbers: Mapping[str, str] | None = None,
 ) -> tuple[Diagnostic, ...]:
     """The diagnostics with those of a broken sub-model as its own file alone brings them.
 
@@ -137,7 +142,7 @@ def in_own_files(
         if path in broken:
             continue
         try:
-            compile_spec(file.spec, used=file.used)
+            compile_spec(file.spec, used=file.used, numbers=numbers)
         except SpecError as error:
             place, label = spec.use[name].spec.span, f"used here as `{name}`"
             broken[path] = tuple(d.seen_from(place, label) for d in error.diagnostics)

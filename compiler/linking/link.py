@@ -35,6 +35,8 @@ class Linked:
     files: Mapping[str, ReadResult] = field(default_factory=dict[str, ReadResult])
     """What was read for each sub-model."""
     weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, Array]])
+    numbers: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Texts of files of initial values that were read before, by path."""
 
 
 def link(

@@ -32,7 +32,7 @@ class KeptSpec:
     """Of the spec: where it was, if there is such a folder here, else in the run."""
     text: str
     texts: Mapping[str, str]
-    """Of sub-models, by path."""
+    """Of sub-models and of files of initial values, by path: where it is, and as the run has it."""
     weights: Mapping[str, Path]
     """Files of sub-models' weights, by full name."""
     settings: tuple[str, ...]
@@ -66,9 +66,11 @@ def kept_spec(run: Path) -> KeptSpec:
         texts: dict[str, str] = {}
         weights: dict[str, Path] = {}
         for name, part in parts.items():
-            file = run / PARTS / f"{Path(name).name}.msnn.yaml"
+            is_spec = "numbers_sha256" not in part
+            kept = Path(name).name
+            file = run / PARTS / (f"{kept}.msnn.yaml" if is_spec else kept)
             seen = os.path.relpath(part["path"], Path(record["spec"]).parent)
-            texts[os.path.normpath(path.parent / seen)] = _text(file)
+            texts[os.path.normpath(path.parent / seen)] = texts[part["path"]] = _text(file)
             weights[name] = file.with_name(f"{Path(name).name}.safetensors")
         settings = tuple(str(text) for text in record.get("settings", []))
         sha256 = str(record["spec_sha256"])

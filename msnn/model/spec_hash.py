@@ -15,7 +15,8 @@ from spec_schema.reading.reader import ReadResult
 class SubmodelFile:
     """A sub-model: its full name, the path and text of its spec, sha256 of its weights or "".
 
-    `file` has these weights; None where there are none, or only a program has them.
+    `file` has these weights; None where there are none, or only a program has them. A file of
+    initial values is a part too, which is no spec.
     """
 
     name: str
@@ -23,9 +24,17 @@ class SubmodelFile:
     text: str
     weights: str
     file: Path | None = None
+    is_spec: bool = True
+
+    @property
+    def kept_as(self) -> str:
+        """What a run calls its copy of the text."""
+        return f"{self.name}.msnn.yaml" if self.is_spec else self.name
 
     def record(self) -> dict[str, str]:
         """What a run was made of, as data."""
+        if not self.is_spec:
+            return {"path": self.path, "numbers_sha256": _sha256(self.text)}
         return {
             "path": self.path,
             "spec_sha256": _sha256(self.text),

@@ -103,7 +103,7 @@ class RunFolder:
         if spec_text is not None:
             write_text(self.path / SPEC, spec_text)
         for part in parts:
-            write_text(self.path / PARTS / f"{part.name}.msnn.yaml", part.text)
+            write_text(self.path / PARTS / part.kept_as, part.text)
             if part.file is not None:
                 place = self.path / PARTS / f"{part.name}.safetensors"
                 write_bytes(place, part.file.read_bytes())
