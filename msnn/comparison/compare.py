@@ -9,7 +9,16 @@ from pathlib import Path
 from typing import Protocol
 
 from msnn.comparison.cost import missing_tools
-from msnn.comparison.ranking import Criterion, Ranked, Way, chosen_criterion, common_ways, ranked
+from msnn.comparison.planned import planned
+from msnn.comparison.ranking import (
+    Criterion,
+    Ranked,
+    Way,
+    chosen_criterion,
+    common_ways,
+    named_criterion,
+    ranked,
+)
 from msnn.comparison.trial import Outcome, Setup, Trial
 from msnn.comparison.variants import GridAxis, Variant, variants
 from msnn.comparison.workers import outcomes
@@ -89,8 +98,8 @@ def compare(
     """Trains every variant by seed and fold, and ranks them by what all were measured of.
 
     A training that the log has with the same model, data, seed and fold is not repeated, and one
-    that was killed goes on. Raises SpecError before any training for mistakes in specs and grid,
-    and where nothing alike was measured.
+    that was killed goes on. Raises SpecError before any training for mistakes in specs and grid and
+    for a criterion that no spec measures, and after them where nothing alike was measured.
     """
     heard = listener or Unheard()
     compared = variants(specs, grid, options.settings)
@@ -100,6 +109,11 @@ def compare(
         else:
             stages = read_spec(variant.spec, settings=variant.settings).spec.train
         require_what_trains(stages)
+    if options.criterion is not None:
+        first = {variant.spec: variant for variant in reversed(compared)}
+        for variant in first.values():
+            model = load_model(variant.spec, variant.settings)
+            named_criterion(planned(model), options.criterion)
     missing = missing_tools() if options.counts_cost else ()
     setup = Setup(
         data=options.data,

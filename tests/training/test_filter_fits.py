@@ -21,6 +21,7 @@ from msnn.training.stage_loss_module import stage_loss
 from msnn.training.starts.filter_equations import Piece, Structure
 from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.starts.linear_fit import fitted_filter
+from msnn.training.starts.linear_system import filtered as through
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.language.compiled import codes
@@ -239,3 +240,14 @@ def filtered_by_recursion(signal: FloatArray, denominator: FloatArray) -> FloatA
         past = (a * x[n - j] for j, a in enumerate(denominator) if 0 < j <= n)
         x[n] = signal[n] - sum(past)
     return np.array(x)
+
+
+@pytest.mark.parametrize("order", [0, 1, 3, 6])
+@pytest.mark.parametrize("rows", [1, 2, 5, 31, 32, 33, 300])
+def test_blocks_compute_what_the_recursion_does(order: int, rows: int) -> None:
+    random = np.random.default_rng(order)
+    denominator = np.concatenate(([1.0], 0.2 * random.normal(size=order)))
+    signal = random.normal(size=rows)
+    wanted = filtered_by_recursion(signal, denominator)
+    # sums of at most 32 terms of size 1, in another order
+    np.testing.assert_allclose(through(signal, denominator), wanted, atol=1e-13)

@@ -1,4 +1,4 @@
-"""A run keeps the files of `init: {file: …}`: it needs none of them, and notices one that changed."""
+"""A run keeps files of `init: {file: …}`: it needs none of them, and notices one that changed."""
 
 from __future__ import annotations
 

@@ -57,3 +57,14 @@ class LinearSystem:
         found += starts @ self._free
         within = found.reshape(blocks, _BLOCK + 1, order)[:, :_BLOCK].reshape(-1, order)
         return np.concatenate((within, state[None]))[: rows + 1]
+
+
+def filtered(signal: FloatArray, denominator: FloatArray) -> FloatArray:
+    """The signal through 1/A, from rest: y[t] = u[t] − Σ aⱼ y[t−j]."""
+    order = len(denominator) - 1
+    if not order:
+        return signal
+    companion = np.eye(order, k=-1)
+    companion[0] = -denominator[1:]
+    system = LinearSystem(companion, np.eye(order)[:, :1])
+    return system.states(signal[:, None], np.zeros(order))[1:, 0]
