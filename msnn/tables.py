@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Sequence
+from contextvars import ContextVar
 
 GAP = "  "
+
+LINE_WIDTH: ContextVar[int | None] = ContextVar("LINE_WIDTH", default=None)
+"""Columns that a line may take: those of the terminal that shows it; None for any number."""
 
 
 def table_text(
@@ -13,21 +17,35 @@ def table_text(
 ) -> str:
     """The header and the rows as lines; columns whose indices are in `numbers` end at the right.
 
-    Columns that are empty in every row are left out. No line ends in blanks; there is no line end
-    after the last one. What cannot be printed (a spec's doc may hold any character) is a blank.
+    Columns that are empty in every row are left out. A table that is wider than `LINE_WIDTH` goes
+    on below itself, its first column again. No line ends in blanks; there is no line end after the
+    last one. What cannot be printed (a spec's doc may hold any character) is a blank.
     """
     rows = [tuple(_printable(cell) for cell in row) for row in rows]
     kept = [i for i in range(len(header)) if any(row[i] for row in rows)]
     lines = [[line[i] for i in kept] for line in (header, *rows)]
     widths = [max(_width(line[column]) for line in lines) for column in range(len(kept))]
     right = [index in numbers for index in kept]
-    return "\n".join(
-        GAP.join(
-            _padded(cell, width, flush)
-            for cell, width, flush in zip(line, widths, right, strict=True)
-        ).rstrip()
-        for line in lines
+    return "\n\n".join(
+        "\n".join(
+            GAP.join(_padded(line[i], widths[i], right[i]) for i in block).rstrip()
+            for line in lines
+        )
+        for block in _blocks(widths, LINE_WIDTH.get())
     )
+
+
+def _blocks(widths: Sequence[int], most: int | None) -> list[list[int]]:
+    """The columns that stand beside each other: all, or the first with as many others as fit."""
+    blocks = [list(range(min(1, len(widths))))]
+    for column in range(1, len(widths)):
+        block = [*blocks[-1], column]
+        width = sum(widths[i] for i in block) + len(GAP) * (len(block) - 1)
+        if most is None or width <= most or len(block) <= 2:
+            blocks[-1] = block
+        else:
+            blocks.append([0, column])
+    return blocks
 
 
 def count(number: int, noun: str) -> str:

@@ -118,6 +118,26 @@ def steep() -> Program:
     return Program("steep", None, signals, (), (), b.graph(), Graph(), outputs)
 
 
+def kinks() -> Program:
+    """Kinks that the range of x reaches, one that it does not, and one of no known range."""
+    b = GraphBuilder()
+    x, free = b.signal("x", 0, 0, Type()), b.signal("free", 0, 0, Type())
+    zero, far = b.constant(0.0), b.constant(5.0)
+    root = b.apply("sqrt", x)
+    positive = b.compare(Relation.GREATER, x, zero)
+    outputs = (
+        Output("abs", b.apply("abs", x)),
+        Output("relu", b.maximum(zero, x)),
+        Output("root", root),
+        Output("chosen", b.select(positive, root, x)),
+        Output("kept", b.select(positive, b.apply("log", x), x)),
+        Output("far", b.minimum(x, far)),
+        Output("free", b.apply("abs", free)),
+    )
+    signals = (Signal("x", Role.INPUT, range=(-2.0, 2.0)), Signal("free", Role.INPUT))
+    return Program("kinks", None, signals, (), (), b.graph(), Graph(), outputs)
+
+
 def leftovers() -> Program:
     """A state, a parameter, an input and nodes that no output needs; a target that a loss needs."""
     b, starts = GraphBuilder(), GraphBuilder()
@@ -252,6 +272,7 @@ PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "numbers": numbers,
     "branches": branches,
     "steep": steep,
+    "kinks": kinks,
     "twins": twins,
     "named": named,
     "leftovers": leftovers,

@@ -9,25 +9,36 @@ import casadi
 from numpy.typing import ArrayLike
 
 from backends.casadi_function.function import build_function, build_initial_state, casadi_names
+from backends.casadi_function.options import CasadiOptions
 from backends.files.atomic_write import replacing, write_text
 from backends.files.readme import one_line, readme_text
 from backends.ports.metadata import interface_metadata, metadata_text
 from backends.ports.step_interface import step_interface
 from compiler.ir.program import Program
+from compiler.passes.inline_parameters import inline_parameters
+
+_AS_IT_IS = CasadiOptions()
 
 
 def write_casadi(
-    program: Program, weights: Mapping[str, ArrayLike] | None, folder: Path, prefix: str
+    program: Program,
+    weights: Mapping[str, ArrayLike] | None,
+    folder: Path,
+    prefix: str,
+    options: CasadiOptions = _AS_IT_IS,
 ) -> tuple[Path, ...]:
     """Writes `<prefix>.casadi`, `<prefix>_initial_state.casadi`, `<prefix>.json` and a README,
     `<prefix>_casadi.md`.
 
-    The program is in step form. Parameters stay inputs of the functions; their values, `weights` or
-    the initial ones, stand in the JSON file. Returns the paths. OSError where the folder cannot be
-    written, ValueError for a weight of a wrong shape.
+    The program is in step form. The values of parameters, `weights` or the initial ones, stand in
+    the JSON file where they are inputs of the functions, else in these. Returns the paths. OSError
+    where the folder cannot be written, ValueError for a weight of a wrong shape.
     """
+    if options.params == "inline":
+        program = inline_parameters(program, weights or {})
     names = casadi_names(program)
-    metadata = interface_metadata(program, step_interface(program), names, weights)
+    of_inputs = weights if options.params == "input" else None
+    metadata = interface_metadata(program, step_interface(program), names, of_inputs)
     text = metadata_text(
         {
             **metadata,
@@ -38,7 +49,7 @@ def write_casadi(
         }
     )
     readme = readme_text("casadi", model=one_line(program.name), prefix=prefix)
-    step, initial_state = build_function(program), build_initial_state(program)
+    step, initial_state = build_function(program, form=options.form), build_initial_state(program)
     return (
         _save(step, folder / f"{prefix}.casadi"),
         _save(initial_state, folder / f"{prefix}_initial_state.casadi"),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import casadi
 
 from backends.casadi_function.columns import Expression
 from backends.casadi_function.lowering import Symbols, exact_arithmetic, lower_nodes
+from backends.casadi_function.options import Form
 from backends.ports.step_interface import Port, PortNames, port_names, step_interface
 from compiler.ir.program import Parameter, Program
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
@@ -22,14 +23,19 @@ NATIVE = frozenset(name for name, row in SCALAR_FUNCTIONS.items() if row.casadi)
 # words that CasADi keeps for itself in the names of functions and ports
 _KEYWORDS = ("null", "jac", "hess")
 
+# an optimal control problem that holds many steps calls this one function, so that code generated
+# from it stays small
+_OPTIONS = {"never_inline": True}
 
-def build_function(program: Program, name: str = "step") -> casadi.Function:
+
+def build_function(program: Program, name: str = "step", *, form: Form = "mx") -> casadi.Function:
     """The step as a function of inputs, states and parameters, in this order, by name.
 
     It gives the outputs, then the next states; `casadi_names` tells what the ports are called. A
     port is a column of its numbers in C order (window last): 6 joints × 30 samples are 180 rows,
-    the samples of the first joint first. Values are physical, in the units of the spec. The
-    expressions are MX and stay in matrix form: expand them only for very small models.
+    the samples of the first joint first. Values are physical, in the units of the spec.
+    Expressions in the form `mx` stay in matrix form, in `sx` every number has its own: for small
+    models only.
     """
     program = _prepared(program)
     interface = step_interface(program)
@@ -46,7 +52,11 @@ def build_function(program: Program, name: str = "step") -> casadi.Function:
     results = [values[output.node] for output in interface.outputs]
     results += [values[state.next] for state in interface.states]
     result_names = [*names.outputs.values(), *names.next_states.values()]
-    return _function(name, arguments, results, result_names)
+    if form == "mx":
+        return _function(name, arguments, results, result_names, _OPTIONS)
+    with exact_arithmetic():
+        # in a problem of arrays it is one call, and in expressions of numbers inlined as it should
+        return _function(name, arguments, results, result_names, {}).expand(name)
 
 
 def build_initial_state(program: Program, name: str = "initial_state") -> casadi.Function:
@@ -67,7 +77,7 @@ def build_initial_state(program: Program, name: str = "initial_state") -> casadi
         values = lower_nodes(program.start, interface.start_nodes, symbols)
     arguments = [symbol for _, symbol in windows] + [*parameters.values()]
     results = [values[state.start] for state in interface.states]
-    return _function(name, arguments, results, list(names.states.values()))
+    return _function(name, arguments, results, list(names.states.values()), _OPTIONS)
 
 
 def casadi_names(program: Program) -> PortNames:
@@ -95,10 +105,11 @@ def _by_signal(ports: list[tuple[Port, Expression]]) -> dict[str, tuple[Port, Ex
 
 
 def _function(
-    name: str, arguments: list[Expression], results: list[Expression], result_names: list[str]
+    name: str,
+    arguments: list[Expression],
+    results: list[Expression],
+    result_names: list[str],
+    options: Mapping[str, bool],
 ) -> casadi.Function:
-    # never_inline: an optimal control problem that holds many steps calls this one function, so
-    # that code generated from it stays small
-    options = {"never_inline": True}
     argument_names = [argument.name() for argument in arguments]
-    return casadi.Function(name, arguments, results, argument_names, result_names, options)
+    return casadi.Function(name, arguments, results, argument_names, result_names, dict(options))

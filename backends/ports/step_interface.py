@@ -53,7 +53,7 @@ class PortNames:
     parameters: dict[str, str]
     outputs: dict[str, str]
     next_states: dict[str, str]
-    """`<state>_next`, unless an output has that name."""
+    """`<state>_next`; `<state>_next_state` where an output or another port has that name."""
     start_windows: dict[str, str]
     """`<signal>_window`."""
 
@@ -82,6 +82,10 @@ def port_names(interface: StepInterface, reserved: Iterable[str] = ()) -> PortNa
     def identifiers(names: Iterable[str], suffix: str = "") -> dict[str, str]:
         return {name: c_identifier(name + suffix, taken) for name in names}
 
+    def next_value(state: str) -> str:
+        usual = c_identifier(f"{state}.next", set())
+        return c_identifier(f"{state}.next_state" if usual in taken else f"{state}.next", taken)
+
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
     states = [state.name for state in interface.states]
     return PortNames(
@@ -89,7 +93,7 @@ def port_names(interface: StepInterface, reserved: Iterable[str] = ()) -> PortNa
         outputs=identifiers(output.name for output in interface.outputs),
         states=identifiers(states),
         parameters=identifiers(parameters),
-        next_states=identifiers(states, ".next"),
+        next_states={state: next_value(state) for state in states},
         start_windows=identifiers(
             (port.signal.name for port in interface.start_windows), ".window"
         ),

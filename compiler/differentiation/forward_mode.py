@@ -31,16 +31,19 @@ def tangents(
     seeds: Mapping[NodeId, NodeId],
     buffers: Mapping[str, str],
     infinite: Collection[str] = (),
+    *,
+    count: int | None = None,
 ) -> dict[NodeId, NodeId]:
     """The tangents of all nodes of the builder's graph that depend on the keys of `seeds`.
 
     `seeds` has the tangents of leaves. `buffers` names for each buffer state that depends on
     something the state that keeps the tangents of its samples; one that is not named is constant.
-    The tangents in the buffers of `infinite` may be infinite.
+    The tangents in the buffers of `infinite` may be infinite. With `count` only the first nodes
+    are looked at, as many as it says.
     Nodes are added to the builder, their number is linear in that of the graph's.
     """
     found: dict[NodeId, NodeId] = dict(seeds)
-    for node in range(len(builder.graph())):
+    for node in range(len(builder.graph()) if count is None else count):
         if node in found or builder.type(node).kind == "bool":
             continue
         with builder.at(builder.node(node).span):

@@ -111,7 +111,7 @@ def _accumulate(
 def _depending_on(builder: GraphBuilder, wanted: Iterable[NodeId], last: NodeId) -> set[NodeId]:
     """The nodes up to `last` that the wanted ones influence, themselves included."""
     needed = set(wanted)
-    for node in range(last + 1):
+    for node in range(min(needed, default=0), last + 1):
         if builder.type(node).kind == "real" and any(
             argument in needed for argument in builder.node(node).args
         ):

@@ -18,18 +18,19 @@ from compiler.ir.types import Type
 
 
 def without_zeros(
-    graph: Graph, roots: Sequence[NodeId], builder: GraphBuilder
+    graph: Graph, roots: Sequence[NodeId], builder: GraphBuilder, *, exact: int = 0
 ) -> dict[NodeId, NodeId]:
     """Copies what the roots need into the builder; where each of them is there.
 
     0 · x counts as 0 and x + 0 as x whatever x is, as for a derivative that is 0 by the structure
     of a model: values, where an infinity times 0 or the sign of a zero matters, are not to be
-    copied this way if bits of them are promised.
+    copied this way if bits of them are promised: the first `exact` nodes are copied as they are.
     """
     draft = _Draft()
     copies: dict[NodeId, NodeId] = {}
     for index, node in graph:
-        copies[index] = draft.add(replace(node, args=tuple(copies[arg] for arg in node.args)))
+        moved_node = replace(node, args=tuple(copies[arg] for arg in node.args))
+        copies[index] = draft.copy(moved_node) if index < exact else draft.add(moved_node)
     found = {root: copies[root] for root in roots}
     whole = draft.builder.graph()
     # what only made zeros is dropped before it reaches the builder
@@ -58,6 +59,9 @@ class _Draft:
     def __init__(self) -> None:
         self.builder = GraphBuilder()
 
+    def copy(self, node: Node) -> NodeId:
+        return copy_node(self.builder, node, node.args)
+
     def add(self, node: Node) -> NodeId:
         b = self.builder
         numbers = [known_number(b, arg) for arg in node.args]
@@ -85,7 +89,7 @@ class _Draft:
             case ops.Slice(), _:
                 return self._sliced(node)
             case _:
-                return copy_node(b, node, node.args)
+                return self.copy(node)
 
     def _zeros(self, type: Type) -> NodeId:
         return self.builder.broadcast(self.builder.constant(0.0, unit=None), type.axes)

@@ -7,7 +7,7 @@ from functools import reduce
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Constant, ReadParameter, ReadSignal, ReadState
-from compiler.ir.program import NodeId
+from compiler.ir.program import Graph, NodeId
 from compiler.jacobian.drop_zero_terms import known_number
 from compiler.jacobian.matrices import Matrix, MatrixBlock, Vector
 from compiler.jacobian.row_gradients import Slopes
@@ -29,7 +29,7 @@ def matrix_of(
     entries = _Entries(builder, rows, columns, parts)
     for row, by_part in enumerate(slopes):
         entries.add_row(row, by_part)
-    moving = _moving(builder)
+    moving = moving_nodes(builder.graph())
     fixed = [True] * len(entries.known)
     for block in entries.blocks:
         for place in block.places(builder.type(block.node).shape).ravel().tolist():
@@ -38,10 +38,10 @@ def matrix_of(
     return Matrix(name, rows, columns, known, tuple(fixed), tuple(entries.blocks))
 
 
-def _moving(builder: GraphBuilder) -> list[bool]:
+def moving_nodes(graph: Graph) -> list[bool]:
     """For every node whether it depends on states or inputs."""
     found: list[bool] = []
-    for _, node in builder.graph():
+    for _, node in graph:
         reads = isinstance(node.op, ReadState | ReadSignal)
         found.append(reads or any(found[arg] for arg in node.args))
     return found

@@ -11,7 +11,7 @@ from reverse mode, one pass a row, with the conventions at kinks of `differentia
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import assert_never
 
@@ -19,13 +19,11 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.liveness import needed
 from compiler.ir.ops import ReadParameter, ReadSignal, ReadState
 from compiler.ir.program import Declared, NodeId, Program
-from compiler.ir.types import Axis
 from compiler.jacobian.entries import matrix_of
-from compiler.jacobian.matrices import Jacobian, Matrix, Member, Vector
+from compiler.jacobian.matrices import Jacobian, Matrix, Vector, vector_of
 from compiler.jacobian.row_gradients import slopes_of_elements
 from compiler.jacobian.scalarize import Leaf, every_element, single_elements
 from compiler.passes.guard_untaken import guard_untaken
-from spec_schema.units.unit import Unit
 
 
 def jacobian(
@@ -44,7 +42,7 @@ def jacobian(
     results["y"] = [(output.name, output.node, type.axes, type.unit) for output, type in types]
     roots = [node for members in results.values() for _, node, _, _ in members]
     states, outputs = (
-        _vector(letter, [(name, axes, unit) for name, _, axes, unit in members])
+        vector_of(letter, [(name, axes, unit) for name, _, axes, unit in members])
         for letter, members in results.items()
     )
     inputs, tuned = _read(program, roots)
@@ -86,17 +84,6 @@ def _is_asked_for(leaf: Leaf, parameters: bool, states: Collection[str]) -> bool
             assert_never(leaf)
 
 
-_Quantity = tuple[str, tuple[Axis, ...], Unit | None]
-
-
-def _vector(letter: str, quantities: Iterable[_Quantity]) -> Vector:
-    members: list[Member] = []
-    for name, axes, unit in quantities:
-        first = members[-1].first + members[-1].size if members else 0
-        members.append(Member(name, axes, unit, first))
-    return Vector(letter, tuple(members))
-
-
 def _read(program: Program, roots: Sequence[NodeId]) -> tuple[Vector, Vector]:
     """Inputs and parameters that the step reads, in the program's order."""
     marked = needed(program.step, roots)
@@ -105,4 +92,4 @@ def _read(program: Program, roots: Sequence[NodeId]) -> tuple[Vector, Vector]:
     names = {n.op.name for n in live if isinstance(n.op, ReadParameter)}
     inputs = [(s.name, ports[s.name].axes, s.unit) for s in program.signals if s.name in ports]
     tuned = [(p.name, p.axes, p.unit) for p in program.parameters if p.name in names]
-    return _vector("u", inputs), _vector("p", tuned)
+    return vector_of("u", inputs), vector_of("p", tuned)

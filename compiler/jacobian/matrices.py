@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +43,18 @@ class Vector:
     def member(self, name: str) -> Member:
         """The quantity of that name."""
         return next(member for member in self.members if member.name == name)
+
+
+Quantity = tuple[str, tuple[Axis, ...], Unit | None]
+
+
+def vector_of(letter: str, quantities: Iterable[Quantity]) -> Vector:
+    """The vector of these quantities, by name, axes and unit."""
+    members: list[Member] = []
+    for name, axes, unit in quantities:
+        first = members[-1].first + members[-1].size if members else 0
+        members.append(Member(name, axes, unit, first))
+    return Vector(letter, tuple(members))
 
 
 @dataclass(frozen=True, slots=True)

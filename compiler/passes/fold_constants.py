@@ -33,18 +33,23 @@ def fold_constants(program: Program) -> Program:
     return with_start(program, *folded(program.start))
 
 
-def folded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """One graph with its constants folded, and where each node is in it now."""
+def folded(
+    graph: Graph, *, exact: int = 0, largest: int = LARGEST_FOLDED
+) -> tuple[Graph, dict[NodeId, NodeId]]:
+    """One graph with its constants folded, and where each node is in it now.
+
+    The first `exact` nodes stay as they are; `largest` is the elements of a value that is computed.
+    """
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     known: list[Any] = []
     for index, node in graph:
-        value = _value(graph, node, known)
+        value = _value(graph, node, known, largest)
         known.append(value)
-        chosen = _chosen(node, known)
+        chosen = _chosen(node, known) if index >= exact else None
         if chosen is not None:
             copies[index] = copies[chosen]
-        elif value is not None and _replaces(graph, node, value):
+        elif index >= exact and value is not None and _replaces(graph, node, value):
             numbers = ops.Constant(tuple(float(number) for number in value.ravel()))
             folded = Node(numbers, (), node.type, node.span, node.label)
             copies[index] = copy_node(builder, folded, ())
@@ -53,9 +58,9 @@ def folded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
     return builder.graph(), copies
 
 
-def _value(graph: Graph, node: Node, known: list[Any]) -> Array | None:
+def _value(graph: Graph, node: Node, known: list[Any], largest: int) -> Array | None:
     """The node's value, (1, *shape), where it depends on constants only."""
-    if isinstance(node.op, ops.Read | ops.Window) or node.type.size > LARGEST_FOLDED:
+    if isinstance(node.op, ops.Read | ops.Window) or node.type.size > largest:
         return None
     if any(known[arg] is None for arg in node.args):
         return None

@@ -62,19 +62,28 @@ def linearize(
     inputs: Mapping[str, ArrayLike],
     states: Mapping[str, ArrayLike],
     weights: Weights | None = None,
+    hessian: Mapping[str, ArrayLike] | None = None,
 ) -> Linearization:
     """Slopes of one step in all that the model remembers, its inputs and its parameters.
 
         found = msnn.linearize(model, {"F": 0.0}, {"x": 0.1, "v": 0.0}, result.weights)
         print(found.matrices["A"], found.vectors["x"].member("v").first)
 
+        multipliers = {"next(v)": 1.0, "power": 0.5}
+        found = msnn.linearize(model, inputs, states, result.weights, hessian=multipliers)
+        print(found.hessians["xu"])
+
     `inputs` are samples in the shapes of ports, `states` all that is remembered by name, buffers
     (`F.history`) oldest sample first; `msnn show --interface` lists both. Matrices are (rows,
     columns), in the spec's units. Weights None: the initial values. Raises ValueError.
+
+    `hessian` asks for second derivatives too: of the sum of outputs (by name) and next states
+    (`next(v)`), each times its multiplier; what is not named has the multiplier 0. Numbers that
+    are not finite are shown as they are, and `found.infinite` names the matrices that have any.
     """
     from msnn.simulation.linearize import linearize as run
 
-    return run(model.program, inputs, states, known_in(model, weights))
+    return run(model.program, inputs, states, known_in(model, weights), hessian)
 
 
 def stepper(model: Model, weights: Weights | None = None) -> Stepper:

@@ -4,64 +4,60 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 import traceback
 from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
 
 import typer
 
 from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
-from msnn.cli.verbs import (
-    check,
-    compare,
-    compile,
-    data,
-    diff,
-    doctor,
-    explain,
-    export,
-    fmt,
-    init,
-    schema,
-    show,
-    simulate,
-    train,
-    validate,
-    verify,
-)
+from msnn.cli.manners import NOW, forget_manners, terminal_width, with_manners
 from msnn.errors.failures import ReaderGoneError
+from msnn.tables import LINE_WIDTH
 
-app = typer.Typer(
-    name="msnn",
-    help="Model-structured neural networks: check, train, validate and export a spec.",
-    epilog="Exit codes: 0 fine, 1 spec or data wrong, 2 command line wrong, 3 limit broken, "
-    "4 training diverged, 5 something optional missing, 70 a bug in msnn, 130 interrupted.",
-    # plain text: markup would eat `[t+1]`, and rich would cost start-up time
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    add_completion=False,
-    no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
+VERBS = (
+    "init",
+    "check",
+    "data",
+    "compile",
+    "train",
+    "validate",
+    "compare",
+    "simulate",
+    "export",
+    "verify",
+    "show",
+    "explain",
+    "schema",
+    "diff",
+    "fmt",
+    "doctor",
 )
-for _verb in (
-    init.init,
-    check.check,
-    data.data,
-    compile.compile_,
-    train.train,
-    validate.validate,
-    compare.compare,
-    simulate.simulate,
-    export.export,
-    verify.verify,
-    show.show,
-    explain.explain,
-    schema.schema,
-    diff.diff,
-    fmt.fmt,
-    doctor.doctor,
-):
-    app.command(_verb.__name__.rstrip("_"))(_verb)
+"""In the order of `msnn --help`; each is a function in a file of its name."""
+
+
+def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
+    """The command line with these verbs: to read the options of all takes longer than to check."""
+    app = typer.Typer(
+        name="msnn",
+        help="Model-structured neural networks: check, train, validate and export a spec.",
+        epilog="Exit codes: 0 fine, 1 spec or data wrong, 2 command line wrong, 3 limit broken, "
+        "4 training diverged, 5 something optional missing, 70 a bug in msnn, 130 interrupted.",
+        # plain text: markup would eat `[t+1]`, and rich would cost start-up time
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        no_args_is_help=True,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_options)
+    for name in verbs:
+        module = import_module(f"msnn.cli.verbs.{name}")
+        verb = getattr(module, "compile_" if name == "compile" else name)
+        app.command(name)(with_manners(verb))
+    return app
 
 
 def _print_version(wanted: bool) -> None:
@@ -72,10 +68,9 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def _options(  # pyright: ignore[reportUnusedFunction]
+def _options(
     version: bool = typer.Option(
-        False, "--version", help="Print the version.", callback=_print_version, is_eager=True
+        False, "-V", "--version", help="Print the version.", callback=_print_version, is_eager=True
     ),
 ) -> None:
     del version
@@ -83,8 +78,34 @@ def _options(  # pyright: ignore[reportUnusedFunction]
 
 def run(arguments: Sequence[str]) -> int:
     """Runs one command; returns its exit code and never raises."""
+    began = time.monotonic()
+    forget_manners()
+    LINE_WIDTH.set(terminal_width())
+    code = _ended(arguments)
+    if NOW.output is not None and code not in (ExitCode.USAGE, ExitCode.BUG):
+        code = max(code, _ended_writing(NOW.output, NOW.results))
+    if NOW.is_verbose:
+        print(f"took {time.monotonic() - began:.2f} s", file=sys.stderr)
+    return code
+
+
+def _ended_writing(path: Path, results: Sequence[str]) -> int:
+    """Puts the result where `-o` says, also one that says what is wrong."""
+    from backends.files.atomic_write import write_text
+
     try:
-        app(list(arguments), prog_name="msnn")
+        write_text(path, "".join(f"{text}\n" for text in results))
+    except OSError as error:
+        from msnn.cli.answer import answer
+
+        return answer(error)
+    return ExitCode.OK
+
+
+def _ended(arguments: Sequence[str]) -> int:
+    try:
+        verbs = arguments[:1] if arguments[:1] and arguments[0] in VERBS else VERBS
+        application(verbs)(list(arguments), prog_name="msnn")
     except SystemExit as end:
         if is_interrupt(end):
             return _tell_of_interrupt()
@@ -113,11 +134,11 @@ def _tell_of_interrupt() -> ExitCode:
 
 
 def _tell_of_bug(error: Exception) -> None:
-    if os.environ.get("MSNN_TRACEBACK"):
+    if NOW.is_verbose:
         traceback.print_exception(error)
         return
     print(
         f"msnn met a mistake of its own ({type(error).__name__}: {error}); "
-        "MSNN_TRACEBACK=1 shows where, please report it",
+        "`--verbose` shows where, please report it",
         file=sys.stderr,
     )

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal, TextIO, cast
+from typing import TYPE_CHECKING, Any, Literal, TextIO, cast
 
+from msnn.cli.manners import NOW
 from msnn.errors.failures import ReaderGoneError
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.render import render
 from spec_schema.diagnostics.source import SourceText
+
+if TYPE_CHECKING:
+    from msnn.model.model import Model
 
 JSON_VERSION = 1
 """Version of what `--format json` prints, raised when a reader of the former one would misread."""
@@ -21,8 +26,11 @@ DiagnosticFormat = Literal["full", "concise", "json", "github"]
 
 
 def result(text: str) -> None:
-    """What the command was asked for."""
-    _say(text, sys.stdout)
+    """What the command was asked for: to stdout, or at the end to the file of `-o`."""
+    if NOW.output is None:
+        _say(text, sys.stdout)
+    else:
+        NOW.results.append(text)
 
 
 def json_result(command: str, content: dict[str, Any]) -> None:
@@ -37,8 +45,21 @@ def json_text(command: str, content: dict[str, Any]) -> str:
 
 
 def note(text: str) -> None:
-    """Progress, log and hints."""
-    _say(text, sys.stderr)
+    """Log and hints."""
+    if not NOW.is_quiet:
+        _say(text, sys.stderr)
+
+
+def progress_stream() -> TextIO:
+    """Where a command says how far it is; nowhere with `--quiet`."""
+    return _Nowhere() if NOW.is_quiet else sys.stderr
+
+
+class _Nowhere(io.StringIO):
+    """Takes text and forgets it; no terminal."""
+
+    def write(self, text: str, /) -> int:
+        return len(text)
 
 
 def _say(text: str, stream: TextIO) -> None:
@@ -58,11 +79,19 @@ def report(
     format: DiagnosticFormat = "full",
 ) -> None:
     """Diagnostics on stderr; warnings in full stand apart from what the command says next."""
+    if NOW.is_quiet:
+        diagnostics = [found for found in diagnostics if found.severity == "error"]
     if not diagnostics:
         return
     failed = any(diagnostic.severity == "error" for diagnostic in diagnostics)
     end = "\n" if format == "full" and not failed else ""
-    note(render(diagnostics, format, sources, color=wants_color(sys.stderr)) + end)
+    _say(render(diagnostics, format, sources, color=wants_color(sys.stderr)) + end, sys.stderr)
+
+
+def report_model(model: Model) -> None:
+    """What loading a model found: warnings, with `--verbose` remarks too."""
+    remarks = model.remarks if NOW.is_verbose else ()
+    report((*model.warnings, *remarks), model.sources)
 
 
 def wants_color(stream: TextIO) -> bool:

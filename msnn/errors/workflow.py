@@ -1,8 +1,8 @@
-"""E0950-E0999: sections of the workflow that name things which the model or the data lack."""
+"""E0950-E0999, W0955: sections of the workflow that do not fit the model or the data."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
@@ -20,6 +20,31 @@ def casadi_is_double(span: Span) -> Diagnostic:
     """E0951: a CasADi function in single precision, which CasADi does not have."""
     message = "CasADi computes in float64 only"
     return error("E0951", span, message, "`dtype: float32` here", help="leave `dtype:` out")
+
+
+def kink_within_ranges(
+    word: str,
+    declared: Mapping[str, tuple[float, float]],
+    span: Span,
+    *,
+    stays: bool,
+) -> Diagnostic:
+    """W0955: a kink inside the declared ranges of what is exported for solvers."""
+    ranges = " and ".join(f"`{n}` in [{low:g}, {high:g}]" for n, (low, high) in declared.items())
+    message = f"the slope of `{word}` jumps inside the declared ranges"
+    repairs = "`smooth: true` below `casadi:` rounds it off; `smooth: false` says that the solver"
+    repair = f"{repairs} takes it as it is"
+    if stays:
+        message = f"`smooth: true` leaves a kink of `{word}` inside the declared ranges"
+        repair = "a branch of it is not finite everywhere: write it so that it is"
+    return warning(
+        "W0955",
+        span,
+        message,
+        "solvers that take second derivatives can get stuck here",
+        notes=(f"reached with {ranges}",),
+        help=repair,
+    )
 
 
 def untimed_library(span: Span) -> Diagnostic:

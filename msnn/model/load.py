@@ -20,22 +20,27 @@ from spec_schema.reading.settings import model_settings, settings_source
 
 
 def load_model(
-    path: str | Path, settings: Sequence[str] = (), *, strict_units: bool = False
+    path: str | Path,
+    settings: Sequence[str] = (),
+    *,
+    strict_units: bool = False,
+    text: str | None = None,
 ) -> Model:
     """The model in a spec (`.yaml`, `.json`), a program file (`….program.json`) or a run's folder.
 
-    `settings` such as `train.0.epochs=5` replace values of the spec. Raises SpecError
-    with everything that is wrong; `strict_units` makes warnings about units errors.
+    With `text`, that is the spec, as if it stood in a file at `path`. `settings` such as
+    `train.0.epochs=5` replace values of the spec. Raises SpecError with everything that is wrong;
+    `strict_units` makes warnings about units errors.
     """
     path = Path(path)
-    run = run_of(path)
+    run = run_of(path) if text is None else None
     if run is not None:
         return _of_run(run, settings, strict_units)
-    if path.name.endswith(PROGRAM_SUFFIX):
+    if text is None and path.name.endswith(PROGRAM_SUFFIX):
         from msnn.model.program_file import read_program_file  # models of specs start without it
 
         return read_program_file(path, settings)
-    model = _compiled(read_spec(path, settings=settings), path, settings, strict_units)
+    model = _compiled(read_spec(path, text, settings), path, settings, strict_units)
     return replace(model, settings=tuple(settings))
 
 

@@ -22,13 +22,18 @@ _LOG_SUFFIX = ".meas"
 
 
 def checked_model(
-    path: str | Path, settings: Sequence[str] = (), *, strict_units: bool = False
+    path: str | Path,
+    settings: Sequence[str] = (),
+    *,
+    strict_units: bool = False,
+    text: str | None = None,
 ) -> Model:
-    """The model in a file, with all that `msnn check` finds; raises SpecError if any is an error.
+    """The model in a file, or in `text` as if it stood there, with all that `msnn check` finds.
 
-    Its `warnings` are those of reading, compiling and of the workflow, and remarks.
+    Raises SpecError if any of that is an error. Its `warnings` are those of reading, compiling and
+    of the workflow, and remarks.
     """
-    model = load_model(path, settings, strict_units=strict_units)
+    model = load_model(path, settings, strict_units=strict_units, text=text)
     diagnostics = (*model.warnings, *model.remarks, *check_workflow(model))
     if any(diagnostic.severity == "error" for diagnostic in diagnostics):
         raise SpecError(diagnostics, model.sources)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from backends.ports.step_interface import Port, step_interface
+from compiler.hessian.interpret import DerivativeInterpreter
+from compiler.hessian.step_derivatives import StepDerivatives, multiplier, step_derivatives
 from compiler.ir.program import Program
 from compiler.jacobian.interpret import JacobianInterpreter
 from compiler.jacobian.jacobian import jacobian
@@ -29,6 +31,14 @@ class Linearization:
     """A = ∂x'/∂x, B = ∂x'/∂u, C = ∂y/∂x, D = ∂y/∂u, and dx_dp, dy_dp: (rows, columns) each."""
     vectors: dict[str, Vector]
     """x, u, y and p: names, axes, units and first places of their quantities."""
+    hessians: dict[str, FloatArray] = field(default_factory=dict[str, FloatArray])
+    """`xx`, `xu`, `ux` and `uu` of ∇²(λᵀ[x', y]) in x and u, where multipliers λ were given."""
+
+    @property
+    def infinite(self) -> tuple[str, ...]:
+        """The matrices and Hessians in which a number is infinite or not a number."""
+        named = {**self.matrices, **self.hessians}
+        return tuple(name for name, numbers in named.items() if not np.isfinite(numbers).all())
 
 
 def linearize(
@@ -36,10 +46,12 @@ def linearize(
     inputs: Mapping[str, ArrayLike],
     states: Mapping[str, ArrayLike],
     weights: Mapping[str, FloatArray],
+    hessian: Mapping[str, ArrayLike] | None = None,
 ) -> Linearization:
     """The Jacobian of a program in window form at the samples of its ports and its states.
 
-    ValueError where a port or a state is missing, unknown or of another shape.
+    `hessian` has multipliers of outputs, by name, and of next states, `next(x)`; those that it
+    lacks are 0. ValueError where anything is missing, unknown or of another shape.
     """
     step = to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
     slopes = jacobian(step, parameters=True)
@@ -51,10 +63,36 @@ def linearize(
     batch = {name: value[np.newaxis] for name, value in known.items()}
     found = JacobianInterpreter(slopes, step, weights).matrices(log, row, batch)
     vectors = (slopes.states, slopes.inputs, slopes.outputs, slopes.parameters)
+    hessians: dict[str, FloatArray] = {}
+    if hessian is not None:
+        second = step_derivatives(step)
+        batch |= _multipliers(second, hessian)
+        values = DerivativeInterpreter(second, step, weights).values(log, row, batch)
+        hessians = _blocks(values.matrices["H"][0], slopes.states.size)
     return Linearization(
         {name: matrix[0] for name, matrix in found.items()},
         {vector.letter: vector for vector in vectors},
+        hessians,
     )
+
+
+def _multipliers(
+    derivatives: StepDerivatives, given: Mapping[str, ArrayLike]
+) -> dict[str, FloatArray]:
+    """The multiplier of each result, as a batch of one."""
+    results = derivatives.results.members
+    shapes = {result.name: tuple(axis.size for axis in result.axes) for result in results}
+    absent = {name: np.zeros(shape) for name, shape in shapes.items() if name not in given}
+    values = _arrays("multiplier", {**given, **absent}, shapes)
+    return {multiplier(name): value[np.newaxis] for name, value in values.items()}
+
+
+def _blocks(hessian: FloatArray, states: int) -> dict[str, FloatArray]:
+    """The blocks of a matrix in x, then u."""
+    parts = {"x": slice(0, states), "u": slice(states, None)}
+    return {
+        f"{i}{j}": hessian[row, column] for i, row in parts.items() for j, column in parts.items()
+    }
 
 
 def _arrays(

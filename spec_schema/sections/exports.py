@@ -49,11 +49,24 @@ class OnnxExport(FloatTargetEntry):
 
 
 class CasadiExport(FloatTargetEntry):
-    """A CasADi function; names start with `prefix`, by default the name of the spec."""
+    """CasADi functions; names start with `prefix`, by default the name of the spec.
+
+    `params: inline` writes the parameters' values into the functions, otherwise they are inputs.
+    `form: sx` makes expressions of single numbers, whose derivatives cost least in models of some
+    hundred operations; `mx` keeps arrays.
+    `smooth: true` rounds off kinks that the declared ranges reach, for solvers that take second
+    derivatives.
+    """
 
     noun: ClassVar[str] = "the casadi export"
 
     prefix: NewName | None = None
+    params: Annotated[Literal["input", "inline"], choice("input", "inline")] = "input"
+    """Parameters as inputs of the functions, or as numbers in them."""
+    form: Annotated[Literal["mx", "sx"], choice("mx", "sx")] = "mx"
+    """Expressions of arrays, or of single numbers."""
+    smooth: Switch | None = None
+    """Whether kinks are rounded off; false accepts them, and by default they are warned of."""
 
 
 class CExport(TargetEntry):

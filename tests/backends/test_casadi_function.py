@@ -70,8 +70,8 @@ def test_an_output_may_be_called_as_the_next_value_of_a_state():
     b = GraphBuilder()
     x = b.state("x", Type())
     program = _program(b, Output("x_next", b.negate(x)), next=x)
-    assert build_function(program).name_out() == ["x_next", "x_next_2"]
-    assert casadi_names(program).next_states == {"x": "x_next_2"}
+    assert build_function(program).name_out() == ["x_next", "x_next_state"]
+    assert casadi_names(program).next_states == {"x": "x_next_state"}
 
 
 def test_names_of_a_spec_become_names_that_casadi_takes():

@@ -17,7 +17,7 @@ def msnn(
 ) -> CommandLine:
     """The command line in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    for name in ("NO_COLOR", "FORCE_COLOR", "MSNN_TRACEBACK"):
+    for name in ("NO_COLOR", "FORCE_COLOR"):
         monkeypatch.delenv(name, raising=False)
     return CommandLine(tmp_path, capsys)
 

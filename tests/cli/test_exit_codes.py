@@ -74,11 +74,10 @@ def test_a_bug_ends_with_70_and_one_sentence(
     said = msnn("show", SPEC)
     assert said.code == ExitCode.BUG
     assert said.err == (
-        "msnn met a mistake of its own (ZeroDivisionError: ours); MSNN_TRACEBACK=1 shows where, "
+        "msnn met a mistake of its own (ZeroDivisionError: ours); `--verbose` shows where, "
         "please report it\n"
     )
-    monkeypatch.setenv("MSNN_TRACEBACK", "1")
-    assert "Traceback" in msnn("show", SPEC).err
+    assert "Traceback" in msnn("show", SPEC, "--verbose").err
 
 
 def test_a_missing_extra_ends_with_5_and_its_install_line(
@@ -203,6 +202,6 @@ def test_run_never_raises(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(msnn.cli.application, "app", interrupted)
+    monkeypatch.setattr(msnn.cli.application, "application", interrupted)
     assert msnn.cli.application.run([]) == ExitCode.INTERRUPTED
     assert capsys.readouterr().err == "interrupted\n"

@@ -83,6 +83,7 @@ _DISTRIBUTIONS_OF_THOSE = {
 }
 _NOT_WHOLE = {
     "backends": set[str](),
+    "backends.casadi_function": {"options"},
     "backends.c_language": {"functions", "helper_functions", "literals", "tree"},
     "backends.c_lowering": {"options"},
     "backends.ports": {"identifiers"},

@@ -24,12 +24,14 @@ from compiler.passes.expand_functions import expand_functions
 from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
 from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
 from compiler.passes.guard_untaken import guard_untaken
+from compiler.passes.inline_parameters import inline_parameters
 from compiler.passes.limit_expected import limit_expected
 from compiler.passes.prune_outputs import prune_outputs
 from compiler.passes.prune_zero_slices import prune_zero_slices
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
 from compiler.passes.share_common import share_common
+from compiler.passes.smooth_kinks import smooth_kinks
 from compiler.passes.to_step_form import to_step_form
 from tests.golden import assert_golden
 from tests.pass_programs import PASS_PROGRAMS
@@ -60,6 +62,13 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
     "draw_dropout": [
         ("dropouts", PASS_PROGRAMS["dropouts"], lambda p: draw_dropout(p, {"frozen"}).program)
     ],
+    "inline_parameters": [
+        (
+            "local_models",
+            PASS_PROGRAMS["local_models"],
+            lambda p: inline_parameters(p, {}),
+        )
+    ],
     "settle_zeros": [("local_models", PASS_PROGRAMS["local_models"], settle_zeros)],
     "fold_constants": [("numbers", PASS_PROGRAMS["numbers"], fold_constants)],
     "share_common": [(name, PASS_PROGRAMS[name], share_common) for name in ("twins", "named")],
@@ -87,6 +96,7 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
         ("steep", PASS_PROGRAMS["steep"], guard_infinite_slopes),
         ("branches", PASS_PROGRAMS["branches"], guard_infinite_slopes),
     ],
+    "smooth_kinks": [("kinks", PASS_PROGRAMS["kinks"], smooth_kinks)],
     "guard_untaken": [("branches", PASS_PROGRAMS["branches"], guard_untaken)],
 }
 

@@ -10,20 +10,28 @@ from typing import Any, get_args
 
 from typer.models import ArgumentInfo, CommandInfo, ParameterInfo
 
-from msnn.cli.application import app
+from msnn.cli.application import application
+from msnn.cli.manners import ADDED
 from tests.docs.markdown import apart, paragraph, table
 
 Row = tuple[str, str, str]
 
 
 def verbs() -> str:
-    """A section a verb."""
-    return apart(*(_verb(command) for command in app.registered_commands))
+    """What all verbs take, then a section a verb."""
+    commands = application().registered_commands
+    first = next(command for command in commands if command.name == "check").callback
+    assert first is not None
+    parameters = inspect.signature(first).parameters
+    common = [_option(name, parameters[name]) for name in ADDED]
+    return apart(
+        table(("every verb", "", "default"), common), *(_verb(command) for command in commands)
+    )
 
 
 def exit_codes() -> str:
     """What `msnn --help` says of them."""
-    rows = re.findall(r"(\d+) ([^,.]+)", str(app.info.epilog))
+    rows = re.findall(r"(\d+) ([^,.]+)", str(application().info.epilog))
     return table(("code", "meaning"), rows)
 
 
@@ -32,17 +40,26 @@ def _verb(command: CommandInfo) -> str:
     usage, arguments, options = [f"msnn {command.name}"], list[Row](), list[Row]()
     parameters = inspect.signature(command.callback, eval_str=True).parameters
     for name, parameter in parameters.items():
-        type, *notes = get_args(parameter.annotation)
-        (info,) = (note for note in notes if isinstance(note, ParameterInfo))
-        about = paragraph(info.help)
+        info = _meaning(parameter)[1]
         if isinstance(info, ArgumentInfo):
             usage.append(str(info.metavar))
-            arguments.append((f"`{info.metavar}`", about, ""))
-        else:
-            options.append((f"`{_spelling(name, info, type)}`", about, _default(parameter.default)))
+            arguments.append((f"`{info.metavar}`", paragraph(info.help), ""))
+        elif name not in ADDED:
+            options.append(_option(name, parameter))
     text = paragraph(inspect.getdoc(command.callback))
     rows = [*arguments, *options]
     return apart(f"## `{' '.join(usage)}`", text, table(("", "", "default"), rows))
+
+
+def _meaning(parameter: inspect.Parameter) -> tuple[Any, ParameterInfo]:
+    type, *notes = get_args(parameter.annotation)
+    (info,) = (note for note in notes if isinstance(note, ParameterInfo))
+    return type, info
+
+
+def _option(name: str, parameter: inspect.Parameter) -> Row:
+    type, info = _meaning(parameter)
+    return f"`{_spelling(name, info, type)}`", paragraph(info.help), _default(parameter.default)
 
 
 def _spelling(name: str, info: ParameterInfo, type: Any) -> str:

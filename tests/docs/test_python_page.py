@@ -1,4 +1,4 @@
-"""The page about Python: its loop runs, and the car reaches its speed."""
+"""The page about Python: its examples run, and the car reaches its speed."""
 
 from __future__ import annotations
 
@@ -13,9 +13,20 @@ from tests.conditions import require_tool
 PAGE = (ROOT / "docs" / "python.md").read_text()
 
 
-def block(language: str) -> str:
-    (found,) = re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.M | re.S)
+LOOP = PAGE[PAGE.index("## A step at a time") :]
+
+
+def block(language: str, page: str = LOOP) -> str:
+    (found,) = re.findall(rf"^```{language}\n(.*?)^```", page, re.M | re.S)
     return found
+
+
+def test_second_derivatives(tmp_path: Path) -> None:
+    section = PAGE[: PAGE.index("## A step at a time")]
+    (tmp_path / "plant.msnn.yaml").write_text(block("yaml", section))
+    (tmp_path / "slopes.py").write_text(block("python", section))
+    said = in_new_process((), tmp_path, start="import runpy; runpy.run_path('slopes.py')")
+    assert said.code == 0, said.err
 
 
 def test_the_loop_around_a_stepper(tmp_path: Path) -> None:

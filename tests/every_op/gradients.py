@@ -163,7 +163,7 @@ def by_casadi(p: Problem) -> Variables:
 def by_jacobian(p: Problem) -> Variables:
     """The weighted rows of the Jacobian in core operations, in the interpreter."""
     slopes = jacobian(p.program, parameters=True)
-    log, times, weights, states = _log_of_members(p, p.variables)
+    log, times, weights, states = log_of_members(p, p.variables)
     judge = JacobianInterpreter(slopes, p.program, weights)
     matrices = judge.matrices(log, times, states)
     found: Variables = {}
@@ -195,13 +195,13 @@ def _member(p: Problem, key: tuple[Kind, str], member: int) -> Array:
 
 
 def _results(p: Problem, variables: Mapping[tuple[Kind, str], Array]) -> Variables:
-    log, times, weights, states = _log_of_members(p, variables)
+    log, times, weights, states = log_of_members(p, variables)
     values = Interpreter(p.program, weights).step(log, times, states)
     results = {("output", name): value for name, value in values.outputs.items()}
     return results | {("next", name): value for name, value in values.next_states.items()}
 
 
-def _log_of_members(
+def log_of_members(
     p: Problem, variables: Mapping[tuple[Kind, str], Array]
 ) -> tuple[dict[str, Array], NDArray[np.int64], dict[str, Array], dict[str, Array]]:
     """A log in which every member has rows of its own, these rows, the weights and the states."""

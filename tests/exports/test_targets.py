@@ -9,7 +9,7 @@ from typing import get_args
 import pytest
 from typer.main import get_command
 
-from msnn.cli.application import app
+from msnn.cli.application import application
 from msnn.exports.describe import exports_text
 from msnn.exports.export import target_named, target_names
 from msnn.exports.table import EXTRAS, NAMES, TARGETS, ListedTarget
@@ -42,7 +42,7 @@ def test_the_extras_of_the_command_line_are_those_of_the_spec() -> None:
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
 def test_the_help_of_export_names_every_target(target: ListedTarget) -> None:
-    command = get_command(app).commands["export"]  # pyright: ignore[reportAttributeAccessIssue]
+    command = get_command(application()).commands["export"]  # pyright: ignore[reportAttributeAccessIssue]
     (to,) = (option for option in command.params if option.name == "to")
     first, _, _ = command.help.partition("\n")
     assert f" {target.name} " in re.sub("[,;]", " ", f" {to.help}"), f"{VERB} forgets {target.name}"

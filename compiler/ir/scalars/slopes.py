@@ -110,3 +110,19 @@ def slope_of_power_in_base(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
 def slope_of_power_in_exponent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """∂ xᵖ / ∂p = xᵖ log x."""
     return slope_product(b, v, b.apply("log", a[0]))
+
+
+def curvatures_of_power(b: Arithmetic[V], a: tuple[V, ...], v: V) -> tuple[V, V, V]:
+    """∂²/∂x² = p (p−1) xᵖ⁻², ∂²/∂x∂p = xᵖ⁻¹ + p xᵖ⁻¹ log x, ∂²/∂p² = xᵖ log² x.
+
+    The slopes as they are computed are 0 where p or log x is, and so would be slopes of them.
+    """
+    x, p = a
+    one = b.constant(1.0)
+    less, logarithm = b.subtract(p, one), b.apply("log", x)
+    slope = b.apply("pow", x, less)
+    twice_less = b.apply("pow", x, b.subtract(p, b.constant(2.0)))
+    in_base = slope_product(b, slope_product(b, p, less), twice_less)
+    mixed = b.add(slope, slope_product(b, p, slope_product(b, slope, logarithm)))
+    in_exponent = slope_product(b, slope_product(b, v, logarithm), logarithm)
+    return in_base, mixed, in_exponent

@@ -19,6 +19,7 @@ from compiler.ir.scalars.formulas import (
     tangent,
 )
 from compiler.ir.scalars.slopes import (
+    curvatures_of_power,
     slope_of_angle_in_x,
     slope_of_angle_in_y,
     slope_of_arc_cosine,
@@ -48,6 +49,12 @@ class Derivative(Protocol):
     """∂f/∂argument, from the arguments `a` and the function's value `v`."""
 
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], v: V, /) -> V: ...
+
+
+class Curvatures(Protocol):
+    """∂²f/∂a², ∂²f/∂a∂b, ∂²f/∂b² of arguments a, b, from these and the function's value `v`."""
+
+    def __call__(self, b: Arithmetic[V], a: tuple[V, ...], v: V, /) -> tuple[V, V, V]: ...
 
 
 class Formula(Protocol):
@@ -107,6 +114,8 @@ class ScalarFunction:
     definition: Definition | None
     domain: tuple[tuple[float, float], ...]
     doc: str
+    curvatures: Curvatures | None = None
+    """Where they are not the slopes of the formulas in `derivatives`."""
 
     @property
     def arity(self) -> int:
@@ -229,6 +238,7 @@ _ROWS = (
         ),
         _NUMBER, "pow", "power", "Pow", "pow", None, ((0.1, 10.0), (-3.0, 3.0)),
         "x to a real power; NaN for a negative x and a power that is no integer.",
+        curvatures_of_power,
     ),
 )
 # fmt: on

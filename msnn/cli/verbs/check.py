@@ -24,7 +24,12 @@ class OutputFormat(StrEnum):
 
 def check(
     files: Annotated[
-        list[Path], typer.Argument(metavar="SPEC…", help="Specs, or program files of `compile`.")
+        list[Path],
+        typer.Argument(
+            metavar="SPEC…",
+            help="Specs, program files of `compile`, folders with specs in and below them, or `-` "
+            "for standard input.",
+        ),
     ],
     strict_units: Annotated[
         bool, typer.Option("--strict-units", help="Units that do not fit are errors.")
@@ -44,6 +49,7 @@ def check(
     it. Reads no data without `--data`.
     """
     from msnn.cli.console import json_result, report, result
+    from msnn.cli.spec_files import spec_files, text_of
     from msnn.project.workflow_checks import checked_model
     from msnn.reports.summary import summary_line
     from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
@@ -52,9 +58,11 @@ def check(
     failed = False
     found: list[dict[str, Any]] = []
     said: list[Diagnostic] = []
-    for file in files:
+    for file in spec_files(files):
         try:
-            model = checked_model(file, settings or (), strict_units=strict_units)
+            text = text_of(file)
+            name = file if text is None else Path("<stdin>")
+            model = checked_model(name, settings or (), strict_units=strict_units, text=text)
             diagnostics, sources = model.warnings, model.sources
             if with_data:
                 from msnn.data_check.check import check_data

@@ -60,7 +60,8 @@ def compare(
     ] = None,
     data_root: DataRoot = None,
     out: Annotated[
-        Path, typer.Option("--out", metavar="FOLDER", help="Trainings are kept below, with a log.")
+        Path,
+        typer.Option("-o", "--out", metavar="FOLDER", help="Trainings are kept below, with a log."),
     ] = RUNS,
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
@@ -73,7 +74,7 @@ def compare(
     training: one that is there is not repeated, and an interrupted comparison goes on.
     """
     from msnn.api import trainings
-    from msnn.cli.console import json_result, note, result
+    from msnn.cli.console import json_result, note, progress_stream, result
     from msnn.comparison.progress_lines import TrialLines
     from msnn.comparison.table import comparison_notes, comparison_record, comparison_table
     from msnn.training.training_result import TrainingInterruptedError
@@ -92,7 +93,7 @@ def compare(
             jobs=jobs or os.cpu_count() or 1,
             by=by,
             cost=cost,
-            listener=TrialLines(sys.stderr),
+            listener=TrialLines(progress_stream()),
         )
     except (KeyboardInterrupt, TrainingInterruptedError):
         note(f"interrupted; this goes on: {shlex.join(['msnn', *sys.argv[1:]])}")

@@ -15,7 +15,10 @@ def compile_(
     out: Annotated[
         Path,
         typer.Option(
-            "--out", metavar="PATH", help="The folder to write into, or a `….program.json` file."
+            "-o",
+            "--out",
+            metavar="PATH",
+            help="The folder to write into, or a `….program.json` file.",
         ),
     ] = Path("build"),
     strict_units: Annotated[
@@ -27,10 +30,10 @@ def compile_(
 
     To build/NAME.program.json, which every other verb takes instead of the spec.
     """
-    from msnn.cli.console import report, result
+    from msnn.cli.console import report_model, result
     from msnn.model.load import load_model
     from msnn.model.program_file import write_program_file
 
     model = load_model(spec, settings or (), strict_units=strict_units)
-    report(model.warnings, model.sources)
+    report_model(model)
     result(str(write_program_file(model, out)))

@@ -35,14 +35,14 @@ def data(
     the system: delays and impulse responses with a band, time constants, what the inputs excite,
     feedback. What is found is a warning that names the key to write.
     """
-    from msnn.cli.console import json_text, note, report, result
+    from msnn.cli.console import json_text, note, report, report_model, result
     from msnn.data_check.check import check_data
     from msnn.data_check.report import check_record, check_tables
     from msnn.model.load import load_model
 
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
-    report(model.warnings, model.sources)
+    report_model(model)
     found = check_data(model, data, data_root)
     report(found.findings, model.sources)
     if json is not None:

@@ -50,7 +50,7 @@ def export(
     initial: Initial = False,
     runs: RunsFolder = RUNS,
     out: Annotated[
-        Path, typer.Option("--out", metavar="FOLDER", help="Each target has a folder in it.")
+        Path, typer.Option("-o", "--out", metavar="FOLDER", help="Each target has a folder in it.")
     ] = Path("build/export"),
     check: Annotated[
         bool, typer.Option("--check", help="Run every target and compare it with the interpreter.")
@@ -64,7 +64,7 @@ def export(
     Each target into a folder of its own, as the spec's `export` section says. With --check exit
     code 3 when one of them computes something else than the interpreter.
     """
-    from msnn.cli.console import json_result, note, report, result
+    from msnn.cli.console import json_result, note, report, report_model, result
     from msnn.exports.export import plan_exports, writable_targets, write_export
     from msnn.exports.left_out import left_out
     from msnn.exports.target import AnyPlan, Written
@@ -77,7 +77,7 @@ def export(
     names = _listed(to, (*NAMES, "all"), "--to")
     extras = _listed(extra, EXTRAS, "--with")
     model = load_model(spec, settings or ())
-    report(model.warnings, model.sources)
+    report_model(model)
     findings = Findings()
     targets, missing = writable_targets(names, model.spec.export)
     for target in missing:

@@ -11,7 +11,7 @@ import typer
 def schema(
     output: Annotated[
         Path | None,
-        typer.Option("--output", metavar="FILE", help="The file to write; default: stdout."),
+        typer.Option("-o", "--output", metavar="FILE", help="The file to write; default: stdout."),
     ] = None,
 ) -> None:
     """Write the JSON Schema of specs.

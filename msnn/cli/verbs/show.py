@@ -48,7 +48,7 @@ def show(
     folder of a run: stages with their losses, learned parameters with standard errors, warnings,
     how to go on; --plot draws the losses. With one of the views it is that of the model it kept.
     """
-    from msnn.cli.console import json_result, report, result
+    from msnn.cli.console import json_result, report_model, result
     from msnn.model.load import load_model
 
     views = (program, windows, resolved, interface, graph is not None, latex)
@@ -64,7 +64,7 @@ def show(
     if plot is not None:
         raise typer.BadParameter("takes the folder of a run", param_hint="'--plot'")
     model = load_model(spec, settings or ())
-    report(model.warnings, model.sources)
+    report_model(model)
     if format is ResultFormat.JSON:
         from msnn.reports.show import interface_record
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -49,7 +48,7 @@ def simulate(
         str, typer.Option(metavar="record|N", help="Steps of each run; default: whole records.")
     ] = "record",
     out: Annotated[
-        Path, typer.Option("--out", metavar="FILE", help="The CSV file to write.")
+        Path, typer.Option("-o", "--out", metavar="FILE", help="The CSV file to write.")
     ] = Path("simulation.csv"),
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
@@ -61,7 +60,7 @@ def simulate(
     measured.
     """
     from msnn.api import measurements
-    from msnn.cli.console import json_result, note, report, result
+    from msnn.cli.console import json_result, note, progress_stream, report, report_model, result
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
@@ -74,12 +73,12 @@ def simulate(
         raise typer.BadParameter("`record` or a number of steps", param_hint="--horizon")
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
-    report(model.warnings, model.sources)
+    report_model(model)
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     steps = None if horizon == "record" else int(horizon)
-    with StepProgress(sys.stderr) as progress:
+    with StepProgress(progress_stream()) as progress:
         found = measurements.simulate(
             model,
             data,

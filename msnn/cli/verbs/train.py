@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -47,7 +46,8 @@ def train(
         bool, typer.Option("--tensorboard", help="Write curves for TensorBoard beside the weights.")
     ] = False,
     out: Annotated[
-        Path, typer.Option("--out", metavar="FOLDER", help="Trainings are kept in OUT/NAME/TIME.")
+        Path,
+        typer.Option("-o", "--out", metavar="FOLDER", help="Trainings are kept in OUT/NAME/TIME."),
     ] = RUNS,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
@@ -57,11 +57,19 @@ def train(
     are kept in a folder of their own; a training that was interrupted or killed can go on. With
     --folds a training a fold, each in a folder of its own; `latest` leads to the best.
     """
-    from msnn.cli.console import is_live, json_result, note, report, result
+    from msnn.cli.console import (
+        is_live,
+        json_result,
+        note,
+        progress_stream,
+        report,
+        report_model,
+        result,
+    )
     from msnn.model.load import load_model, with_engine
 
     model = load_model(spec, settings or ())
-    report(model.warnings, model.sources)
+    report_model(model)
     if engine is not None:
         model = with_engine(model, engine.value)
 
@@ -80,7 +88,7 @@ def train(
     from msnn.training.records.progress import Lines
     from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
 
-    progress = Recorded(Lines(sys.stderr, terminal=is_live(sys.stderr)))
+    progress = Recorded(Lines(progress_stream(), terminal=is_live(progress_stream())))
     try:
         if folds:
             every = trainings.train_folds(

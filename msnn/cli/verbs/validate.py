@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -48,7 +47,7 @@ def validate(
     when a limit is broken.
     """
     from msnn.api import measurements
-    from msnn.cli.console import json_result, note, report, result
+    from msnn.cli.console import json_result, note, progress_stream, report, report_model, result
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
@@ -64,11 +63,11 @@ def validate(
     refuse_two_origins(weights, initial)
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
-    report(model.warnings, model.sources)
+    report_model(model)
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
-    with StepProgress(sys.stderr) as progress:
+    with StepProgress(progress_stream()) as progress:
         found = measurements.validate(
             model, chosen.weights, data_root=data_root, engine=engine, progress=progress.told
         )

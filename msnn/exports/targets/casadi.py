@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,38 +13,65 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.ir.program import Program
+from backends.casadi_function.options import CasadiOptions
+from compiler.ir.program import NodeId, Program
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Matrix
+from compiler.passes.analyses.kinks import Kink, kinks
+from compiler.passes.smooth_kinks import sharp_kinks, smooth_kinks
 from msnn.agreement.judgement import Arrays, Beginning
 from msnn.agreement.loaded import Loaded, Slopes, loaded_by_steps, stacked
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
+from spec_schema.diagnostics.source import Span
 from spec_schema.sections.exports import CasadiExport
 
 
-def _prepare(request: Request, entry: CasadiExport | None) -> ExportPlan[None] | None:
+def _prepare(request: Request, entry: CasadiExport | None) -> ExportPlan[CasadiOptions] | None:
     if entry is None:
         return float_plan(TARGET, request, None)
     if entry.dtype not in (None, TARGET.dtype):
         request.findings.report(workflow.casadi_is_double(entry.place.key))
-    return float_plan(TARGET, request, entry, entry.prefix)
+    plan = float_plan(TARGET, request, entry, entry.prefix)
+    if plan is None:
+        return None
+    options = CasadiOptions(params=entry.params, form=entry.form)
+    program = smooth_kinks(plan.program) if entry.smooth else plan.program
+    if entry.smooth is not False:
+        left = sharp_kinks(plan.program) if entry.smooth else kinks(plan.program)
+        _warn(request, plan.program, left, stays=entry.smooth is True)
+    return replace(plan, options=options, program=program)
 
 
-def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path, ...]:
+def _warn(request: Request, program: Program, found: Mapping[NodeId, Kink], *, stays: bool) -> None:
+    """Names each place that has kinks once."""
+    entries = (*program.signals, *program.states, *program.expected)
+    ranges = {entry.name: entry.range for entry in entries}
+    places: dict[Span, Kink] = {}
+    for node, kink in found.items():
+        span = program.step[node].span
+        if span is not None:
+            places.setdefault(span, kink)
+    for span, kink in places.items():
+        declared = {name: limits for name in sorted(kink.distance.of) if (limits := ranges[name])}
+        request.findings.report(workflow.kink_within_ranges(kink.word, declared, span, stays=stays))
+
+
+def _write(plan: ExportPlan[CasadiOptions], weights: Weights, folder: Path) -> tuple[Path, ...]:
     from backends.casadi_function.files import write_casadi
 
-    return write_casadi(plan.program, weights, folder, plan.prefix)
+    return write_casadi(plan.program, weights, folder, plan.prefix, plan.options)
 
 
 @contextmanager
-def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
+def _load(plan: ExportPlan[CasadiOptions], written: Written) -> Generator[Loaded]:
     exported = _CasadiExport(written.folder, plan.prefix)
-    yield loaded_by_steps(exported.start, exported.step, _slopes(plan.program, exported))
+    slopes = _slopes(plan.program, plan.options, exported)
+    yield loaded_by_steps(exported.start, exported.step, slopes)
 
 
-def _slopes(program: Program, exported: _CasadiExport) -> Slopes | None:
+def _slopes(program: Program, options: CasadiOptions, exported: _CasadiExport) -> Slopes | None:
     """CasADi's own derivative of the step; None where matrices are vast."""
     from backends.ports.step_interface import step_interface
     from compiler.jacobian.jacobian import jacobian
@@ -54,15 +82,16 @@ def _slopes(program: Program, exported: _CasadiExport) -> Slopes | None:
     if rows * max(states, sum(port.type.size for port in ports.inputs)) > MOST_ENTRIES:
         return None
     parameters = sum(Type(parameter.axes).size for parameter in ports.parameters)
-    slopes = jacobian(program, parameters=rows * parameters <= MOST_ENTRIES)
+    by_parameters = options.params == "input" and rows * parameters <= MOST_ENTRIES
+    slopes = jacobian(program, parameters=by_parameters)
     return Slopes(slopes, partial(exported.slopes, slopes.matrices))
 
 
-TARGET: Target[CasadiExport, None] = Target(
+TARGET: Target[CasadiExport, CasadiOptions] = Target(
     name="casadi",
     entry=CasadiExport,
     dtype="float64",
-    options=None,
+    options=CasadiOptions(),
     prepare=_prepare,
     write=_write,
     load=_load,

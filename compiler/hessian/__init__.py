@@ -1,0 +1,1 @@
+"""Derives value, Jacobian and Hessian of one step together, as core operations."""

@@ -1,0 +1,106 @@
+"""Puts arrays of slopes where they belong in a matrix, and finds which entries are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.hessian.directions import Run
+from compiler.ir import ops
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import NodeId
+from compiler.jacobian.drop_zero_terms import known_number
+from compiler.jacobian.entries import moving_nodes
+from compiler.jacobian.matrices import Matrix, MatrixBlock, Member, Vector
+from compiler.jacobian.sparsity_pattern import nonzero_elements
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """Entries of a matrix: element (i, j, …) of the node is entry offset + Σ stride · index."""
+
+    node: NodeId
+    offset: int
+    strides: tuple[int, ...]
+
+
+def slopes_of_result(
+    builder: GraphBuilder, tangent: NodeId, result: Member, runs: Sequence[Run], width: int
+) -> list[Placed]:
+    """The rows of a result in a matrix of that width, from its tangents (directions, *axes)."""
+    directions = builder.type(tangent).axes[0].name
+    lengths = [axis.size for axis in result.axes]
+    steps = tuple(width * int(np.prod(lengths[i + 1 :])) for i in range(len(lengths)))
+    return [
+        Placed(
+            builder.slice(tangent, directions, run.start, run.stop),
+            result.first * width + run.column,
+            (1, *steps),
+        )
+        for run in runs
+    ]
+
+
+def curvature_of_groups(
+    builder: GraphBuilder, block: NodeId, rows: Sequence[Run], columns: Sequence[Run], width: int
+) -> list[Placed]:
+    """Where a block (directions, other directions) of a Hessian stands; mirrored if not square."""
+    first, second = (axis.name for axis in builder.type(block).axes)
+    found: list[Placed] = []
+    for row in rows:
+        part = builder.slice(block, first, row.start, row.stop)
+        for column in columns:
+            node = builder.slice(part, second, column.start, column.stop)
+            found.append(Placed(node, row.column * width + column.column, (width, 1)))
+            if rows is not columns:
+                found.append(Placed(node, column.column * width + row.column, (1, width)))
+    return found
+
+
+def matrix_of_blocks(
+    builder: GraphBuilder, name: str, rows: Vector, columns: Vector, placed: Sequence[Placed]
+) -> Matrix:
+    """The matrix with these entries; all others are 0."""
+    parts = [part for block in placed for part in _parts(builder, block)]
+    known: list[float | None] = [0.0] * (rows.size * columns.size)
+    fixed = [True] * len(known)
+    blocks: list[MatrixBlock] = []
+    graph = builder.graph()
+    moving = moving_nodes(graph)
+    pattern = nonzero_elements(graph, [part.node for part in parts])
+    for part in parts:
+        node = builder.node(part.node)
+        block = MatrixBlock(
+            part.node,
+            part.offset,
+            part.strides,
+            builder.infinite_values.is_made_of_infinite(part.node),
+        )
+        places = block.places(node.type.shape).ravel().tolist()
+        number = known_number(builder, part.node)
+        if isinstance(node.op, ops.Constant) or number is not None:
+            values = node.op.values if isinstance(node.op, ops.Constant) else [number] * len(places)
+            for place, value in zip(places, values, strict=True):
+                known[place] = value
+            continue
+        for place, differs in zip(places, pattern[part.node].ravel().tolist(), strict=True):
+            known[place] = None if differs else 0.0
+            fixed[place] = not moving[part.node]
+        blocks.append(block)
+    return Matrix(name, rows, columns, tuple(known), tuple(fixed), tuple(blocks))
+
+
+def _parts(builder: GraphBuilder, placed: Placed) -> list[Placed]:
+    """The parts of a concatenation each at its place, so that known ones need no array."""
+    node = builder.node(placed.node)
+    if not isinstance(node.op, ops.Concat):
+        return [placed]
+    position = node.type.position(node.op.axis)
+    found: list[Placed] = []
+    offset = placed.offset
+    for arg in node.args:
+        found += _parts(builder, Placed(arg, offset, placed.strides))
+        offset += placed.strides[position] * builder.type(arg).shape[position]
+    return found

@@ -1,0 +1,234 @@
+"""Derives value, Jacobian and Hessian of one step in one graph, arrays kept as arrays.
+
+For results r = f(z) of one step (next states and outputs) in variables z (states, inputs, on
+request parameters) and a multiplier λ for each result, the graph has r, J = ∂r/∂z and the Hessian
+H = ∇²(λᵀf) in z. Forward mode gives the tangents ẏ of every value y along the variables, reverse
+mode the adjoints ȳ = ∂(λᵀf)/∂y; H is the sum over the operations φ that bend of ȳ times the second
+slopes of φ between the tangents of its operands (Griewank, Walther: Evaluating Derivatives, 2008,
+ch. 3 and 5; `curvature`). A product with a matrix stays one.
+
+What value, J and H have in common is there once. Kinks and infinite slopes mean what they mean in
+`reverse_mode`; a kink has no curvature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from compiler.differentiation.forward_mode import tangents
+from compiler.differentiation.reverse_mode import gradients
+from compiler.hessian.curvature import bending_nodes, curvatures
+from compiler.hessian.directions import grouped_directions
+from compiler.hessian.matrix_blocks import (
+    Placed,
+    curvature_of_groups,
+    matrix_of_blocks,
+    slopes_of_result,
+)
+from compiler.hessian.picked_rows import with_picked_rows
+from compiler.hessian.second_slopes import is_held
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node
+from compiler.ir.liveness import needed
+from compiler.ir.ops import Concat, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ir.program import Graph, NodeId, Program
+from compiler.ir.types import WINDOW, Axis, Type
+from compiler.jacobian.drop_zero_terms import without_zeros
+from compiler.jacobian.matrices import Matrix, Quantity, Vector, vector_of
+from compiler.passes.fold_constants import folded
+from compiler.passes.guard_untaken import guard_untaken
+
+LARGEST_FOLDED = 1 << 20
+"""Elements of the largest array of known slopes: that of a buffer of a thousand samples."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepDerivatives:
+    """Matrices, and the graph that computes their entries and the results themselves."""
+
+    graph: Graph
+    """It reads what the step reads, and the `multiplier` of each result as a state."""
+    results: Vector
+    """r: next states (`next_value`), then outputs."""
+    variables: Vector
+    """z: states, then inputs, then parameters."""
+    values: dict[str, NodeId]
+    """The node of each result."""
+    jacobian: Matrix
+    hessian: Matrix | None
+    """Both triangles, equal to the bit; None where it is not wanted."""
+
+    @property
+    def matrices(self) -> tuple[Matrix, ...]:
+        return (self.jacobian,) if self.hessian is None else (self.jacobian, self.hessian)
+
+    @property
+    def roots(self) -> list[NodeId]:
+        """The nodes of the results and of all computed entries."""
+        return [*self.values.values(), *(n for matrix in self.matrices for n in matrix.nodes)]
+
+
+def next_value(state: str) -> str:
+    """The name that a state's next value has among the results."""
+    return f"next({state})"
+
+
+def multiplier(result: str) -> str:
+    """The state that is the multiplier of a result, in the result's axes."""
+    return f"multiplier of {result}"
+
+
+def step_derivatives(
+    program: Program,
+    *,
+    states: Collection[str] | None = None,
+    inputs: Collection[str] | None = None,
+    parameters: Collection[str] = (),
+    next_states: Collection[str] | None = None,
+    outputs: Collection[str] | None = None,
+    hessian: bool = True,
+) -> StepDerivatives:
+    """The derivatives of a program in step form in these variables and of these results.
+
+    None stands for all of them; for all inputs that a result reads. Their order is the program's.
+    """
+    program = guard_untaken(replace(program, losses=(), expected=()))
+    named = {next_value(s.name): s.next for s in program.states if _has(next_states, s.name)}
+    named |= {o.name: o.node for o in program.outputs if _has(outputs, o.name)}
+    builder, copies = _without_windows(program.step, named.values())
+    roots = {name: copies[node] for name, node in named.items()}
+    count = len(builder.graph())
+    leaves = _readers(builder.graph())
+    variables = vector_of(
+        "z",
+        [
+            *((s.name, s.axes, s.unit) for s in program.states if _has(states, s.name)),
+            *(port for port in _inputs(program, builder, leaves) if _has(inputs, port[0])),
+            *((p.name, p.axes, p.unit) for p in program.parameters if p.name in parameters),
+        ],
+    )
+    types = {name: builder.type(node) for name, node in roots.items()}
+    results = vector_of("r", [(name, type.axes, type.unit) for name, type in types.items()])
+
+    groups = [
+        (group, tangents(builder, group.axis, group.seeds(builder, leaves), {}, count=count))
+        for group in grouped_directions(builder.graph(), variables.members, leaves)
+    ]
+    slopes = [
+        placed
+        for name, node in roots.items()
+        for group, found in groups
+        if node in found
+        for placed in slopes_of_result(
+            builder, found[node], results.member(name), group.runs, variables.size
+        )
+    ]
+    bends: list[Placed] = []
+    if hessian:
+        adjoints = _adjoints(builder, roots, bending_nodes(builder, count, [t for _, t in groups]))
+        runs = [group.runs for group, _ in groups]
+        for (g, h), block in curvatures(builder, adjoints, groups).items():
+            bends += curvature_of_groups(builder, block, runs[g], runs[h], variables.size)
+    wanted = [*roots.values(), *(placed.node for placed in (*slopes, *bends))]
+    finished, moved = _finished(builder.graph(), count, wanted)
+
+    def matrix(name: str, rows: Vector, blocks: list[Placed]) -> Matrix:
+        placed = [replace(block, node=moved[block.node]) for block in blocks]
+        return matrix_of_blocks(finished, name, rows, variables, placed)
+
+    return StepDerivatives(
+        graph=finished.graph(),
+        results=results,
+        variables=variables,
+        values={name: moved[node] for name, node in roots.items()},
+        jacobian=matrix("J", results, slopes),
+        hessian=matrix("H", variables, bends) if hessian else None,
+    )
+
+
+def _has(names: Collection[str] | None, name: str) -> bool:
+    return names is None or name in names
+
+
+def _without_windows(
+    graph: Graph, wanted: Iterable[NodeId]
+) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
+    """What is wanted, where a window is the samples of its buffer followed by the newest one."""
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    live = needed(graph, wanted)
+    for index, node in graph:
+        if not live[index]:
+            continue
+        args = tuple(copies[arg] for arg in node.args)
+        if isinstance(node.op, Window):
+            *axes, last = node.type.axes
+            past = node.type.with_axes((*axes, Axis(WINDOW, last.size - 1)))
+            with builder.at(node.span):
+                newest = builder.reshape(args[0], (*axes, Axis(WINDOW, 1)))
+                kept = builder.state(node.op.state, past)
+                joined = builder.emit(Concat(WINDOW), (kept, newest), node.type)
+            copies[index] = joined
+        else:
+            copies[index] = copy_node(builder, node, args)
+    return builder, copies
+
+
+def _readers(graph: Graph) -> dict[str, list[NodeId]]:
+    """The nodes that read each state, input and parameter."""
+    found: dict[str, list[NodeId]] = {}
+    for index, node in graph:
+        match node.op:
+            case ReadState(name) | ReadParameter(name) | ReadSignal(name):
+                found.setdefault(name, []).append(index)
+            case _:
+                pass
+    return found
+
+
+def _inputs(
+    program: Program, builder: GraphBuilder, leaves: Mapping[str, Sequence[NodeId]]
+) -> Iterator[Quantity]:
+    """The inputs that the results read, in step form each by one node."""
+    for signal in program.signals:
+        for leaf in leaves.get(signal.name, ()):
+            # a target may have the name of a state
+            if isinstance(builder.node(leaf).op, ReadSignal):
+                yield signal.name, builder.type(leaf).axes, signal.unit
+
+
+def _adjoints(
+    builder: GraphBuilder, roots: Mapping[str, NodeId], wanted: Sequence[NodeId]
+) -> dict[NodeId, NodeId]:
+    """∂(λᵀf)/∂y of the wanted nodes y on which a result depends."""
+    seeds: dict[NodeId, NodeId] = {}
+    for name, root in roots.items():
+        weight = builder.state(multiplier(name), Type(builder.type(root).axes))
+        seeds[root] = builder.add(seeds[root], weight) if root in seeds else weight
+    found = gradients(builder, seeds, wanted)
+    return {
+        node: adjoint for node, adjoint in zip(wanted, found, strict=True) if adjoint is not None
+    }
+
+
+def _finished(
+    graph: Graph, count: int, wanted: Sequence[NodeId]
+) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
+    """The wanted nodes without what is known to be 0; the first `count` are copied as they are."""
+    live = needed(graph, wanted)
+    draft = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    exact = 0
+    for index, node in graph:
+        if live[index]:
+            args = [copies[arg] for arg in node.args]
+            copies[index] = args[0] if is_held(node) else copy_node(draft, node, tuple(args))
+            if index < count:
+                exact = max(exact, copies[index] + 1)
+    known, moved = folded(draft.graph(), exact=exact, largest=LARGEST_FOLDED)
+    picked, places = with_picked_rows(known, exact=exact)
+    at = {node: places[moved[copies[node]]] for node in wanted}
+    builder = GraphBuilder()
+    found = without_zeros(picked, list(at.values()), builder, exact=exact)
+    return builder, {node: found[place] for node, place in at.items()}

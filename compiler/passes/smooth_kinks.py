@@ -1,0 +1,177 @@
+"""Rounds off kinks, for solvers that take second derivatives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Mapping
+from dataclasses import dataclass
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_step
+from compiler.ir.liveness import needed
+from compiler.ir.ops import (
+    Apply,
+    Clamp,
+    Compare,
+    Divide,
+    Maximum,
+    Minimum,
+    Relation,
+    Reshape,
+    Select,
+)
+from compiler.ir.program import Graph, Node, NodeId, Program
+from compiler.ir.types import Axis
+from compiler.passes.analyses.intervals import Interval
+from compiler.passes.analyses.kinks import Kink, compared, kinks
+
+WIDTH = 1e-3
+"""Of a rounded kink, relative to the largest magnitude of what is 0 at it."""
+
+_SINGULAR = frozenset({"log", "pow", "asin", "acos"})
+
+
+def smooth_kinks(program: Program) -> Program:
+    """Gives operations a smooth form where the declared ranges reach their kinks.
+
+    With d the quantity that is 0 at the kink, w = `WIDTH` times its largest magnitude by the
+    declared ranges (`WIDTH` where these leave it open), and |d|ₛ = √(d² + w²):
+
+        abs(d)               |d|ₛ
+        sign(d)              d / |d|ₛ
+        max(a, b), relu      (a + b + |a − b|ₛ) / 2, min with − |a − b|ₛ
+        clip(x, low, high)   min(max(x, low), high), both smooth
+        sqrt(d)              d / √|d|ₛ, below 0 too
+        where(a > b, y, z)   z + (y − z) (1 + (a − b) / |a − b|ₛ) / 2
+
+    A `where` stays as it is where only one of its branches has a division by what can be 0, log,
+    pow, asin, acos or a root that is not smooth: beyond the kink it may be infinite or NaN.
+
+    Before: any form. After: other values, by about w near kinks; fuzzy sets sum to 1 but for that.
+    """
+    graph, found = program.step, kinks(program)
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index, node in graph:
+        made: NodeId | None = None
+        if index in found and not (isinstance(node.op, Select) and _is_kept(graph, node, found)):
+            with builder.at(node.span):
+                smooth = _Smooth(builder, node.type.axes, _width(found[index].distance))
+                made = _smoothed(smooth, graph, node, copies)
+        if made is None:
+            made = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+        copies[index] = made
+        if node.label is not None:
+            builder.name(copies[index], node.label)
+    return with_step(program, builder.graph(), copies)
+
+
+def sharp_kinks(program: Program) -> dict[NodeId, Kink]:
+    """The kinks that `smooth_kinks` leaves as they are."""
+    graph, found = program.step, kinks(program)
+    return {
+        index: kink
+        for index, kink in found.items()
+        if isinstance(graph[index].op, Select) and _is_kept(graph, graph[index], found)
+    }
+
+
+def _smoothed(
+    smooth: _Smooth, graph: Graph, node: Node, copies: Mapping[NodeId, NodeId]
+) -> NodeId | None:
+    args = [copies[arg] for arg in node.args]
+    match node.op:
+        case Apply("abs"):
+            made = smooth.magnitude(args[0])
+        case Apply("sign"):
+            made = smooth.sign(args[0])
+        case Apply("sqrt"):
+            made = smooth.root(args[0])
+        case Maximum():
+            made = smooth.largest(*args)
+        case Minimum():
+            made = smooth.least(*args)
+        case Clamp():
+            made = smooth.least(smooth.largest(args[0], args[1]), args[2])
+        case Select():
+            sides = compared(graph, node.args[0])
+            assert sides is not None
+            condition = graph[graph.unrepeated(node.args[0])].op
+            assert isinstance(condition, Compare)
+            left, right = (copies[side] for side in sides)
+            if condition.relation in (Relation.LESS, Relation.LESS_EQUAL):
+                left, right = right, left
+            made = smooth.chosen(left, right, args[1], args[2])
+        case _:
+            return None
+    b = smooth.builder
+    # units of squares and roots are not those of the operation
+    return made if b.type(made) == node.type else b.emit(Reshape(), (made,), node.type)
+
+
+def _width(distance: Interval) -> float:
+    largest = max(abs(distance.low), abs(distance.high))
+    return WIDTH * (largest if math.isfinite(largest) else 1.0)
+
+
+def _is_kept(graph: Graph, node: Node, found: Container[NodeId]) -> bool:
+    """Whether one branch of a `where` alone can be infinite."""
+    divisors = GraphBuilder(graph).infinite_values
+    then, otherwise = (needed(graph, [branch]) for branch in node.args[1:])
+
+    def is_singular(index: NodeId) -> bool:
+        made = graph[index]
+        match made.op:
+            case Divide():
+                return not divisors.divides(made.args[1])
+            case Apply("sqrt"):
+                return index not in found and not divisors.is_never_zero(made.args[0])
+            case Apply(function):
+                return function in _SINGULAR
+            case _:
+                return False
+
+    return any(
+        first != second and is_singular(index)
+        for index, (first, second) in enumerate(zip(then, otherwise, strict=True))
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Smooth:
+    """Smooth forms of one width, of values with these axes."""
+
+    builder: GraphBuilder
+    axes: tuple[Axis, ...]
+    width: float
+
+    def magnitude(self, x: NodeId) -> NodeId:
+        b = self.builder
+        squares = b.add(b.multiply(x, x), self._number(self.width * self.width))
+        return b.apply("sqrt", squares)
+
+    def sign(self, x: NodeId) -> NodeId:
+        return self.builder.divide(x, self.magnitude(x))
+
+    def root(self, x: NodeId) -> NodeId:
+        return self.builder.divide(x, self.builder.apply("sqrt", self.magnitude(x)))
+
+    def largest(self, left: NodeId, right: NodeId) -> NodeId:
+        b = self.builder
+        apart = self.magnitude(b.subtract(left, right))
+        return b.multiply(self._number(0.5), b.add(b.add(left, right), apart))
+
+    def least(self, left: NodeId, right: NodeId) -> NodeId:
+        b = self.builder
+        apart = self.magnitude(b.subtract(left, right))
+        return b.multiply(self._number(0.5), b.subtract(b.add(left, right), apart))
+
+    def chosen(self, left: NodeId, right: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
+        """`then` where left > right."""
+        b = self.builder
+        ahead = b.broadcast(b.subtract(left, right), self.axes)
+        share = b.multiply(self._number(0.5), b.add(self._number(1.0), self.sign(ahead)))
+        return b.add(otherwise, b.multiply(share, b.subtract(then, otherwise)))
+
+    def _number(self, value: float) -> NodeId:
+        return self.builder.broadcast(self.builder.constant(value, unit=None), self.axes)

@@ -1,0 +1,96 @@
+"""Gives every verb the options that all have: how much it says, and where its result goes."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from msnn.tables import LINE_WIDTH
+
+
+@dataclass(slots=True)
+class Manners:
+    """What the options of the command that runs ask for."""
+
+    is_quiet: bool = False
+    is_verbose: bool = False
+    output: Path | None = None
+    results: list[str] = field(default_factory=list[str])
+    """What goes to `output` when the command is over."""
+
+
+NOW = Manners()
+"""Of the one command that this process runs."""
+
+
+def forget_manners() -> None:
+    """Before a command: as if no option had been given."""
+    NOW.is_quiet, NOW.is_verbose, NOW.output = False, False, None
+    NOW.results.clear()
+
+
+def terminal_width() -> int | None:
+    """Columns that tables may take; None where no terminal shows them."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+
+
+_Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say results and errors alone.")]
+_Verbose = Annotated[
+    bool,
+    typer.Option(
+        "-v", "--verbose", help="Say remarks too, the time it took, and where a bug of msnn is."
+    ),
+]
+_Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--output", metavar="FILE", help="Write the result to a file; default: stdout."
+    ),
+]
+ADDED = ("be_quiet", "be_verbose", "write_to")
+"""The parameters that verbs get."""
+
+_OWN_PLACES = {"out", "output"}
+"""Parameters of verbs that have a place of their own for what they write."""
+
+
+def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
+    """The verb with `-q`, `-v`, and `-o` where its own options name no place to write to."""
+    own = signature(verb, eval_str=True)
+    options: dict[str, tuple[Any, bool | None]] = {
+        "be_quiet": (_Quiet, False),
+        "be_verbose": (_Verbose, False),
+    }
+    if not _OWN_PLACES & own.parameters.keys():
+        options["write_to"] = (_Output, None)
+
+    @wraps(verb)
+    def mannered(**arguments: Any) -> None:
+        asked = [arguments.pop(option) for option in options]
+        _behave(*asked)
+        verb(**arguments)
+
+    added = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        for name, (annotation, default) in options.items()
+    ]
+    parameters = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in own.parameters.values()]
+    mannered.__signature__ = Signature([*parameters, *added])  # type: ignore[attr-defined]
+    mannered.__annotations__ = {p.name: p.annotation for p in (*parameters, *added)}
+    return mannered
+
+
+def _behave(is_quiet: bool, is_verbose: bool, output: Path | None = None) -> None:
+    if is_quiet and is_verbose:
+        raise typer.BadParameter("excludes `--verbose`", param_hint="'--quiet'")
+    NOW.is_quiet, NOW.is_verbose, NOW.output = is_quiet, is_verbose, output
+    if output is not None:
+        LINE_WIDTH.set(None)

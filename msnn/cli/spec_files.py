@@ -1,0 +1,46 @@
+"""Finds the specs that a command line names: files, folders of them, or standard input."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import typer
+
+from msnn.model.kept_run import DESCRIPTION
+
+STANDARD_INPUT = Path("-")
+_ENDINGS = (".msnn.yaml", ".msnn.yml", ".msnn.json")
+_MADE = {"build", "runs"}
+"""Folders that msnn writes; what a run has kept is no spec of its own."""
+
+
+def spec_files(paths: Sequence[Path]) -> Iterator[Path]:
+    """Every file, and of a folder all specs in and below it in the order of their names.
+
+    The folder of a run stands for itself. A folder without specs is a usage error.
+    """
+    for path in paths:
+        if path.is_dir() and not (path / DESCRIPTION).is_file():
+            found = sorted(_below(path))
+            if not found:
+                message = f"`{path}` has no file that ends with {', '.join(_ENDINGS)}"
+                raise typer.BadParameter(message, param_hint="SPEC")
+            yield from found
+        else:
+            yield path
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    for path in folder.iterdir():
+        if path.is_dir():
+            if not path.name.startswith(".") and path.name not in _MADE and not path.is_symlink():
+                yield from _below(path)
+        elif path.name.endswith(_ENDINGS):
+            yield path
+
+
+def text_of(file: Path) -> str | None:
+    """What standard input has, where the file is `-`; None for others."""
+    return sys.stdin.read() if file == STANDARD_INPUT else None
