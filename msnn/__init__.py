@@ -17,8 +17,17 @@ from msnn.project.package_names import check_package_names
 check_package_names()
 
 if TYPE_CHECKING:
-    from msnn.api.measurements import simulate, validate
-    from msnn.api.models import compile, export, initial_weights, linearize, load, stepper
+    from msnn.api.measurements import check_data, simulate, validate
+    from msnn.api.models import (
+        compile,
+        estimator,
+        export,
+        initial_weights,
+        linearize,
+        load,
+        mpc,
+        stepper,
+    )
     from msnn.api.trainings import compare, stage_loss, train, train_folds
     from msnn.errors.failures import MissingExtraError
     from msnn.model.model import Model
@@ -31,12 +40,15 @@ __all__ = [
     "SpecError",
     "TrainingDivergedError",
     "TrainingInterruptedError",
+    "check_data",
     "compare",
     "compile",
+    "estimator",
     "export",
     "initial_weights",
     "linearize",
     "load",
+    "mpc",
     "simulate",
     "stage_loss",
     "stepper",
@@ -52,7 +64,7 @@ _HOMES = {
     ),
     "Model": "msnn.model.model",
     "SpecError": "spec_schema.diagnostics.diagnostic",
-    **dict.fromkeys(("simulate", "validate"), "msnn.api.measurements"),
+    **dict.fromkeys(("check_data", "simulate", "validate"), "msnn.api.measurements"),
     **dict.fromkeys(("compare", "stage_loss", "train", "train_folds"), "msnn.api.trainings"),
 }
 

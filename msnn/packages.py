@@ -45,6 +45,7 @@ ONNX = OptionalPackage("onnx", "onnx", "writes ONNX exports")
 ONNXRUNTIME = OptionalPackage(
     "onnxruntime", "onnxruntime", "runs ONNX exports for `export --check`"
 )
+FMPY = OptionalPackage("fmpy", "fmu", "validates and runs FMU exports for `export --check`")
 MATPLOTLIB = OptionalPackage("matplotlib", "plot", "draws plots")
 PYARROW = OptionalPackage("pyarrow", "parquet", "reads Parquet")
 SCIPY = OptionalPackage("scipy", "mat", "reads MATLAB files")
@@ -59,6 +60,7 @@ OPTIONAL = (
     CASADI,
     ONNX,
     ONNXRUNTIME,
+    FMPY,
     MATPLOTLIB,
     PYARROW,
     SCIPY,

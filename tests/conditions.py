@@ -1,5 +1,6 @@
 """What a test may need from the machine: absent, the test is skipped for a user and fails in CI."""
 
+import importlib.util
 import os
 import shutil
 from pathlib import Path
@@ -14,6 +15,12 @@ def require_tool(name: str, install: str) -> str:
     if found is None:
         miss(f"{name} is not installed: {install}")
     return found
+
+
+def require_package(name: str, install: str) -> None:
+    """Sees that the Python package `name` can be imported."""
+    if importlib.util.find_spec(name) is None:
+        miss(f"{name} is not installed: {install}")
 
 
 def require_folder(path: str | Path) -> Path:

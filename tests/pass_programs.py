@@ -268,6 +268,19 @@ def units_of_0() -> Program:
     return Program("units", None, signals, parameters, (), b.graph(), Graph(), outputs)
 
 
+def single_numbers() -> Program:
+    """A polynomial of which two coefficients, `off`, are 0."""
+    b = GraphBuilder()
+    x, w = b.signal("x", 0, 0, Type()), b.signal("w", 0, 0, Type())
+    on, off = b.parameter("on", Type()), b.parameter("off", Type())
+    square = b.multiply(off, b.multiply(x, x))
+    y = b.subtract(b.add(square, b.multiply(on, x)), b.multiply(off, b.apply("sin", w)))
+    parameters = (Parameter("on"), Parameter("off"))
+    signals = (Signal("x", Role.INPUT), Signal("w", Role.INPUT))
+    outputs = (Output("y", y),)
+    return Program("numbers", None, signals, parameters, (), b.graph(), Graph(), outputs)
+
+
 PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "numbers": numbers,
     "branches": branches,
@@ -282,4 +295,5 @@ PASS_PROGRAMS: dict[str, Callable[[], Program]] = {
     "dropouts": dropouts,
     "expectations": expectations,
     "units_of_0": units_of_0,
+    "single_numbers": single_numbers,
 }

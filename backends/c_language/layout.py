@@ -40,12 +40,17 @@ def wrapped(line: str) -> list[str]:
 
 
 def _break(line: str, start: int) -> int | None:
-    """Position of the space at which to break; None where there is none."""
+    """Position of the space at which to break, never inside a string; None where there is none."""
     best: tuple[int, int] | None = None
     depth = 0
+    quoted = False
     for position in range(start, WIDTH):
         character = line[position]
-        if character in "([{":
+        if character == '"' and line[position - 1] != "\\":
+            quoted = not quoted
+        elif quoted:
+            continue
+        elif character in "([{":
             depth += 1
         elif character in ")]}":
             depth -= 1

@@ -10,7 +10,7 @@ from backends.c_language.literals import Dtype
 
 Ring = Literal["auto", "shift", "double"]
 ParameterAccess = Literal["const", "tunable", "inline"]
-Extra = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
+Extra = Literal["jacobian", "state_jacobian", "parameter_jacobian", "feedthrough"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class COptions:
     extras: tuple[Extra, ...] = ()
     """Functions beside the step: `jacobian` linearises it in all that it remembers and its inputs,
     `state_jacobian` in its declared states alone instead, `parameter_jacobian` in its parameters
-    too."""
+    too, `feedthrough` in its inputs alone."""
 
     @property
     def is_exact(self) -> bool:

@@ -13,6 +13,7 @@ from workloads import Workload
 
 GOALS: Mapping[tuple[str, str], float] = {
     ("a", PEER): 100, ("b", PEER): 1000, ("c", PEER): 1000, ("b32", PEER): 3000,
+    ("d16", PEER): 1000, ("d64", PEER): 1000,
     ("a", JAX): 4, ("b", JAX): 12, ("c", JAX): 10,
 }  # fmt: skip
 """How many times faster msnn is to be; no round may be below half of it."""

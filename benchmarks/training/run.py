@@ -1,4 +1,4 @@
-"""Trains three small models with msnn and with its peers, side by side, and tells the times.
+"""Trains small models with msnn and with its peers, side by side, and tells the times.
 
     python benchmarks/training/run.py                              # all: the figures of RESULTS.md
     python benchmarks/training/run.py --windows 1000 --rounds 1 b  # a quick look
@@ -21,11 +21,16 @@ import numpy as np
 from agreement import agreement
 from machine import fma_peak, load, processor, stay_on_one_core
 from report import Measured, markdown
-from worker import JAX, KERNEL, PEER, TOOLS, Worker, open_workers
+from worker import JAX, KERNEL, NATIVE, PEER, TOOLS, TORCH, Worker, open_workers
 from workloads import WORKLOADS, log
 
-CASES = {"a": 128, "b": 128, "c": 128, "b32": 32}
+CASES = {"a": 128, "b": 128, "c": 128, "b32": 32, "d16": 16, "d64": 64}
 """Workloads and batch sizes."""
+
+WRITTEN_BY_HAND = "abc"
+"""Workloads that have a program in JAX and in torch; the others compare msnn with its peer."""
+
+PAIR = (PEER, NATIVE, KERNEL, TORCH)
 
 
 def main() -> int:
@@ -44,7 +49,7 @@ def main() -> int:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("cases", nargs="*", default=list(CASES), help="a b c b32")
+    parser.add_argument("cases", nargs="*", default=list(CASES), help=" ".join(CASES))
     parser.add_argument("--windows", type=int, default=15_000)
     parser.add_argument("--rounds", type=int, default=5, help="timed rounds after the warm one")
     parser.add_argument("--tools", nargs="*", default=list(TOOLS))
@@ -60,7 +65,8 @@ def _measured(case: str, options: argparse.Namespace) -> Measured:
         np.savez(data, **log(workload, options.windows))
         settings = workload.settings(data, options.windows, batch)
         os.environ["MSNN_CACHE"] = str(folder)  # each run builds its kernels
-        workers = open_workers(options.tools, settings, folder)
+        tools = [tool for tool in options.tools if case[0] in WRITTEN_BY_HAND or tool in PAIR]
+        workers = open_workers(tools, settings, folder)
         agreed = agreement(workers, settings)
         before = load()
         times = _rounds(case, workers, options.rounds)

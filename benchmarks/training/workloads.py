@@ -1,4 +1,4 @@
-"""The three models to train, and synthetic logs for them."""
+"""The four models to train, and synthetic logs for them."""
 
 from __future__ import annotations
 
@@ -70,6 +70,7 @@ _VEHICLE = {
     "c0": (1, 0.1),
     "c1": (1, 1e-4),
 }
+_STEERING = {"W": (240, 0.01), "w0": (29, 0.01)}
 _FUZZY = 100  # memberships of five sets and their slopes, about
 
 WORKLOADS: Mapping[str, Workload] = {
@@ -78,6 +79,10 @@ WORKLOADS: Mapping[str, Workload] = {
         Workload("a", "feed_forward", 20, 1, 1e-3, 40 * _GIVEN, _MASS),
         Workload("b", "closed_loop", 20, 51, 1e-4, 20 * (_FED_BACK + _GIVEN), _MASS),
         Workload("c", "vehicle", 30, 31, 1e-4, 30 * (_FED_BACK + 6 * _GIVEN) + _FUZZY, _VEHICLE),
+        # two sets of eight are active in each of both filters; understeer and preview are 30 each
+        Workload(
+            "d", "steering", 30, 80, 1e-4, 29 * 6 + 60 * 4 + 60 * 4 + 30 * 6 + _FUZZY, _STEERING
+        ),
     )
 }
 
@@ -85,7 +90,13 @@ WORKLOADS: Mapping[str, Workload] = {
 def log(workload: Workload, windows: int) -> Log:
     """A log with so many windows, the target one sample ahead included."""
     rows = windows + workload.taps
-    return _vehicle(rows) if workload.name == "vehicle" else _mass(rows)
+    match workload.name:
+        case "vehicle":
+            return _vehicle(rows)
+        case "steering":
+            return _steering(windows + 2 * workload.taps - 2)
+        case _:
+            return _mass(rows)
 
 
 def _mass(rows: int) -> Log:
@@ -108,3 +119,13 @@ def _vehicle(rows: int) -> Log:
         drag = 0.002 * speed[t] ** 2 + 0.1 * speed[t]
         speed[t + 1] = max(0.0, speed[t] + SAMPLE_TIME * (10 * pedal[t] - 6 * brake[t] - drag))
     return {"v": speed, "u": pedal, "brake": brake}
+
+
+def _steering(rows: int) -> Log:
+    """A winding road at a speed that swings, steered as a car without mass would be."""
+    time = SAMPLE_TIME * np.arange(rows)
+    speed = 16 + 6 * np.sin(0.2 * time)
+    bends = np.sin(0.1 * np.cumsum(np.random.default_rng(2).normal(size=rows)))
+    curvature = 3.0 * bends / speed**2
+    angle = curvature * (2.6 + 0.003 * speed**2)
+    return {"v": speed, "a": 1.2 * np.cos(0.2 * time), "rho": curvature, "delta": angle}

@@ -11,7 +11,7 @@ from compiler.builtins.matrices import lower_eye, lower_outer, lower_smooth_sign
 from compiler.builtins.number_lists import number_list
 from compiler.builtins.reductions import lower_mean, lower_sum
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import Relation
+from compiler.ir.ops import Apply, Relation
 from compiler.ir.program import NodeId
 from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
@@ -83,8 +83,11 @@ def _relu(builder: GraphBuilder, x: NodeId) -> NodeId:
 def _elu(builder: GraphBuilder, x: NodeId) -> NodeId:
     zero = builder.constant(0.0)
     # The argument of exp is never positive, so that the branch not taken cannot overflow.
-    grown = builder.apply("exp", builder.minimum(x, zero))
-    negative = builder.subtract(grown, builder.constant(1.0))
+    fallen = builder.minimum(x, zero)
+    # Of an argument with a unit it is elu of its number, in that unit: exp(x / unit) · unit.
+    unit = builder.type(x).unit
+    grown = builder.emit(Apply("exp"), (fallen,), builder.type(fallen).with_unit(unit))
+    negative = builder.subtract(grown, builder.constant(1.0, unit=unit))
     return builder.select(builder.compare(Relation.GREATER, x, zero), x, negative)
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from compiler.elaboration.between_samples import report_between
+from compiler.elaboration.control.control_problem import asked_control, control_problem
 from compiler.elaboration.deep_recursion import room_for
+from compiler.elaboration.estimation.estimation_problem import estimation_problem
 from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
 from compiler.elaboration.formulas import formulas_of
-from compiler.elaboration.gradient_variables import gradient_variables
-from compiler.elaboration.histories import Buffers
+from compiler.elaboration.found_before import FoundBefore
+from compiler.elaboration.gradient_variables import gradient_variables, implicit_equations
 from compiler.elaboration.losses.losses import default_loss, lower_loss
 from compiler.elaboration.losses.penalties import checked_penalties
 from compiler.elaboration.names import Elaboration
@@ -29,8 +32,10 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.predictions import as_predicted, prediction_of
 from compiler.lowering.ranges import expected_values, signal_ranges
 from compiler.lowering.scope import owner_of
+from compiler.optimal_control.problem import ControlProblem
 from compiler.passes import run_passes
 from compiler.passes.analyses.infinite_slopes import infinite_slopes
+from compiler.state_estimation.problem import EstimationProblem
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.errors import states as state_errors
 from spec_schema.errors import time as times
@@ -38,6 +43,7 @@ from spec_schema.errors import units
 from spec_schema.expressions.tree import Name
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections import signals
+from spec_schema.sections.references import names_in
 from spec_schema.sections.spec import Spec
 
 UNIT_WARNINGS = ("W0504", "W0505", "W0737")
@@ -55,6 +61,10 @@ class Compiled:
     spec: Spec
     """With the entries of sub-models under their full names."""
     warnings: tuple[Diagnostic, ...]
+    control: ControlProblem | None = None
+    """Of the `mpc` section, where there is one."""
+    estimation: EstimationProblem | None = None
+    """Of the `estimator` section, where there is one."""
 
 
 def compile_spec(
@@ -79,7 +89,9 @@ def compile_spec(
     try:
         linked = replace(link(spec, used or {}, weights or {}, problems), numbers=numbers or {})
         problems.raise_errors()
-        return compile_linked(linked, strict_units=strict_units, spec_hash=spec_hash, draw=draw)
+        compile_it = partial(compile_linked, strict_units=strict_units, draw=draw)
+        compiled = compile_it(linked, spec_hash=spec_hash)
+        return _with_problems(linked, compiled, compile_it)
     except SpecError as error:
         raise SpecError(in_own_files(error.diagnostics, spec, used or {}, numbers)) from None
 
@@ -126,6 +138,23 @@ def compile_linked(
     return Compiled(program, spec, (*diagnostics, *found))
 
 
+def _with_problems(
+    linked: Linked, compiled: Compiled, compile_it: Callable[[Linked], Compiled]
+) -> Compiled:
+    """The same with the problems of its sections `mpc` and `estimator`."""
+    spec = linked.spec
+    if spec.mpc is not None:
+        asked = asked_control(linked, spec.mpc)
+        whole = compile_it(asked.linked)
+        more = [found for found in whole.warnings if found not in compiled.warnings]
+        control, said = control_problem(asked, whole.program, more)
+        compiled = replace(compiled, control=control, warnings=(*compiled.warnings, *said))
+    if spec.estimator is not None:
+        estimation = estimation_problem(spec, spec.estimator, compiled.program)
+        compiled = replace(compiled, estimation=estimation)
+    return compiled
+
+
 def in_own_files(
     diagnostics: Iterable[Diagnostic],
     spec: Spec,
@@ -144,7 +173,7 @@ def in_own_files(
         try:
             compile_spec(file.spec, used=file.used, numbers=numbers)
         except SpecError as error:
-            place, label = spec.use[name].spec.span, f"used here as `{name}`"
+            place, label = spec.use[name].file.span, f"used here as `{name}`"
             broken[path] = tuple(d.seen_from(place, label) for d in error.diagnostics)
     read = [file for file in used.values() if file.source.path in broken]
     files = {source.path for file in read for source in file.sources}
@@ -171,15 +200,16 @@ _MOST_LOWERINGS = 100
 def _lowered(linked: Linked, draw: int) -> _Lowered:
     """The spec lowered until the buffers that it needs are those that it has.
 
-    How far back something is read, and which axes an equation that reads its own past has, is known
-    only of lowered expressions: a function, a layer or a sub-model may delay its argument.
-    Nothing else iterates. What the text alone shows, as whose gradients are taken, is read from it.
+    So is the unit of centres that are read before a call of their layer tells it. How far back
+    something is read, and which axes an equation that reads its own past has, is known only of
+    lowered expressions: a function, a layer or a sub-model may delay its argument. Nothing else
+    iterates. What the text alone shows, as whose gradients are taken, is read from it.
     """
-    variables = gradient_variables(linked.spec)
-    known: Buffers = {}
+    variables = gradient_variables(linked.spec) | implicit_equations(linked)
+    known = FoundBefore()
     for _ in range(_MOST_LOWERINGS):
         lowered = _lowered_once(Elaboration(linked, variables, known, draw))
-        found = lowered.elaborated.histories.found()
+        found = lowered.elaborated.found()
         if found == known:
             break
         known = found
@@ -192,6 +222,8 @@ def _lowered(linked: Linked, draw: int) -> _Lowered:
     check_fitted_starts(context, lowered.states, lowered.losses)
     _report_log_reads(context, lowered.outputs, lowered.states)
     report_between(context)
+    if linked.spec.mpc is not None:
+        context.used.update(names_in(linked.spec.mpc))
     if not context.findings.failed:  # what is left unused by a mistake is no news
         report_unused(context)
     return lowered
@@ -269,7 +301,8 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
         estimated = entry.init is not None and entry.init.fit is not None
         if entry.range_policy == "reset" and (estimated or reads_log(start.graph(), first)):
             place = entry.init.place.value if entry.init is not None else entry.place.key
-            context.findings.report(state_errors.reset_to_the_log(name, place))
+            report = state_errors.reset_to_the_log(name, place, fitted=estimated)
+            context.findings.report(report)
     return found
 
 

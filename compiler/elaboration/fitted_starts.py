@@ -35,6 +35,14 @@ def check_fitted_starts(context: Context, states: Sequence[State], losses: Seque
         if most < numbers:
             place = entry.init.fit.over.span
             context.findings.report(errors.too_few_for_starts(names, most, numbers, place))
-        if all(loss.measure is Measure.MEAN for loss in losses):
+        # a loss that is itself wrong is reported, and may compare all the same
+        known = _wanted(context) <= {loss.entry for loss in losses}
+        if known and all(loss.measure is Measure.MEAN for loss in losses):
             place = entry.init.fit.place.key
             context.findings.report(errors.starts_of_nothing(state.name, place))
+
+
+def _wanted(context: Context) -> set[str]:
+    """The entries under `losses:`, or the outputs that have a default loss."""
+    predicting = {name for name, output in context.spec.outputs.items() if output.predicts}
+    return {*context.spec.losses} if context.spec.losses else predicting

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from compiler.linking.link import Linked
 from spec_schema.expressions.tree import Call, Expression, LanguageName, Name
 from spec_schema.sections.references import calls_in
 from spec_schema.sections.spec import Spec
@@ -38,6 +39,16 @@ def gradient_variables(spec: Spec) -> frozenset[str]:
             entered.add(key)
             waiting += [(inner, given) for inner in calls_in(function)]
     return frozenset(found & values)
+
+
+def implicit_equations(linked: Linked) -> frozenset[str]:
+    """The equations in which integrators are implicit: `linear_implicit: {of: NAME}`."""
+    found: set[str] = set()
+    for owner, integrator in linked.integrators.items():
+        method = integrator.linear_implicit if integrator is not None else None
+        if method is not None and method.of is not None:
+            found.add(f"{owner}.{method.of.value}" if owner else method.of.value)
+    return frozenset(found)
 
 
 _NOTHING: Mapping[str, str] = {}

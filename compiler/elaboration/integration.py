@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import assert_never
+from typing import NoReturn, assert_never
 
+from compiler.elaboration.implicit_part import ImplicitPart, depends
 from compiler.elaboration.linear_implicit import increments
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Add
@@ -20,8 +21,9 @@ from compiler.lowering.fitted import fitted
 from compiler.lowering.scope import owner_of
 from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import calculus, time
-from spec_schema.expressions.tree import Expression
+from spec_schema.errors import calculus, robots, time
+from spec_schema.expressions.tree import Expression, Name
+from spec_schema.fields.located import Located
 from spec_schema.sections.integrators import (
     Euler,
     Integrator,
@@ -31,6 +33,7 @@ from spec_schema.sections.integrators import (
     RungeKutta4,
     SemiImplicit,
 )
+from spec_schema.sections.signals import Equation
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
@@ -68,7 +71,7 @@ def integrated(context: Context, owner: str, integrator: Integrator | None) -> M
     builder = context.builder(_STEP)
     values = {name: builder.state(name, law.type) for name, law in vector_field.items()}
     method = integrator.choice if integrator else None
-    if integrator is not None and isinstance(method, LinearImplicit):
+    if integrator is not None and isinstance(method, LinearImplicit) and method.of is None:
         _check_size(context, vector_field, integrator.place.key)
     substeps = method.substeps if method else 1
     for number in range(1, substeps + 1):
@@ -108,8 +111,11 @@ class _Steps:
                 return self._moved(values, self._slopes(values, self.begin), self.step_length)
             case SemiImplicit():
                 return self._semi_implicit(values)
-            case LinearImplicit():
+            case LinearImplicit(of=None):
                 return self._linear_implicit(values)
+            case LinearImplicit(of=of):
+                assert of is not None
+                return self._implicit_in(of, values)
             case Midpoint():
                 k1 = self._slopes(values, self.begin)
                 half = self._point("k2", values, k1, self.step_length / 2)
@@ -158,6 +164,57 @@ class _Steps:
             moved[name] = self._sum(builder, name, values[name], increment)
             report_unit_conflicts(self.context, builder, self.vector_field[name].expression)
         return moved
+
+    def _implicit_in(self, of: Located[str], values: Values) -> Values:
+        """The state that feels the equation, implicit in it, first; then the others, as
+        semi-implicit Euler does, at its new value: a position moves with the new velocity.
+        """
+        builder = self.context.builder(_STEP)
+        # how the equation varies with one state alone: after a substep others depend on it
+        apart = {name: builder.named(node, name) for name, node in values.items()}
+        stage = self._stage(apart, self.end)
+        name, equation = self._felt(of, apart, stage)
+        slope = self._slope(name, stage)
+        part = ImplicitPart(builder, apart[name], slope, equation)
+        expression = self.vector_field[name].expression
+        with builder.at(expression.span):
+            increment = part.increment(self.step_length, self.context.dynamics)
+            moved = dict(values) | {name: self._sum(builder, name, values[name], increment)}
+        builder.conflicts.clear()  # of derivatives, whose units nobody has written
+        for other in values:
+            if other != name:
+                slope = self._slope(other, self._stage(dict(moved), self.end))
+                moved |= self._moved({other: moved[other]}, {other: slope}, self.step_length)
+        return moved
+
+    def _felt(self, of: Located[str], values: Values, stage: Environment) -> tuple[str, NodeId]:
+        """The state whose derivative reads the equation, and the equation's value."""
+        builder = self.context.builder(_STEP)
+        full = f"{self.owner}.{of.value}" if self.owner else of.value
+        entry = self.context.names.declared(full, of.span).entry
+        if not isinstance(entry, Equation):
+            repair = "name the equation of the friction, such as `tau_f`"
+            self._refuse(of, "it is no equation", repair)
+        equation = lower(self.context, Name(full, of.span), stage)
+        axes = builder.type(equation).axes
+        found = [
+            name
+            for name, value in values.items()
+            if builder.type(value).axes == axes
+            and depends(builder, equation, value)
+            and depends(builder, self._slope(name, stage), equation)
+        ]
+        if len(found) != 1:
+            if found:
+                problem = f"the derivatives of {' and '.join(f'`{n}`' for n in found)} read it"
+            else:
+                problem = "no state of its dims is in it and has a derivative that reads it"
+            self._refuse(of, problem, "leave `of` out: then the whole system is implicit")
+        return found[0], equation
+
+    def _refuse(self, of: Located[str], problem: str, repair: str) -> NoReturn:
+        self.context.findings.report(robots.implicit_of_what(of.value, problem, of.span, repair))
+        raise LoweringFailed
 
     def _runge_kutta(self, values: Values) -> Values:
         """x + h/6 · (k₁ + 2(k₂ + k₃) + k₄), the classical method (Kutta 1901)."""

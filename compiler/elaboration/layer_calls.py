@@ -7,7 +7,7 @@ from compiler.layers import LAYERS
 from compiler.layers.rules.layer_context import LayerContext, LayerStores
 from compiler.layers.rules.layer_rule import AnyRule
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment
+from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Member
@@ -32,13 +32,61 @@ def lower_layer(
     if isinstance(call.function, Member):
         member = rule.members.get(call.function.name)
         if member is None:
-            span = call.function.span
             lowering.findings.report(
-                names.no_layer_member(name, call.function.name, span, rule.members)
+                names.no_layer_member(
+                    name, call.function.name, call.function.span, rule.members, rule.values
+                )
             )
             raise LoweringFailed
         expand = member
-    context = LayerContext(
+    context = _context(lowering, stores, name, entry, call, environment)
+    arguments = rule.read(context, settings)
+    return expand(context.with_arguments(arguments), settings, arguments)
+
+
+def member_of_layer(
+    lowering: Context,
+    stores: LayerStores,
+    member: Member,
+    entry: Layer,
+    environment: Environment,
+) -> NodeId:
+    """The node of `NAME.value` without a call: a value of the kind of layer.
+
+    In losses, which come last, that of an array too that the layer has learned: `NAME.weight`.
+    """
+    settings = entry.chosen()
+    rule = rule_of(settings)
+    if member.name in rule.values:
+        call = Call(member, (), (), member.span)
+        context = _context(lowering, stores, member.base, entry, call, environment)
+        return rule.values[member.name](context, settings)
+    arrays = stores.arrays.of_layer(member.base)
+    if environment.part is EnvironmentPart.LOSS and member.name in arrays:
+        return stores.arrays.read(lowering.builder(environment), f"{member.base}.{member.name}")
+    lowering.findings.report(
+        names.no_value_of_layer(
+            member.base,
+            member.name,
+            member.span,
+            arrays=arrays,
+            values=rule.values,
+            members=rule.members,
+            in_loss=environment.part is EnvironmentPart.LOSS,
+        )
+    )
+    raise LoweringFailed
+
+
+def _context(
+    lowering: Context,
+    stores: LayerStores,
+    name: str,
+    entry: Layer,
+    call: Call,
+    environment: Environment,
+) -> LayerContext:
+    return LayerContext(
         name=name,
         lowering=lowering,
         stores=stores,
@@ -47,8 +95,6 @@ def lower_layer(
         span=entry.place.key,
         rule_of=rule_of,
     )
-    arguments = rule.read(context, settings)
-    return expand(context.with_arguments(arguments), settings, arguments)
 
 
 def rule_of(settings: Entry) -> AnyRule:

@@ -38,8 +38,8 @@ def increments(
         slope = slopes[name]
         matrix += _rows(builder, len(matrix), slope, values, h)
         for index in range(builder.type(slope).size):
-            right.append(builder.multiply(h, _scalar(builder, slope, index)))
-    solution = _solved(builder, matrix, right)
+            right.append(builder.multiply(h, scalar_of(builder, slope, index)))
+    solution = solved(builder, matrix, right)
     found: dict[str, NodeId] = {}
     for name, value in values.items():
         axes = builder.type(value).axes
@@ -51,7 +51,7 @@ def increments(
     return found
 
 
-def _scalar(builder: GraphBuilder, value: NodeId, index: int) -> NodeId:
+def scalar_of(builder: GraphBuilder, value: NodeId, index: int) -> NodeId:
     """One element of a value, counted in C order."""
     flat = builder.reshape(value, (Axis(UNNAMED, builder.type(value).size),))
     return builder.element(flat, UNNAMED, index)
@@ -71,15 +71,15 @@ def _rows(
         for value, gradient in zip(values.values(), gradients, strict=True):
             if gradient is not None:
                 for index in np.flatnonzero(nonzero[gradient]).tolist():
-                    scaled = builder.multiply(h, _scalar(builder, gradient, index))
+                    scaled = builder.multiply(h, scalar_of(builder, gradient, index))
                     before = row.get(column + index)
-                    row[column + index] = _difference(builder, before, scaled)
+                    row[column + index] = difference(builder, before, scaled)
             column += builder.type(value).size
         rows.append(row)
     return rows
 
 
-def _solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> list[NodeId]:
+def solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> list[NodeId]:
     """x of A x = b: Gaussian elimination, then substitution from the last row to the first."""
     size = len(matrix)
     for k in range(size):
@@ -89,7 +89,7 @@ def _solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> li
             factor = _quotient(builder, matrix[i].pop(k), matrix[k][k])
             for j in [column for column in matrix[k] if column > k]:
                 product = builder.multiply(factor, matrix[k][j])
-                matrix[i][j] = _difference(builder, matrix[i].get(j), product)
+                matrix[i][j] = difference(builder, matrix[i].get(j), product)
             right[i] = builder.subtract(right[i], builder.multiply(factor, right[k]))
     found: list[NodeId] = list(right)
     for k in reversed(range(size)):
@@ -100,7 +100,8 @@ def _solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> li
     return found
 
 
-def _difference(builder: GraphBuilder, left: NodeId | None, right: NodeId) -> NodeId:
+def difference(builder: GraphBuilder, left: NodeId | None, right: NodeId) -> NodeId:
+    """left − right, where an element that is 0 has no node."""
     return builder.negate(right) if left is None else builder.subtract(left, right)
 
 

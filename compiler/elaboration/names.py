@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from compiler.builtins.table import lower_builtin
 from compiler.elaboration.constants import Constants
 from compiler.elaboration.entries import Entries
+from compiler.elaboration.found_before import FoundBefore
 from compiler.elaboration.functions import argument_value, inlined
-from compiler.elaboration.histories import Buffers, Histories
-from compiler.elaboration.layer_calls import lower_layer
+from compiler.elaboration.histories import Histories
+from compiler.elaboration.layer_calls import lower_layer, member_of_layer
 from compiler.elaboration.states import States
 from compiler.ir.program import NodeId
 from compiler.ir.scalars.signatures import SIGNATURES
@@ -17,7 +18,7 @@ from compiler.ir.types import WINDOW, Axis, Type
 from compiler.layers.rules.layer_context import LayerStores
 from compiler.linking.connected import Connected
 from compiler.linking.given_weights import GivenWeights
-from compiler.linking.link import Linked
+from compiler.linking.link import Linked, RobotPart
 from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart, Time
@@ -25,6 +26,7 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.moving_input import moving_input
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declaration, Kind, Scope
+from compiler.robots.calls import lower_robot_call, unknown_member
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, submodels
@@ -45,7 +47,7 @@ class Elaboration:
     """The meaning of every name of one spec (`Names`), and all that lowering it leaves."""
 
     def __init__(
-        self, linked: Linked, variables: frozenset[str], known: Buffers, draw: int = 0
+        self, linked: Linked, variables: frozenset[str], known: FoundBefore, draw: int = 0
     ) -> None:
         """`variables` are those of gradients; `known` was found by the lowering before this one."""
         self._linked, self._variables, self._draw = linked, variables, draw
@@ -64,14 +66,18 @@ class Elaboration:
         )
         self.constants = Constants(self.context)
         self.arrays = Arrays(self.context)
-        self.layers = LayerStores(self.arrays)
-        self.histories = Histories(self.context, known)
+        self.layers = LayerStores(self.arrays, known_units=known.units)
+        self.histories = Histories(self.context, known.buffers)
         self.states = States(self.context, self.histories, linked.integrators)
         self.entries = Entries(self.context, self.histories, variables)
 
-    def afresh(self, known: Buffers) -> Elaboration:
+    def afresh(self, known: FoundBefore) -> Elaboration:
         """Another one of the same spec, with graphs of its own: for what may fail half-way."""
         return Elaboration(self._linked, self._variables, known, self._draw)
+
+    def found(self) -> FoundBefore:
+        """What this lowering tells the next one."""
+        return FoundBefore(self.histories.found(), self.layers.found_units())
 
     # ---- names
 
@@ -128,10 +134,14 @@ class Elaboration:
         return found
 
     def member(self, member: Member, environment: Environment) -> NodeId:
-        """`s.meas`: the log of a signal or state, whatever the step sees (R6)."""
+        """`s.meas`: the log of a signal or state, whatever the step sees (R6); `phi.centers`."""
         base, _, rest = member.base.rpartition(".")
         if member.base not in self.context.scope and base in self.context.scope:  # `x.meas.meas`
             member = Member(base, f"{rest}.{member.name}", member.span)
+        robot = self._robot_of(member)
+        if robot is not None:
+            self.context.findings.report(unknown_member(*robot, member))
+            raise LoweringFailed
         entry = self.declared(member.base, member.span).entry
         if isinstance(entry, Use):
             unknown = f"{member.base}.{member.name}"
@@ -147,8 +157,9 @@ class Elaboration:
                 submodels.log_of_connected(member.base, member.span, place)
             )
             raise LoweringFailed
-        if isinstance(entry, Layer) and environment.part is EnvironmentPart.LOSS:
-            return self._array_of_layer(member, environment)
+        if isinstance(entry, Layer):
+            self._forbid_in_constant(member.base, member.span, environment)
+            return member_of_layer(self.context, self.layers, member, entry, environment)
         if member.name != "meas" or not isinstance(entry, Signal | State):
             self.context.findings.report(names.no_member(member.base, member.name, member.span))
             raise LoweringFailed
@@ -156,20 +167,16 @@ class Elaboration:
             self.context.measured.setdefault(member.base, entry)
         return self._signal(member.base, entry, member.span, environment, logged=True)
 
-    def _array_of_layer(self, member: Member, environment: Environment) -> NodeId:
-        """`f.weight`: an array that the layer f has learned; in losses, which come last."""
-        array = f"{member.base}.{member.name}"
-        if array not in self.arrays.all_names:
-            self.context.findings.report(names.no_member(member.base, member.name, member.span))
-            raise LoweringFailed
-        return self.arrays.read(self.context.builder(environment), array)
-
     # ---- calls
 
     def call(self, call: Call, environment: Environment) -> NodeId:
         """The value of a layer, function or builtin."""
         function = call.function
         if isinstance(function, Member):
+            robot = self._robot_of(function)
+            if robot is not None:
+                self._forbid_in_constant(robot[0], function.span, environment)
+                return lower_robot_call(self.context, *robot, call, environment)
             owner = self.context.scope.get(function.base)
             if owner is not None and isinstance(owner.entry, Layer):
                 self.context.used.add(function.base)
@@ -234,6 +241,14 @@ class Elaboration:
         return self.entries.tried(lower_it)
 
     # ---- inside
+
+    def _robot_of(self, member: Member) -> tuple[str, RobotPart] | None:
+        """The robot that a member, or the frame before its dot, belongs to."""
+        for name in (member.base, member.base.rpartition(".")[0]):
+            part = self._linked.robots.get(name)
+            if part is not None and member.base not in self.context.spec.dims:
+                return name, part
+        return None
 
     def _at_a_stage(self, name: str, entry: Signal, environment: Environment) -> NodeId | None:
         """An input that moves while a right-hand side is evaluated; None where it does not."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from compiler.elaboration.histories import Buffers
+from compiler.elaboration.found_before import FoundBefore
 from compiler.elaboration.names import Elaboration
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart
@@ -43,7 +43,9 @@ def lower_unused(elaborated: Elaboration) -> None:
 
 
 _NOWHERE = Span(file="", line=0, column=0, end_line=0, end_column=0)
-_OF_NAMES = frozenset({"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319"})
+_OF_NAMES = frozenset(
+    {"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319", "E0349", "E0350"}
+)
 _UNKNOWN_DIM = "E0405"
 
 
@@ -71,15 +73,15 @@ def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Di
     """
     zeros = tuple(Number(0.0, _NOWHERE) for _ in range(count))
     call = Call(Name(name, _NOWHERE), zeros, (), _NOWHERE)
-    attempt = _lowered_alone(elaborated, call, {})
-    known = attempt.histories.found()
-    if known:
+    attempt = _lowered_alone(elaborated, call, FoundBefore())
+    known = attempt.found()
+    if known.buffers:
         attempt = _lowered_alone(elaborated, call, known)
         attempt.histories.states()
     return [d for d in attempt.context.findings.in_order if d.severity == "error"]
 
 
-def _lowered_alone(elaborated: Elaboration, call: Call, known: Buffers) -> Elaboration:
+def _lowered_alone(elaborated: Elaboration, call: Call, known: FoundBefore) -> Elaboration:
     attempt = elaborated.afresh(known)
     with suppress(LoweringFailed):
         lower(attempt.context, call, _STEP)

@@ -27,16 +27,22 @@ from compiler.passes.guard_untaken import guard_untaken
 
 
 def jacobian(
-    program: Program, *, parameters: bool = False, declared_only: bool = False
+    program: Program,
+    *,
+    parameters: bool = False,
+    declared_only: bool = False,
+    feedthrough_only: bool = False,
 ) -> Jacobian:
     """The Jacobian of a program in step form; `parameters` also by the parameters of the step.
 
     With `declared_only` the vector x has the states that the spec declares and no other memory,
-    whose samples are as if they did not move.
+    whose samples are as if they did not move. With `feedthrough_only` x is empty, and D is what
+    there is.
     """
     program = guard_untaken(replace(program, losses=(), expected=()))
     step = program.step
-    listed = [s for s in program.states if not declared_only or isinstance(s.origin, Declared)]
+    kept = () if feedthrough_only else program.states
+    listed = [s for s in kept if not declared_only or isinstance(s.origin, Declared)]
     results = {"x": [(s.name, s.next, s.axes, s.unit) for s in listed]}
     types = [(output, step[output.node].type) for output in program.outputs]
     results["y"] = [(output.name, output.node, type.axes, type.unit) for output, type in types]

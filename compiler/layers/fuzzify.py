@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import assert_never
 
 from compiler.ir.program import NodeId
+from compiler.ir.scalars.table import Array
 from compiler.ir.types import UNNAMED, Axis
 from compiler.layers.rules.arguments import read_scalars
 from compiler.layers.rules.centers import ascending, learned_centers
@@ -19,8 +20,10 @@ from compiler.layers.rules.fuzzy_sets import (
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from spec_schema.errors import names, shapes
+from spec_schema.expressions.tree import Member
 from spec_schema.sections.layers.fuzzy_sets import CustomMembership, Fuzzify
 from spec_schema.sections.layers.layer import Layer
+from spec_schema.units.unit import Unit
 
 
 def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> NodeId:
@@ -34,36 +37,23 @@ def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> N
 
     `over: [phi, psi]` with `combine: product` makes a grid of other fuzzify layers, called with one
     value for each of them: φᵢ(x) · ψⱼ(y), with the axes of both.
+
+    `NAME.centers` are the centres cᵢ as a value, along `dim`, in the unit of what the layer is
+    called with; `NAME.offset(x)` is x − cᵢ, with the window of x. A grid has neither of its own.
     """
     if settings.over:
         return _grid(context, settings, arguments)
-    assert settings.centers is not None
     (value,) = arguments
-    centers = ascending(context, settings.centers, "fuzzify", "centres")
-    axis = Axis(UNNAMED, len(centers))
-    if settings.dim is not None:
-        axis = context.axis(settings.dim)
-        if axis.size != len(centers):
-            wanted, found = f"{axis.size} centres", f"{len(centers)} centres"
-            place = settings.centers.span
-            context.refuse(shapes.wrong_axes(f"`{axis.name}`", wanted, found, place))
-    builder = context.builder
-    unit = builder.type(value).unit
-    if settings.learn and settings.membership == "rectangular":
-        problem = "rectangular sets have no slope that their centres could be learned from"
-        context.refuse(names.unfit_setting("fuzzify", problem, settings.place.key))
-    if settings.learn:
-        node = learned_centers(context, axis, centers, unit)
-    else:
-        node = builder.constant(centers, (axis,), unit)
-    sets = FuzzySets(builder, value, axis, node)
+    sets = _sets(context, settings, value)
+    builder, axis = context.builder, sets.axis
     match settings.membership:
         case "triangular":
             return triangular(sets)
         case "rectangular":
             return rectangular(sets)
         case "gaussian":
-            widths = neighbour_widths(centers)
+            widths = neighbour_widths(_numbers(context, settings))
+            unit = builder.type(value).unit
             if settings.learn:
                 doc = "width of each set"
                 width = context.learned("widths", (axis,), widths, doc, unit=unit, low=0.0)
@@ -74,6 +64,62 @@ def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> N
             return context.apply(function, [sets.distances()])
         case _:
             assert_never(settings.membership)
+
+
+def _offset(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> NodeId:
+    (value,) = arguments
+    return _sets(context, settings, value).distances()
+
+
+def _centers(context: LayerContext, settings: Fuzzify) -> NodeId:
+    """The centres uncalled: in the unit of a call of the layer, wherever it stands in the spec."""
+    _refuse_grid(context, settings)
+    stores, name = context.stores, context.name
+    stores.read_uncalled.add(name)
+    unit = stores.known_units.get(name) or stores.argument_units.get(name)
+    return _along_the_sets(context, settings, unit)[1]
+
+
+def _sets(context: LayerContext, settings: Fuzzify, value: NodeId) -> FuzzySets:
+    """A value beside the centres, which are in its unit."""
+    unit = context.builder.type(value).unit
+    if unit is not None:
+        context.stores.argument_units.setdefault(context.name, unit)
+    return FuzzySets(context.builder, value, *_along_the_sets(context, settings, unit))
+
+
+def _along_the_sets(
+    context: LayerContext, settings: Fuzzify, unit: Unit | None
+) -> tuple[Axis, NodeId]:
+    """The axis of the sets and the centres along it, numbers or learned."""
+    centers = _numbers(context, settings)
+    axis = Axis(UNNAMED, len(centers))
+    if settings.dim is not None:
+        axis = context.axis(settings.dim)
+        if axis.size != len(centers):
+            assert settings.centers is not None
+            wanted, found = f"{axis.size} centres", f"{len(centers)} centres"
+            place = settings.centers.span
+            context.refuse(shapes.wrong_axes(f"`{axis.name}`", wanted, found, place))
+    if settings.learn and settings.membership == "rectangular":
+        problem = "rectangular sets have no slope that their centres could be learned from"
+        context.refuse(names.unfit_setting("fuzzify", problem, settings.place.key))
+    if settings.learn:
+        return axis, learned_centers(context, axis, centers, unit)
+    return axis, context.builder.constant(centers, (axis,), unit)
+
+
+def _numbers(context: LayerContext, settings: Fuzzify) -> Array:
+    """The centres that the spec gives."""
+    assert settings.centers is not None
+    return ascending(context, settings.centers, "fuzzify", "centres")
+
+
+def _refuse_grid(context: LayerContext, settings: Fuzzify) -> None:
+    member = context.call.function
+    if settings.over and isinstance(member, Member):
+        inner = [reference.value for reference in settings.over]
+        context.refuse(names.member_of_grid(context.name, member.name, inner, member.span))
 
 
 def _grid(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> NodeId:
@@ -97,7 +143,10 @@ def _grid(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> Nod
 
 
 def _read(context: LayerContext, settings: Fuzzify) -> Arguments:
+    _refuse_grid(context, settings)
     return read_scalars(context, len(settings.over) or 1)
 
 
-FUZZIFY = LayerRule(Fuzzify, _read, fuzzify)
+FUZZIFY = LayerRule(
+    Fuzzify, _read, fuzzify, members={"offset": _offset}, values={"centers": _centers}
+)

@@ -13,15 +13,25 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
 from spec_schema.fields.entry import Entry
 from spec_schema.reading.reader import ReadResult
+from spec_schema.robots.robot import Robot
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.integrators import Integrator
+from spec_schema.sections.optimal_control import OptimalControl
 from spec_schema.sections.signals import Output, Signal
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Connection, Use
 
 WeightsByPart = Mapping[str, Mapping[str, Array]]
 """For each sub-model that has `weights:`, its arrays by the names of its own file."""
+
+
+@dataclass(frozen=True)
+class RobotPart:
+    """A robot, and the full names of its dims and parameters by those that it calls them."""
+
+    robot: Robot
+    names: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -37,6 +47,7 @@ class Linked:
     weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, Array]])
     numbers: Mapping[str, str] = field(default_factory=dict[str, str])
     """Texts of files of initial values that were read before, by path."""
+    robots: Mapping[str, RobotPart] = field(default_factory=dict[str, RobotPart])
 
 
 def link(
@@ -56,7 +67,8 @@ def link(
     whole = linking.part(spec, used, "", ())
     linking.connect(whole.sections)
     sections = {**whole.sections, "dims": linking.dims, "use": linking.use}
-    return Linked(spec.model_copy(update=sections), linking.integrators, linking.files, weights)
+    linked = spec.model_copy(update=sections)
+    return Linked(linked, linking.integrators, linking.files, weights, linking.robots)
 
 
 MODEL_SECTIONS = (
@@ -93,6 +105,7 @@ class _Linking:
         self.integrators: dict[str, Integrator | None] = {}
         self.files: dict[str, ReadResult] = {}
         self.connections: list[tuple[str, Connection, str]] = []
+        self.robots: dict[str, RobotPart] = {}
 
     def part(
         self, spec: Spec, used: Mapping[str, ReadResult], prefix: str, around: tuple[_Dims, ...]
@@ -112,6 +125,8 @@ class _Linking:
             self._compare_sample_times(full, use, spec, file.spec)
             part = self.part(file.spec, file.used, f"{full}.", (dims, *around))
             names |= {f"{name}.{member}": known for member, known in part.names.items()}
+            if file.robot is not None:
+                self.robots[full] = RobotPart(file.robot, part.names)
             inner.append(part)
         renaming = Renaming(prefix, names)
         self.connections += [
@@ -132,6 +147,8 @@ class _Linking:
             sections["losses"] = {name: renaming.entry(e) for name, e in spec.losses.items()}
             if spec.data is not None:
                 sections["data"] = _with_full_names(spec.data, renaming)
+            if spec.mpc is not None:
+                sections["mpc"] = _control_with_full_names(spec.mpc, renaming)
         return _Part(sections, names)
 
     def connect(self, sections: dict[str, dict[str, Any]]) -> None:
@@ -185,7 +202,7 @@ class _Linking:
     def _compare_sample_times(self, part: str, use: Use, spec: Spec, inner: Spec) -> None:
         expected, found = (s.sample_time.value if s.sample_time else None for s in (spec, inner))
         if expected != found:
-            place = use.spec.span
+            place = use.file.span
             declared = inner.sample_time.span if inner.sample_time else inner.name.span
             report = errors.other_sample_time(part, _rate(found), _rate(expected), place, declared)
             self.findings.report(report)
@@ -204,6 +221,13 @@ def _with_full_names(data: Data, renaming: Renaming) -> Data:
         for name, source in data.source.items()
     }
     return data.model_copy(update={"source": sources, "filter": renaming.entry(data.filter)})
+
+
+def _control_with_full_names(control: OptimalControl, renaming: Renaming) -> OptimalControl:
+    """The optimal control problem; names of its own, the references, stay as they are."""
+    bounds = {renaming.name(name): renaming.entry(b) for name, b in control.bounds.items()}
+    references = {name: renaming.entry(entry) for name, entry in control.references.items()}
+    return renaming.entry(control).model_copy(update={"bounds": bounds, "references": references})
 
 
 def _is_same(outer: Dimension, inner: Dimension) -> bool:

@@ -10,6 +10,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import Axis, Type
 from compiler.linking.given_weights import GivenWeights
+from compiler.lowering.dynamics_calls import DynamicsCall
 from compiler.lowering.environment import Environment, EnvironmentPart, Time
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.gradient_sources import GradientSources
@@ -92,6 +93,8 @@ class Context:
     memories: Memories = field(default_factory=Memories)
     gradients: GradientSources = field(default_factory=GradientSources)
     stage_reads: StageReads = field(default_factory=StageReads)
+    dynamics: dict[NodeId, DynamicsCall] = field(default_factory=dict[NodeId, DynamicsCall])
+    """Calls of the forward dynamics of robots in the step, by the node of their result."""
     used: set[str] = field(default_factory=set[str])
     """Names that something refers to."""
     measured: dict[str, State] = field(default_factory=dict[str, State])

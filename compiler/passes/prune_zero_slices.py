@@ -13,6 +13,7 @@ from compiler.ir.program import NodeId, Parameter, Program
 from compiler.ir.types import Axis
 from compiler.passes.analyses.selected_elements import Asked, Kept, SelectedElements
 from compiler.passes.drop_unused import drop_unused
+from compiler.passes.drop_zero_numbers import drop_zero_numbers
 from compiler.passes.fold_constants import fold_constants
 from compiler.passes.share_common import share_common
 
@@ -53,7 +54,8 @@ def prune_zero_slices(
 ) -> Pruned:
     """Sums run over what is not 0, and values whose elements nobody needs are made without them.
 
-    A slice of one of the `arrays` counts where every number in it is 0 exactly. The new program has
+    A slice of one of the `arrays` counts where every number in it is 0 exactly, and an array, such
+    as a single number, that is 0 as a whole (`drop_zero_numbers`). The new program has
     the same outputs wherever the values that met the zeros are finite: 0 · ∞ is left out too.
 
     Before: window form, no losses. After: the same form.
@@ -65,6 +67,7 @@ def prune_zero_slices(
         %4: scalar = contract(%w, %3) over hid
     """
     values = {name: np.asarray(weights[name], float) for name in arrays if name in weights}
+    program = drop_zero_numbers(program, {n for n, value in values.items() if not value.any()})
     values = {name: value for name, value in values.items() if _has_zero_slice(value)}
     if not values.keys() & {parameter.name for parameter in program.parameters}:
         return Pruned(program, ())

@@ -83,7 +83,23 @@ class NoChoice:
         )
 
 
-Fault = FarStep | OtherBits | BeyondProof | NoChoice
+@dataclass(frozen=True, slots=True)
+class NotOptimal:
+    """Plans of a controller that are called solved and do not meet the optimality conditions."""
+
+    of: str
+    residual: float
+    limit: float
+
+    @property
+    def difference(self) -> str:
+        return (
+            f"its optimality conditions are off by {self.residual:.1e}, "
+            f"where {self.limit:.1e} is promised"
+        )
+
+
+Fault = FarStep | OtherBits | BeyondProof | NoChoice | NotOptimal
 
 
 def other_bits(counts: Mapping[str, int]) -> tuple[Fault, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from backends.ports.step_interface import Port, step_interface
+from backends.ports.step_interface import Port, StepInterface, step_interface
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from msnn.agreement.judgement import Arrays, Beginning, Judgement
@@ -34,19 +34,29 @@ def judge(
         nexts.append(values.next_states)
         current = values.next_states
     rows = np.arange(record.t0, record.t0 + record.steps)
-    windows = _samples(interface.start_windows, log, rows[:1])
-    beginning = Beginning(
-        windows={port.signal.name: window[0] for port, window in windows},
-        window_firsts={port.signal.name: port.first for port in interface.start_windows},
-        states={name: values[0] for name, values in states[0].items()},
-    )
+    first = {name: values[0] for name, values in states[0].items()}
     return Judgement(
-        beginning=beginning,
-        inputs={port.signal.name: s for port, s in _samples(interface.inputs, log, rows)},
+        beginning=beginning_at(interface, log, record.t0, first),
+        inputs=inputs_at(interface, log, rows),
         states=_joined(states),
         outputs=_joined(outputs),
         next_states=_joined(nexts),
     )
+
+
+def beginning_at(interface: StepInterface, log: Arrays, t0: int, states: Arrays) -> Beginning:
+    """What is known at row t0 of a log, where the judge starts with these states."""
+    windows = _samples(interface.start_windows, log, np.array([t0]))
+    return Beginning(
+        windows={port.signal.name: window[0] for port, window in windows},
+        window_firsts={port.signal.name: port.first for port in interface.start_windows},
+        states=states,
+    )
+
+
+def inputs_at(interface: StepInterface, log: Arrays, rows: NDArray[np.int64]) -> Arrays:
+    """What every port takes at these rows of a log, (rows, *shape)."""
+    return {port.signal.name: values for port, values in _samples(interface.inputs, log, rows)}
 
 
 def _samples(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from msnn.agreement.compare import Agreement
+from msnn.agreement.agreement import Agreement
 from msnn.errors import commands
 from msnn.errors.failures import MissingExtraError
 from msnn.tables import table_text

@@ -1,23 +1,51 @@
-"""Measures a model on data, and runs it freely."""
+"""Looks at data, measures a model on them, and runs it freely."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from compiler.passes.close_loop import LoopError
+from msnn.data.dataset import FloatArray
+from msnn.errors.failures import MissingExtraError
 from msnn.model.given_weights import Weights
 from msnn.model.model import Model
 from msnn.model.model_data import data_folder, known_in, measured, sources_of
 from spec_schema.diagnostics.diagnostic import SpecError
 
+NOT_HERE = {"E1042", "E1301"}
+"""Of engines that cannot be had on this machine, or for this spec."""
+
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
+    from msnn.data_check.found import DataCheck
+    from msnn.simulation.engines.engine import Engine
     from msnn.simulation.engines.progress import RolloutProgress
+    from msnn.simulation.intervals import Intervals
     from msnn.simulation.simulate import Simulations
     from msnn.simulation.simulation_data import GivenData
+    from msnn.validation.engines_report import EnginesReport
     from msnn.validation.validate import ValidationReport
+
+
+def check_data(
+    model: Model, data: GivenData | None = None, *, data_root: str | Path | None = None
+) -> DataCheck:
+    """Looks at data before a model learns from them: sampling, columns, delays, excitation.
+
+        found = msnn.check_data(msnn.load("plant.msnn.yaml"))
+        for finding in found.findings:
+            print(finding.code, finding.message, finding.help)
+
+    `data` are frames as in `train`, or files with the columns that the spec names; None takes the
+    data of the spec. The answer has what `msnn data --json` writes. Raises SpecError where data
+    cannot be read at all, MissingExtraError.
+    """
+    from msnn.data_check.check import check_data as run
+
+    return run(model, data, data_root)
 
 
 def validate(
@@ -28,6 +56,7 @@ def validate(
     data_root: str | Path | None = None,
     engine: str = "auto",
     progress: RolloutProgress | None = None,
+    intervals: bool = False,
 ) -> ValidationReport:
     """Measures the `validate` section of a spec in float64; None: initial weights.
 
@@ -35,17 +64,20 @@ def validate(
         assert report.passed
 
     `data` as in `train`; entries with `files:` are measured on these all the same. `engine` is what
-    simulates: `interpreter`, the judge of all others, `native` kernels, `torch`, or `auto`, kernels
-    where they save time; `progress(done, total)` is told how many steps are done. Raises SpecError.
+    simulates: `interpreter`, the judge of all others, `native` kernels, `torch`, an export (`onnx`,
+    `casadi`, `c`, `fmu`), or `auto`, kernels where they save time; `progress(done, total)` is told
+    how many steps are done. `intervals` counts how often targets lie inside prediction intervals;
+    weights are then a result or the path of a run. Raises SpecError.
     """
     from msnn.data.reading.file_sets import load_file_sets
-    from msnn.simulation.engines.open_rollouts import known_engine
+    from msnn.exports.exported_rollouts import chosen_engine
+    from msnn.model.known_covariance import known_covariance
     from msnn.simulation.engines.progress import nobody
     from msnn.validation import validate as validation
 
-    engine = known_engine(engine)
+    chosen = chosen_engine(model, engine)
     checks, dataset = model.spec.checks, None
-    if not checks or any(check.files is None for check in checks):
+    if intervals or not checks or any(check.files is None for check in checks):
         dataset = measured(model, data, data_root, "validation")
     known = known_in(model, weights)
     with sources_of(model):
@@ -56,12 +88,50 @@ def validate(
             checks,
             known,
             files=files,
-            engine=engine,
+            engine=chosen,
             progress=progress or nobody,
+            covariance=known_covariance(weights, known) if intervals else None,
         )
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]
         return replace(report, warnings=(*warnings, *report.warnings))
+
+
+def validate_every_engine(
+    model: Model,
+    weights: Weights | None = None,
+    data: Frames | None = None,
+    *,
+    data_root: str | Path | None = None,
+    progress: RolloutProgress | None = None,
+) -> EnginesReport:
+    """The same of every engine, exports too, that can be had on this machine.
+
+    Raises SpecError for what is wrong with the spec or its data.
+    """
+    from msnn.simulation.engines.open_rollouts import AUTO, ENGINES
+    from msnn.validation.engines_report import EnginesReport
+
+    reports: dict[str, ValidationReport] = {}
+    left_out: dict[str, str] = {}
+    names = [engine for engine in ENGINES if engine != AUTO]
+    for place, engine in enumerate(names):
+
+        def told(done: int, total: int, place: int = place) -> None:
+            if progress is not None:
+                progress(place * total + done, len(names) * total)
+
+        try:
+            reports[engine] = validate(
+                model, weights, data, data_root=data_root, engine=engine, progress=told
+            )
+        except MissingExtraError as error:
+            left_out[engine] = str(error)
+        except SpecError as error:
+            if not {found.code for found in error.diagnostics} <= NOT_HERE:
+                raise
+            left_out[engine] = error.diagnostics[0].message
+    return EnginesReport(reports, left_out)
 
 
 def simulate(
@@ -74,6 +144,7 @@ def simulate(
     data_set: str | None = None,
     engine: str = "auto",
     progress: RolloutProgress | None = None,
+    intervals: float | None = None,
 ) -> Simulations:
     """Runs the model freely over records; every input that an output predicts is fed back.
 
@@ -83,28 +154,56 @@ def simulate(
     `data` are frames as in `train`, or files with the columns that the spec names; None takes the
     data of the spec. `data_set` runs over one set only; of files it says which set of the spec has
     their columns. `horizon` ends each run after so many steps. `engine` and `progress` as in
-    `validate`. The answer is a sequence of runs, with `warnings`. Raises SpecError.
+    `validate`. `intervals=95` adds half the width of 95 % prediction intervals, `run.bands`;
+    weights are then a result or the path of a run. The answer is a sequence of runs, with
+    `warnings`. Raises SpecError.
     """
+    from msnn.exports.exported_rollouts import chosen_engine
     from msnn.exports.prepare import loop_fault
-    from msnn.simulation.engines.open_rollouts import known_engine
     from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
     from msnn.simulation.simulation_data import simulation_data
 
-    engine = known_engine(engine)
+    chosen = chosen_engine(model, engine)
     try:
         program = simulation_program(model.program)
     except LoopError as error:
         raise SpecError([loop_fault(error, None)], model.sources) from None
     dataset = simulation_data(model, program, data, data_root, data_set)
+    known = known_in(model, weights)
+    bands = None
+    if intervals is not None:
+        bands = _intervals(model, weights, known, intervals / 100.0, data_root, chosen)
     with sources_of(model):
         return run(
             program,
             dataset,
-            known_in(model, weights),
+            known,
             horizon,
             data_set,
-            engine=engine,
+            engine=chosen,
             progress=progress or nobody,
+            intervals=bands,
         )
+
+
+def _intervals(
+    model: Model,
+    weights: Weights | None,
+    known: Mapping[str, FloatArray],
+    level: float,
+    data_root: str | Path | None,
+    engine: Engine,
+) -> Intervals:
+    """How wide the bands of free runs are: what errors leave is measured on the training rows."""
+    from msnn.model.known_covariance import known_covariance
+    from msnn.validation.covered import free_intervals
+
+    if not 0.0 < level < 1.0:
+        message = f"intervals hold more than 0 and less than 100 percent, not {100.0 * level:g}"
+        raise ValueError(message)
+    with sources_of(model):
+        covariance = known_covariance(weights, known)
+        trained_on = measured(model, None, data_root, "prediction intervals")
+        return free_intervals(model.program, trained_on, known, covariance, level, engine)

@@ -1,4 +1,4 @@
-"""Loads, compiles, steps, linearises and exports one model."""
+"""Loads, compiles, steps, linearises, controls and exports one model."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.spec import Spec
 
 if TYPE_CHECKING:
+    from msnn.control.controller import Controller
+    from msnn.control.kalman_filter import KalmanFilter
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
 
@@ -106,6 +108,37 @@ def stepper(model: Model, weights: Weights | None = None) -> Stepper:
         return open_stepper(model, known)
 
 
+def mpc(model: Model, weights: Weights | None = None) -> Controller:
+    """The predictive controller that the spec's `mpc` section describes.
+
+        controller = msnn.mpc(model, result.weights)
+        found = controller.solve({"level": 3.0}, references={"wanted": 6.0})
+        print(found.status, found.control["pump"])
+
+    It remembers its plan and what it applied; `reset` forgets both. Weights None: the initial
+    values. Raises ValueError for a model without that section.
+    """
+    from msnn.control.open_controller import open_controller
+
+    return open_controller(model, known_in(model, weights))
+
+
+def estimator(model: Model, weights: Weights | None = None) -> KalmanFilter:
+    """The estimator of states and parameters that the spec's `estimator` section describes.
+
+        kalman = msnn.estimator(model, result.weights)
+        kalman.reset({"level": 4.0, "leak": 0.0})
+        found = kalman.correct({"level": 4.1})
+        kalman.predict({"pump": 3.0})
+
+    It remembers what it found; NaN is a measurement that is not there. Weights None: the initial
+    values. Raises ValueError for a model without that section.
+    """
+    from msnn.control.open_controller import open_estimator
+
+    return open_estimator(model, known_in(model, weights))
+
+
 def export(
     model: Model,
     target: str,
@@ -123,7 +156,7 @@ def export(
 
     findings = Findings()
     known = known_in(model, weights)
-    names, _ = writable_targets([target], model.spec.export)
+    names, _ = writable_targets([target], model.spec.export, has_control=model.control is not None)
     plans = plan_exports(model, names, findings, weights=known)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)

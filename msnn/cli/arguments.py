@@ -114,8 +114,22 @@ RolloutEngine: TypeAlias = Annotated[
     str,
     typer.Option(
         "--engine",
-        metavar="auto|interpreter|native|torch",
-        help="What simulates; auto: native kernels where they save time.",
+        metavar="auto|interpreter|native|torch|onnx|casadi|c|fmu",
+        help="What simulates, also an export; auto: native kernels where they save time.",
+    ),
+]
+
+
+EVERY_ENGINE = "all"
+"""Of `validate`: measures with each and compares them."""
+
+ValidationEngine: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="auto|interpreter|native|torch|onnx|casadi|c|fmu|all",
+        help="What simulates, also an export; auto: native kernels where they save time; all: each "
+        "of them, with one table of how they agree.",
     ),
 ]
 

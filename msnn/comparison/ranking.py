@@ -126,9 +126,18 @@ def common_ways(lines: Sequence[RunLine]) -> tuple[Way, ...]:
         ways = {each.way for each in line.held_out}
         left = [way for way in shared if way in ways]
         if not left and (shared or ways):
-            raise SpecError((errors.nothing_in_common(lines[0].model, line.model),))
+            told = (lines[0].model, _told(lines[0]), line.model, _told(line))
+            raise SpecError((errors.nothing_in_common(*told),))
         shared = left
     return tuple(shared)
+
+
+def _told(line: RunLine) -> list[str]:
+    """What was measured of a model: `y in m, record`."""
+    return [
+        f"{of} in {unit}, {rollout}" if unit else f"{of}, {rollout}"
+        for of, rollout, unit in (each.way for each in line.held_out)
+    ]
 
 
 def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.reading.frames import Frames
 from msnn.data_check.advice.dynamics import dynamics_findings
 from msnn.data_check.advice.reading import reading_findings
 from msnn.data_check.advice.signals import sampling_findings, signal_findings
@@ -21,22 +23,34 @@ from msnn.data_check.found import (
     DatasetCheck,
     targets_of,
 )
-from msnn.data_check.read import read_as_recorded, read_resampled
+from msnn.data_check.read import (
+    frames_as_recorded,
+    frames_resampled,
+    read_as_recorded,
+    read_resampled,
+)
 from msnn.data_check.signals.check import check_series
 from msnn.data_check.signals.quantisation import rounding
 from msnn.data_check.signals.sampling import sampling_of
 from msnn.data_check.signals.spikes import spikes, without_spikes
 from msnn.model.model import Model
+from msnn.simulation.simulation_data import GivenData, given_files
 from spec_schema.diagnostics.diagnostic import Findings
 
 
 def check_data(
-    model: Model, files: Sequence[Path] | None = None, data_root: str | Path | None = None
+    model: Model, data: GivenData | None = None, data_root: str | Path | None = None
 ) -> DataCheck:
-    """What the data of a model show; `files` are looked at in place of those of the spec.
+    """What the data of a model show; `data`, files or frames, in place of those of the spec.
 
     Raises SpecError where they cannot be read at all, MissingExtraError.
     """
+    files = None if data is None else given_files(data)
+    if data is not None and files is None:
+        frames = cast("Frames", data)
+        return check_datasets(
+            model, {"data": frames_as_recorded(model, frames)}, frames_resampled(model, frames)
+        )
     recorded = read_as_recorded(model, files, data_root)
     return check_datasets(model, recorded, read_resampled(model, files, data_root))
 

@@ -9,13 +9,17 @@ from msnn.data.dataset import Dataset
 from msnn.data.formats.table_of_formats import format_of
 from msnn.data.reading.file_sets import file_sections
 from msnn.data.reading.files import data_of_files
+from msnn.data.reading.frames import Frames, frame_data
 from msnn.data.reading.load import load_data
 from msnn.data.reading.row_filter import row_filters
 from msnn.errors.commands import no_data_section
 from msnn.model.model import Model
 from msnn.model.model_data import data_folder, sources_of, told_where_they_were
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data.data import Data, Source
+
+_KEPT: Mapping[str, str | None] = {"nan": "split", "split": None}
+"""Nothing is left out or refused, and all is one set."""
 
 
 def read_as_recorded(
@@ -52,7 +56,32 @@ def read_resampled(
     if files:
         section = data_of_files(section, files)
     with sources_of(model):
-        return _read(model, section.model_copy(update={"nan": "split", "split": None}), data_root)
+        return _read(model, section.model_copy(update=_KEPT), data_root)
+
+
+def frames_as_recorded(model: Model, frames: Frames) -> Dataset:
+    """The records of a session, laid out as the section `data` says, if there is one."""
+    return _framed(model, _as_recorded(model.spec.data or _plain_layout(model), model), frames)
+
+
+def frames_resampled(model: Model, frames: Frames) -> Dataset | None:
+    """The same at the sample time; None where the spec resamples nothing."""
+    section = model.spec.data
+    if section is None or not _resamples(section):
+        return None
+    return _framed(model, section.model_copy(update=_KEPT), frames)
+
+
+def _framed(model: Model, section: Data, frames: Frames) -> Dataset:
+    filters = row_filters(model.spec.model_copy(update={"data": section}))
+    with sources_of(model):
+        return frame_data(model.program, section, frames, model.spec.place, filters, split=False)
+
+
+def _plain_layout(model: Model) -> Data:
+    place = model.spec.place
+    source = Source.model_construct(place=place, files=())
+    return Data.model_construct(place=place, source={"data": source})
 
 
 def _read(model: Model, section: Data, data_root: str | Path | None) -> Dataset:
@@ -65,7 +94,7 @@ def _as_recorded(data: Data, model: Model) -> Data:
     if any(
         _has_streams(pattern.value) for source in data.source.values() for pattern in source.files
     ):
-        return data.model_copy(update={"nan": "split", "split": None})
+        return data.model_copy(update=_KEPT)
     source = {name: one.model_copy(update={"resample": None}) for name, one in data.source.items()}
     how = "none" if model.program.sample_time is not None else None
     update = {"nan": "split", "resample": how, "source": source, "split": None}

@@ -23,14 +23,21 @@ def nothing_held_out(name: str, sets: Sequence[str]) -> Diagnostic:
     return error("E0974", None, message, notes=notes, help=repair)
 
 
-def nothing_in_common(first: str, other: str) -> Diagnostic:
+def nothing_in_common(
+    first: str, of_first: Sequence[str], other: str, of_other: Sequence[str]
+) -> Diagnostic:
     """E0975: models of which nothing alike is measured."""
     message = f"`{first}` and `{other}` have no metric in common"
-    repair = (
-        "give their `validate` sections an entry with the same output, unit and rollout: a "
-        "comparison reads the metrics that all have"
+    notes = tuple(
+        f"`{name}` measures {'; '.join(ways) or 'nothing'}"
+        for name, ways in ((first, of_first), (other, of_other))
     )
-    return error("E0975", None, message, help=repair)
+    repair = (
+        "give their `validate` sections an entry with the same output, unit and rollout; a signal "
+        "that one feeds back (`closing x`) and the other has as a target belongs under `inputs:` "
+        "in both"
+    )
+    return error("E0975", None, message, notes=notes, help=repair)
 
 
 def unknown_criterion(text: str, known: Sequence[str]) -> Diagnostic:

@@ -10,16 +10,21 @@ _SHOWN = 6
 
 
 def no_sum_of_squares(
-    loss: str, measure: str, weight: float, span: Span | None, stage: str
+    loss: str, what: str, span: Span | None, stage: str, *, is_penalty: bool
 ) -> Diagnostic:
     """E0930: a loss that is no sum of squares, in a stage of levenberg_marquardt."""
-    what = "a negative share" if weight < 0 else "an expression" if measure == "mean" else measure
     message = f"stage `{stage}` cannot minimise the loss `{loss}`: {what} is no sum of squares"
     repair = (
         f"write it with mse, l2 or huber, give the stage `losses: {{{loss}: 0}}`, or take "
         "another optimizer"
     )
-    return error("E0930", span, message, "levenberg_marquardt takes mse, l2 and huber", help=repair)
+    if is_penalty:
+        repair = (
+            "write l1 of a learned array without bounds, with factors outside: `2 * l1(f.weight)`; "
+            "or take l2, or another optimizer"
+        )
+    label = "levenberg_marquardt takes mse, l2, huber, and l1 and group of learned arrays"
+    return error("E0930", span, message, label, help=repair)
 
 
 def not_of_second_order(key: str, reason: str, span: Span) -> Diagnostic:

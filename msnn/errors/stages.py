@@ -1,4 +1,4 @@
-"""E0940-E0949: curricula and optimisers of training stages, runs that go on, folds, fits."""
+"""E0353, E0940-E0949: curricula and optimisers of training stages, runs that go on, folds, fits."""
 
 from collections.abc import Iterable, Sequence
 
@@ -82,6 +82,13 @@ def no_fit(layer: str, target: str, span: Span | None) -> Diagnostic:
     label = "`fit` needs more samples in a row than the layer has coefficients"
     repair = "give more data, a lower order, or leave `fit` out"
     return error("E0948", span, message, label, help=repair)
+
+
+def rate_beyond(stage: str, rate: float, dtype: str, most: float, span: Span | None) -> Diagnostic:
+    """E0353: a learning rate that no number of the stage's precision holds."""
+    message = f"the stage `{stage}` has the learning rate {rate:g}, which {dtype} has no number for"
+    repair = f"it ends at {most:.3g}; useful rates are between 1e-5 and 10, `lr: auto` finds one"
+    return error("E0353", span, message, "too large by far", help=repair)
 
 
 def same_starts(stage: str, attempts: int, span: Span | None) -> Diagnostic:

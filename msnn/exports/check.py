@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from msnn.agreement.compare import Agreement, compare
+from msnn.agreement.agreement import Agreement
+from msnn.agreement.compare import compare
 from msnn.agreement.record import AgreementRecord, agreement_record
 from msnn.agreement.report import AgreementReport, Failure
 from msnn.agreement.subject import Subject
@@ -44,6 +45,8 @@ def check_export(
 ) -> Agreement:
     """The same of one target. MissingExtraError where it needs what is not installed."""
     target, weights = plan.target, plan.of(weights)
+    if target.compare is not None:
+        return target.compare(plan, weights, written)
     subject = Subject(
         target=target.name,
         dtype=plan.dtype,

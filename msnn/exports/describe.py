@@ -20,7 +20,9 @@ def exports_text(model: Model) -> str:
     Raises SpecError where an entry of `export:` does not fit the model.
     """
     findings = Findings()
-    plans = plan_exports(model, target_names((), model.spec.export), findings)
+    plans = plan_exports(
+        model, target_names((), model.spec.export, has_control=model.control is not None), findings
+    )
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     return "\n\n".join(_plan(plan) for plan in plans)

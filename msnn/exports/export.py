@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from msnn.agreement.loaded import Loaded
-from msnn.errors import commands
+from msnn.errors import commands, predictive_control
 from msnn.exports.table import NAMES, ListedTarget, listed
 from msnn.exports.target import AnyPlan, AnyTarget, Request, Weights, Written
 from msnn.model.model import Model
@@ -24,33 +24,41 @@ def target_named(name: str) -> AnyTarget:
     return found
 
 
-def target_names(names: Sequence[str], export: Export | None) -> tuple[str, ...]:
+def target_names(
+    names: Sequence[str], export: Export | None, *, has_control: bool = False
+) -> tuple[str, ...]:
     """The targets that a command line names; by default those of the spec, else all of them.
 
-    Raises SpecError for a name that is no target.
+    All are those that the spec has something for: a controller needs its `mpc` section. Raises
+    SpecError for a name that is no target, and for one of which the spec has nothing.
     """
     faults = [commands.unknown_target(n, NAMES) for n in names if n not in (*NAMES, "all")]
+    every = tuple(name for name in NAMES if has_control or not listed(name).of_control)
+    faults += [predictive_control.no_control() for n in names if n in NAMES and n not in every]
     if faults:
         raise SpecError(faults)
+    return _asked(names, export) or every
+
+
+def _asked(names: Sequence[str], export: Export | None) -> tuple[str, ...]:
+    """The targets that somebody names, on the command line or in the spec; none for all."""
     if "all" in names:
-        return NAMES
+        return ()
     asked = names or [name for name in NAMES if _entry(export, target_named(name)) is not None]
-    return tuple(name for name in NAMES if name in asked) or NAMES
+    return tuple(name for name in NAMES if name in asked)
 
 
 def writable_targets(
-    names: Sequence[str], export: Export | None
+    names: Sequence[str], export: Export | None, *, has_control: bool = False
 ) -> tuple[tuple[str, ...], tuple[ListedTarget, ...]]:
     """The targets to write, and those left out because what writes them is not installed.
 
     One that the command line or the spec names is not left out: MissingExtraError. Raises
     SpecError for a name that is no target.
     """
-    targets = [listed(name) for name in target_names(names, export)]
-    is_open = "all" in names or len(targets) == len(NAMES)
-    if not is_open:
-        for target in targets:
-            target.require_writer()
+    targets = [listed(name) for name in target_names(names, export, has_control=has_control)]
+    for name in _asked(names, export):
+        listed(name).require_writer()
     return (
         tuple(target.name for target in targets if target.can_be_written),
         tuple(target for target in targets if not target.can_be_written),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from msnn.packages import CASADI, ONNX, ONNXRUNTIME, TORCH, OptionalPackage
+from msnn.packages import CASADI, FMPY, ONNX, ONNXRUNTIME, TORCH, OptionalPackage
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,6 +15,8 @@ class ListedTarget:
     """On the command line, in `export:`, and of its folder."""
     title: str
     about: str
+    of_control: bool = False
+    """Whether it is of the `mpc` section alone."""
     extras: tuple[str, ...] = ()
     """What `--with` and the spec's `with:` may name beside the step."""
     writer: OptionalPackage | None = None
@@ -60,6 +62,15 @@ TARGETS = (
         "C",
         "C99 in floating or fixed point, with a self-test",
         extras=("jacobian", "state_jacobian", "parameter_jacobian"),
+    ),
+    ListedTarget(
+        "fmu",
+        "FMU",
+        "units for co-simulation by FMI 2.0 and 3.0",
+        runner=FMPY,
+    ),
+    ListedTarget(
+        "mpc", "controllers", "the controller of an `mpc` section as C99", of_control=True
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)

@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from compiler.ir.program import Program
 from compiler.passes.prune_zero_slices import Cut, cut_weights
+from msnn.agreement.agreement import Agreement
 from msnn.agreement.judgement import FloatType, Judgement, NumberType, Promise
 from msnn.agreement.loaded import Loaded
 from msnn.agreement.record import AgreementRecord
@@ -100,6 +101,8 @@ class Target(Generic[OwnEntry, Options]):
     """What it ought to do along a record: in float64, and in what it computes in."""
     faults: Callable[[ExportPlan[Options]], tuple[Diagnostic, ...]] = no_faults
     """What `msnn check` finds by trying."""
+    compare: Callable[[ExportPlan[Options], Weights, Written], Agreement] | None = None
+    """How what was written is compared with the judge; None: along a record, by `load`."""
     tell: Callable[[ExportPlan[Options], Path], str] = nothing_to_tell
     """What the writer wants to be said of the files in a folder."""
 

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 from msnn.errors.run_ends import nothing_kept
 from msnn.errors.runs import no_run
+from msnn.model.spec_hash import kept_name
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.endless_files import refuse_endless
 
@@ -19,6 +20,7 @@ WEIGHTS = "weights.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
 SPEC = "spec.msnn.yaml"
 DESCRIPTION = "run.json"
+PARAMETERS = "parameters.json"
 PARTS = "parts"
 FOLD = "fold_"
 RUNS_SHOWN = 5
@@ -66,9 +68,7 @@ def kept_spec(run: Path) -> KeptSpec:
         texts: dict[str, str] = {}
         weights: dict[str, Path] = {}
         for name, part in parts.items():
-            is_spec = "numbers_sha256" not in part
-            kept = Path(name).name
-            file = run / PARTS / (f"{kept}.msnn.yaml" if is_spec else kept)
+            file = run / PARTS / kept_name(name, part)
             seen = os.path.relpath(part["path"], Path(record["spec"]).parent)
             texts[os.path.normpath(path.parent / seen)] = texts[part["path"]] = _text(file)
             weights[name] = file.with_name(f"{Path(name).name}.safetensors")

@@ -110,6 +110,8 @@ def _compiled(
         text=text,
         sources=sources,
         warnings=tuple(found for found in said if found.severity == "warning"),
+        control=compiled.control,
+        estimation=compiled.estimation,
         remarks=tuple(found for found in said if found.severity == "note"),
         read=read,
         parts=parts,

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from compiler.ir.program import Program
 from compiler.linking.link import WeightsByPart
+from compiler.optimal_control.problem import ControlProblem
+from compiler.state_estimation.problem import EstimationProblem
 from msnn.data.dataset import FloatArray
 from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -36,6 +38,10 @@ class Model:
     warnings: tuple[Diagnostic, ...]
     read: ReadResult
     """The spec and its sub-models as their files have them; `spec` is both in one."""
+    control: ControlProblem | None = None
+    """Of the `mpc` section, with the parameters of the spec; None without one."""
+    estimation: EstimationProblem | None = None
+    """Of the `estimator` section, as above."""
     remarks: tuple[Diagnostic, ...] = ()
     """What compiling found worth a thought: `msnn check` says it, no other command does."""
     parts: tuple[SubmodelFile, ...] = ()

@@ -25,12 +25,14 @@ class ChosenWeights:
     weights: Mapping[str, FloatArray]
     origin: str
     warnings: tuple[Diagnostic, ...] = ()
+    file: Path | None = None
+    """Where they were read from; None for the initial values."""
 
 
 def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
     """Initial values of another draw; what a sub-model has from `weights:` stays."""
     read = model.read
-    numbers = {part.path: part.text for part in model.parts if not part.is_spec}
+    numbers = {part.path: part.text for part in model.parts if part.is_numbers}
     program = compile_spec(
         read.spec, used=read.used, weights=model.part_weights, numbers=numbers, draw=draw
     ).program
@@ -65,7 +67,7 @@ def choose_weights(
         if unfinished is not None and age(unfinished) > age(_whole_run(latest.resolve())):
             warnings = (unfinished_run(str(unfinished), str(latest.resolve().name)),)
     refuse_other_model(model, file)
-    return ChosenWeights(read_weights(file, program), str(file), warnings)
+    return ChosenWeights(read_weights(file, program), str(file), warnings, file)
 
 
 def _whole_run(folder: Path) -> Path:

@@ -48,7 +48,7 @@ def number_parts(texts: Mapping[str, str]) -> tuple[SubmodelFile, ...]:
             path=os.path.normpath(path),
             text=text,
             weights="",
-            is_spec=False,
+            is_numbers=True,
         )
         for number, (path, text) in enumerate(texts.items(), 1)
     )

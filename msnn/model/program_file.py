@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from backends.files.atomic_write import write_text
+from compiler.elaboration.compile import compile_spec
 from compiler.linking.link import link
 from compiler.program_file.file import (
     data_from_json,
@@ -49,9 +50,7 @@ def write_program_file(model: Model, out: Path) -> Path:
         texts = {part.path: part.text for part in model.parts}
         spec["texts"] = {_seen_from(folder, path): text for path, text in texts.items()}
         # a file of numbers may be named by its whole path, and then is so on any machine
-        named = {
-            p.path: p.text for p in model.parts if not p.is_spec and Path(p.path).is_absolute()
-        }
+        named = {p.path: p.text for p in model.parts if p.is_numbers and Path(p.path).is_absolute()}
         spec["texts"] |= named
         spec["weights"] = {part.name: part.weights for part in model.parts if part.weights}
     return write_text(file, data_to_json(program_to_data(model.program) | {"spec": spec}))
@@ -93,9 +92,13 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     spec = link(
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
+    online = spec.mpc is not None or spec.estimator is not None
+    compiled = compile_spec(read.spec, used=read.used) if online else None
     return Model(
         program=program,
         spec=spec,
+        control=None if compiled is None else compiled.control,
+        estimation=None if compiled is None else compiled.estimation,
         path=embedded.path,
         text=text,
         sources=sources,

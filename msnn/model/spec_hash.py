@@ -15,8 +15,8 @@ from spec_schema.reading.reader import ReadResult
 class SubmodelFile:
     """A sub-model: its full name, the path and text of its spec, sha256 of its weights or "".
 
-    `file` has these weights; None where there are none, or only a program has them. A file of
-    initial values is a part too, which is no spec.
+    Of a robot the text is its URDF. `file` has these weights; None where there are none, or only a
+    program has them. A file of initial values is a part too, whose text is its numbers.
     """
 
     name: str
@@ -24,22 +24,36 @@ class SubmodelFile:
     text: str
     weights: str
     file: Path | None = None
-    is_spec: bool = True
-
-    @property
-    def kept_as(self) -> str:
-        """What a run calls its copy of the text."""
-        return f"{self.name}.msnn.yaml" if self.is_spec else self.name
+    is_robot: bool = False
+    is_numbers: bool = False
 
     def record(self) -> dict[str, str]:
         """What a run was made of, as data."""
-        if not self.is_spec:
-            return {"path": self.path, "numbers_sha256": _sha256(self.text)}
+        if self.is_numbers:
+            digest = _sha256(self.text)
+            return {"path": self.path, "numbers_sha256": digest, "kind": NUMBERS}
         return {
             "path": self.path,
             "spec_sha256": _sha256(self.text),
             "weights_sha256": self.weights,
+            **({"kind": ROBOT} if self.is_robot else {}),
         }
+
+    @property
+    def kept_as(self) -> str:
+        """The name of the file in which a run keeps the text."""
+        return kept_name(self.name, self.record())
+
+
+ROBOT = "robot"
+NUMBERS = "numbers"
+"""What the record of a robot, and that of a file of initial values, says under `kind`."""
+
+
+def kept_name(name: str, record: Mapping[str, str]) -> str:
+    """The name of the file in which a run keeps the text of a part, by what its record says."""
+    suffixes = {ROBOT: ".urdf", NUMBERS: ""}
+    return f"{Path(name).name}{suffixes.get(record.get('kind', ''), '.msnn.yaml')}"
 
 
 def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[SubmodelFile, ...]:
@@ -69,7 +83,11 @@ def _parts(read: ReadResult, digests: Mapping[str, str], prefix: str) -> Iterato
     for name, file in read.used.items():
         full = prefix + name
         yield SubmodelFile(
-            name=full, path=file.source.path, text=file.source.text, weights=digests.get(full, "")
+            name=full,
+            path=file.source.path,
+            text=file.source.text,
+            weights=digests.get(full, ""),
+            is_robot=file.robot is not None,
         )
         yield from _parts(file, digests, f"{full}.")
 

@@ -103,7 +103,7 @@ def _read(
     from msnn.model.trained_model import is_of_this_model  # only texts that differ need it
 
     if not is_of_this_model(file, parts, path):
-        findings.report(errors.weights_of_other_text(name, use.spec.value, place))
+        findings.report(errors.weights_of_other_text(name, use.file.value, place))
 
 
 def _content(path: Path) -> bytes:

@@ -21,8 +21,8 @@ from spec_schema.reading.settings import WORKFLOW, model_settings
 def refuse_other_model(model: Model, weights: Path) -> None:
     """Raises SpecError where the run of a weights file had another model, with what differs.
 
-    The model is all of a spec but data, train, validate and export; what is said in `doc` counts
-    for nothing. A file without a run beside it can be of any model that its arrays fit.
+    The model is all of a spec but its workflow (`WORKFLOW`); what is said in `doc` counts for
+    nothing. A file without a run beside it can be of any model that its arrays fit.
     """
     trained = _trained(weights.parent)
     if trained is None:
@@ -47,7 +47,7 @@ def is_of_this_model(read: ReadResult, parts: Sequence[SubmodelFile], weights: P
     # files of initial values count for nothing: the weights stand in their place
     each = cast("dict[str, Any]", found).items()
     kept = {name: part for name, part in each if "numbers_sha256" not in part}
-    specs = [part for part in parts if part.is_spec]
+    specs = [part for part in parts if not part.is_numbers]
     if kept.keys() != {part.name for part in specs}:
         return False
     return all(_is_kept(part, kept[part.name], weights) for part in specs)
@@ -59,9 +59,19 @@ def _is_kept(part: SubmodelFile, kept: object, weights: Path) -> bool:
         return False
     if cast("dict[str, Any]", kept).get("weights_sha256") != part.weights:
         return False
-    file = weights.parent / PARTS / f"{Path(part.name).name}.msnn.yaml"
+    file = weights.parent / PARTS / part.kept_as
+    if part.is_robot:
+        return _is_text(file, part.text)
     then = _read(file, ())
     return then is not None and not _differing(then, read_one_spec(part.path, part.text))
+
+
+def _is_text(file: Path, text: str) -> bool:
+    try:
+        refuse_endless(file)
+        return file.read_text(encoding="utf-8") == text
+    except (OSError, ValueError):
+        return False
 
 
 def _differing(then: ReadResult, now: ReadResult) -> list[tuple[str, str | None, str | None]]:

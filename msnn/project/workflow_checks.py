@@ -75,7 +75,8 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
     if spec.export is not None:
         from msnn.exports.export import plan_exports, target_names
 
-        for plan in plan_exports(model, target_names((), spec.export), findings):
+        names = target_names((), spec.export, has_control=model.control is not None)
+        for plan in plan_exports(model, names, findings):
             findings.report(*plan.target.faults(plan))
     return findings.in_order
 

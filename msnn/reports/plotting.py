@@ -27,8 +27,8 @@ def require_plotting() -> None:
 def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
     """Draws every output over time with what was measured: an axis an output, a colour a run.
 
-    The first four runs are drawn. Vector outputs show their first element. The name's ending says
-    the format, one of FORMATS.
+    The first four runs are drawn, prediction intervals shaded. Vector outputs show their first
+    element. The name's ending says the format, one of FORMATS.
     """
     figure = new_figure(len(program.outputs))
     axes: Any = figure.subplots(len(program.outputs), 1, squeeze=False, sharex=True)[:, 0]
@@ -40,6 +40,12 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
             label = f"{run.record.file}, {_sets(run)}" if several else run.record.file
             along = run.places.time if timed else run.places.rows
             (line,) = axis.plot(along, values.reshape(len(values), -1)[:, 0], label=label)
+            if output.name in run.bands:
+                middle, half = (
+                    each.reshape(len(values), -1)[:, 0] for each in (values, run.bands[output.name])
+                )
+                color = line.get_color()
+                axis.fill_between(along, middle - half, middle + half, color=color, alpha=0.2)
             if output.name in run.logged:
                 logged = run.logged[output.name].reshape(len(values), -1)[:, 0]
                 axis.plot(along, logged, ".", markersize=2, color=line.get_color(), alpha=0.6)

@@ -105,7 +105,9 @@ def zeros_note(record: Mapping[str, Any]) -> str | None:
         axis = found["over"].rpartition(".")[2]
         named = ", ".join(str(name) for name in zero)
         said.append(f"{len(zero)} of the {size} slices of {array} over {axis} ({named})")
-    return f"exactly 0 and left out of exports: {'; '.join(said)}"
+    kept = any(each["over"] is None and each["zero"] < each["of"] for each in record["zero_slices"])
+    rest = " (of single numbers those that are whole slices)" if kept else ""
+    return f"exactly 0 and left out of exports{rest}: {'; '.join(said)}"
 
 
 def training_record(

@@ -124,6 +124,23 @@ def default_rollout(program: Program) -> RolloutPlan:
     return found
 
 
+def free_rollout(program: Program) -> RolloutPlan:
+    """Whole records in which every input that an output predicts is fed back. LoopError."""
+    closed = predicted_inputs(program)
+    looped = close_loop(program, closed)
+    plan = RolloutPlan(program=looped, horizon="record", stride=1, skip=0, closed=closed)
+    found = _with_found_starts(plan, None, Findings())
+    assert found is not None, "a record has room for starts"
+    return found
+
+
+def predicted_inputs(program: Program) -> tuple[str, ...]:
+    """The inputs that outputs predict, in the order of these."""
+    predicted = [out.predicts.signal for out in program.outputs if out.predicts is not None]
+    inputs = {signal.name for signal in program.signals if signal.role is Role.INPUT}
+    return tuple(dict.fromkeys(name for name in predicted if name in inputs))
+
+
 def _with_found_starts(
     plan: RolloutPlan, span: Span | None, findings: Findings
 ) -> RolloutPlan | None:
@@ -147,9 +164,7 @@ def closed_signals(program: Program, rollout: Rollout) -> tuple[str, ...]:
     """The inputs that a rollout feeds back: those of `close`, by default all that are predicted."""
     if rollout.close is not None:
         return tuple(name.value for name in rollout.close)
-    predicted = [out.predicts.signal for out in program.outputs if out.predicts is not None]
-    inputs = {signal.name for signal in program.signals if signal.role is Role.INPUT}
-    return tuple(dict.fromkeys(name for name in predicted if name in inputs))
+    return predicted_inputs(program)
 
 
 def set_rollouts(

@@ -10,17 +10,18 @@ import numpy as np
 
 from compiler.differentiation.estimated_starts import estimated_states, with_read_starts
 from compiler.ir.liveness import states_beside_the_log
-from compiler.ir.program import NodeId, Program, Role, Signal
+from compiler.ir.program import NodeId, Program, Signal
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BETWEEN_ROWS, UNASSIGNED, Dataset, FloatArray, IntArray, Record
 from msnn.data.reads import reads
 from msnn.data.starts import Runs, reach, rollouts
 from msnn.errors import data_files
 from msnn.errors.workflow import records_too_short, unknown_set
-from msnn.simulation.engines.engine import first_places
+from msnn.simulation.engines.engine import Engine, first_places
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
-from msnn.simulation.rollout_plan import files_skipped
+from msnn.simulation.intervals import Intervals, uncertain_program
+from msnn.simulation.rollout_plan import files_skipped, predicted_inputs
 from msnn.simulation.start_fit import StartFit, uncertain_starts
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
@@ -53,6 +54,8 @@ class Simulation:
     logged: Mapping[str, FloatArray]
     """What was measured of the signal that an output predicts; NaN where it was not."""
     places: StepPlaces
+    bands: Mapping[str, FloatArray]
+    """Half the width of the prediction interval of outputs, where intervals were asked for."""
 
     @property
     def steps(self) -> int:
@@ -84,9 +87,7 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
     asks for no column that the run does not read. Raises LoopError.
     """
     if close is None:
-        inputs = {signal.name for signal in program.signals if signal.role is Role.INPUT}
-        predicted = (out.predicts.signal for out in program.outputs if out.predicts is not None)
-        close = dict.fromkeys(name for name in predicted if name in inputs)
+        close = predicted_inputs(program)
     closed = close_loop(program, tuple(close))
     if estimated_states(closed):  # what the losses compare decides where runs start
         compared = [node for loss in closed.losses for node in loss.nodes]
@@ -120,15 +121,16 @@ def simulate(
     horizon: int | None = None,
     data_set: str | None = None,
     *,
-    engine: str = "auto",
+    engine: Engine = "auto",
     progress: RolloutProgress = nobody,
+    intervals: Intervals | None = None,
 ) -> Simulations:
     """Free runs over all stretches of the data, each from its first possible row.
 
     `program` is in window form; what it closes is fed back, what it leaves open is read from the
     data. `horizon` ends every run after so many steps; `data_set` takes the stretches of one set
-    only. `engine` is what runs, in float64 (`open_rollouts`). Raises SpecError where there is no
-    such set, or all is too short.
+    only. `engine` is what runs, in float64 unless it is an export (`open_rollouts`). `intervals`
+    says how wide bands are. Raises SpecError where there is no such set, or all is too short.
     """
     # targets of `predicts` need not be there: a simulation may run past the last of them
     unscored = replace(
@@ -148,9 +150,17 @@ def simulate(
     warnings += tuple(uncertain)
     if horizon is not None:
         runs = replace(runs, steps=np.minimum(runs.steps, horizon))
-    opened = open_rollouts(engine, program, weights or {}, series, runs)
+    spread = None if intervals is None else uncertain_program(program, intervals, weights or {})
+    ran, known = (program, weights or {}) if spread is None else (spread.program, spread.weights)
+    opened = open_rollouts(engine, ran, known, series, runs)
     count = Count(progress, int(runs.steps.sum()))
     outputs = opened.engine.outputs(runs, count.advance)
+    bands: Mapping[str, FloatArray] = {}
+    if intervals is not None and spread is not None:
+        bands = {
+            name: intervals.half_width(name, spread.variance(name, outputs))
+            for name in intervals.noise
+        }
     # a row after a gap was measured at another time than the steps before it predict
     ends = np.append(np.flatnonzero(~data.continues), data.rows)
     unbroken = ends[np.searchsorted(ends, runs.t0, side="right")]
@@ -160,7 +170,8 @@ def simulate(
             program,
             data,
             range(t0, t0 + steps),
-            {name: values[first : first + steps] for name, values in outputs.items()},
+            {out.name: outputs[out.name][first : first + steps] for out in program.outputs},
+            {name: values[first : first + steps] for name, values in bands.items()},
             last,
         )
         for t0, steps, first, last in zip(*places, strict=True)
@@ -207,6 +218,7 @@ def _simulation(
     data: Dataset,
     rows: range,
     outputs: Mapping[str, FloatArray],
+    bands: Mapping[str, FloatArray],
     unbroken: int,
 ) -> Simulation:
     """One run; measured values are taken from the rows before `unbroken`."""
@@ -223,7 +235,12 @@ def _simulation(
             logged[out.name] = values
     places = _places(program, data, record, rows)
     return Simulation(
-        record=record, first=t0 - record.start, outputs=outputs, logged=logged, places=places
+        record=record,
+        first=t0 - record.start,
+        outputs=outputs,
+        logged=logged,
+        places=places,
+        bands=bands,
     )
 
 

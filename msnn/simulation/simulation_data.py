@@ -37,7 +37,7 @@ def simulation_data(
     beside = measured_beside(model.program, program)
     if data is None:
         return read_data(model, data_root, "simulation", program, beside)
-    files = _files(data)
+    files = given_files(data)
     with sources_of(model):
         if files is None:
             spec, frames = model.spec, cast("Frames", data)
@@ -53,7 +53,7 @@ def simulation_data(
         return load_data(program, section, Path.cwd(), filters, beside)
 
 
-def _files(data: GivenData) -> list[Path] | None:
+def given_files(data: GivenData) -> list[Path] | None:
     """The paths, where the data are given by such."""
     if isinstance(data, str | Path):
         return [Path(data)]

@@ -21,6 +21,7 @@ _ROWS = 8192
 def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
     """Writes file, set, row, time, outputs, and `<output>.log` for each output that predicts.
 
+    Where intervals were asked for, their ends follow: `<output>.low`, `<output>.high`.
     `row` and `time` are those of the file, so that the table joins it by `file` and `row`; `row`
     is empty for moments that resampling put between two rows.
     """
@@ -28,13 +29,16 @@ def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -
     logged = [out for out in program.outputs if any(out.name in run.logged for run in runs)]
     header = [label for out in program.outputs for label in _labels(program, out)]
     header += [f"{label}.log" for out in logged for label in _labels(program, out)]
+    banded = [out for out in program.outputs if any(out.name in run.bands for run in runs)]
+    for end in ("low", "high"):
+        header += [f"{label}.{end}" for out in banded for label in _labels(program, out)]
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["file", "set", "row", *(["time"] if timed else []), *header])
         for run in runs:
             for begin in range(0, run.steps, _ROWS):
                 steps = slice(begin, min(begin + _ROWS, run.steps))
-                writer.writerows(_rows(program, run, steps, logged, timed=timed))
+                writer.writerows(_rows(program, run, steps, logged, banded, timed=timed))
     return path
 
 
@@ -51,7 +55,13 @@ def run_record(run: Simulation) -> dict[str, object]:
 
 
 def _rows(
-    program: Program, run: Simulation, steps: slice, logged: Sequence[Output], *, timed: bool
+    program: Program,
+    run: Simulation,
+    steps: slice,
+    logged: Sequence[Output],
+    banded: Sequence[Output],
+    *,
+    timed: bool,
 ) -> Iterable[tuple[object, ...]]:
     """Some rows of the table; numbers are written as `repr` has them."""
     places, count = run.places, steps.stop - steps.start
@@ -60,6 +70,8 @@ def _rows(
         there = run.logged.get(out.name)
         shape = (count, *run.outputs[out.name].shape[1:])
         found.append(np.full(shape, np.nan) if there is None else there[steps])
+    for sign in (-1.0, 1.0):
+        found += [run.outputs[o.name][steps] + sign * run.bands[o.name][steps] for o in banded]
     numbers = np.concatenate([values.reshape(count, -1) for values in found], axis=1)
     rows = ["" if row == BETWEEN_ROWS else row for row in places.rows[steps].tolist()]
     columns: list[Sequence[object]] = [places.files[steps], places.sets[steps], rows]

@@ -29,13 +29,14 @@ def open_stepper(model: Model, weights: Mapping[str, FloatArray]) -> Stepper:
     for an export that is wrong, or in fixed point.
     """
     findings = Findings()
-    plans = plan_exports(model, ["c"], findings)
+    plans = plan_exports(model, ["c"], findings, weights=weights)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     (plan,) = plans
     if plan.target.name != "c" or not isinstance(plan.options, COptions):
         raise SpecError([kernels.stepper_of_words(str(plan.dtype))], model.sources)
     plan = cast("ExportPlan[COptions]", plan)
+    weights = plan.of(weights)
     options = replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
     interface = c_interface(plan.program, options)
     engine: StepEngine

@@ -151,7 +151,10 @@ class Stepper:
 
     def _wanted(self) -> str:
         parts = [_described(field, port) for field, port in self._interface.windows]
-        parts += [f"`{field.name}`" for field, _ in self._interface.supplied]
+        parts += [
+            f"`{field.name}` (where that state starts, which training fits to each record)"
+            for field, _ in self._interface.supplied
+        ]
         states = self._waiting_states()
         ambiguous = states & {field.name for field, _ in self._interface.windows}
         instead = "" if ambiguous or not states else f", or the states {_listed(states)}"

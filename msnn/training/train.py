@@ -148,6 +148,7 @@ class _Run:
             else without_errors("not estimated in a comparison")
         )
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
+        self.folder.write_covariance(spread.covariance)
         said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
         zero = zero_slices(self.program, now.begin)
         self.progress.run_ended("finished", said, zero)

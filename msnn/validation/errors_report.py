@@ -6,6 +6,7 @@ from typing import Any
 
 from msnn.tables import table_text
 from msnn.validation.correlations import Correlation, Residuals
+from msnn.validation.coverage import LEVELS, Coverage
 from msnn.validation.judged_errors import JudgedErrors
 from msnn.validation.measurement import Measurement
 from msnn.validation.words import rollout_text, unit_text
@@ -41,6 +42,48 @@ def regions_table(measurements: tuple[Measurement, ...]) -> str:
     if not rows:
         return ""
     return table_text(("rmse of", "1st quarter", "2nd", "3rd", "4th", "unit"), rows)
+
+
+def coverage_table(measurements: tuple[Measurement, ...]) -> str:
+    """One row a measurement: the share of targets inside of the intervals of each level."""
+    rows = [
+        (
+            _called(found),
+            *(f"{share:.1%}" for share in coverage.observed),
+            f"{coverage.half_width:.4g}",
+            unit_text(found.unit),
+            f"{coverage.from_parameters:.0%}",
+            str(coverage.count),
+            f"{coverage.effective:.0f}",
+            coverage.verdict,
+        )
+        for found in measurements
+        if (coverage := found.coverage) is not None
+    ]
+    if not rows:
+        return ""
+    levels = (f"in {level:.0%}" for level in LEVELS)
+    width = f"± {LEVELS[-1]:.0%}"
+    header = ("intervals of", *levels, width, "unit", "by parameters", "n", "worth", "")
+    return table_text(header, rows, numbers=(1, 2, 3, 4, 6, 7, 8))
+
+
+def coverage_record(found: Coverage | None) -> dict[str, Any]:
+    """The same as JSON values; empty where no intervals were asked for."""
+    if found is None:
+        return {}
+    return {
+        "intervals": {
+            "levels": list(LEVELS),
+            "inside": list(found.observed),
+            "elements": found.elements.tolist(),
+            "half_width": found.half_width,
+            "from_parameters": found.from_parameters,
+            "n": found.count,
+            "effective": found.effective,
+            "verdict": found.verdict,
+        }
+    }
 
 
 def judged_record(found: JudgedErrors) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray, IntArray
+from msnn.validation.coverage import Coverage
 from msnn.validation.judged_errors import JudgedErrors
 from msnn.validation.metrics import Scores
 from spec_schema.sections.validation import Metric
@@ -64,6 +65,8 @@ class Measurement:
     trace: ErrorTrace
     judged: JudgedErrors
     """What the errors tell of the model."""
+    coverage: Coverage | None = None
+    """How often targets lie inside prediction intervals, where these were asked for."""
 
 
 def bounds(count: int, most: int = _POINTS) -> IntArray:

@@ -13,7 +13,7 @@ from compiler.ir.program import Loss, Output, Program
 from compiler.passes.drop_unused import drop_unused
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
-from msnn.simulation.engines.engine import Advance, OpenedRollouts, RolloutEngine
+from msnn.simulation.engines.engine import Advance, Engine, OpenedRollouts, RolloutEngine
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.stepwise import interpreted_rollouts
 from msnn.simulation.rollout import LossSum, entry_value
@@ -50,7 +50,7 @@ class Found:
 class Simulator:
     """Simulates with one engine and one set of weights; says by `advance` how far it is."""
 
-    def __init__(self, engine: str, weights: Mapping[str, FloatArray], advance: Advance) -> None:
+    def __init__(self, engine: Engine, weights: Mapping[str, FloatArray], advance: Advance) -> None:
         self._engine, self._weights, self._advance = engine, weights, advance
         self.notes: dict[Diagnostic, None] = {}
         """What the user should know of the choice of engines."""
@@ -67,10 +67,10 @@ class Simulator:
     def _measurements(self, checks: list[ReadyCheck]) -> list[Outcome]:
         names = {check.plan.of for check in checks}
         first = checks[0]
-        program = _reduced(
+        program = reduced(
             first.plan.rollout.program, lambda output: output.name in names, lambda _: False
         )
-        parts = _parts(first.runs, max(_STEPS, first.data.rows))
+        parts = rollout_parts(first.runs, max(_STEPS, first.data.rows))
 
         def found(engine: RolloutEngine) -> Found:
             each = _measured_by(checks, parts)
@@ -89,7 +89,7 @@ class Simulator:
     def _losses(self, checks: list[ReadyCheck]) -> list[Outcome]:
         names = {check.plan.of for check in checks}
         first = checks[0]
-        program = _reduced(
+        program = reduced(
             first.plan.rollout.program,
             lambda _: False,
             lambda loss: bool(names & {loss.name, loss.entry}),
@@ -136,7 +136,7 @@ def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
     return groups
 
 
-def _reduced(
+def reduced(
     program: Program, output: Callable[[Output], bool], loss: Callable[[Loss], bool]
 ) -> Program:
     outputs = tuple(filter(output, program.outputs))
@@ -162,7 +162,7 @@ def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs]) -> list[Measur
     return found
 
 
-def _parts(runs: Runs, steps: int) -> list[Runs]:
+def rollout_parts(runs: Runs, steps: int) -> list[Runs]:
     """The rollouts in their order, about so many steps together."""
     done = np.cumsum(runs.steps)
     block = (done - runs.steps) // steps

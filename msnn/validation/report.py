@@ -8,7 +8,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from msnn.tables import table_text
-from msnn.validation.errors_report import judged_record
+from msnn.validation.errors_report import coverage_record, judged_record
 from msnn.validation.measurement import METRICS, ErrorCurve, Measurement
 from msnn.validation.validate import MetricRow, ValidationReport
 from msnn.validation.words import rollout_text, unit_text
@@ -149,6 +149,7 @@ def _measurement_record(found: Measurement) -> dict[str, Any]:
         "scored": found.scored,
         "metrics": {metric: scores.value for metric, scores in found.metrics.items()},
         **judged_record(found.judged),
+        **coverage_record(found.coverage),
         "curve": curve
         and {
             "first": curve.first.tolist(),

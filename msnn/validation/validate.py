@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.validation import extrapolates
+from msnn.model.covariance_file import Covariance
+from msnn.simulation.engines.engine import Engine
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
+from msnn.validation.covered import coverages, residual_variances
 from msnn.validation.measurement import Measurement
 from msnn.validation.outcomes import LossValue, Outcome, Simulator, simulated_together
 from msnn.validation.plan import plan_checks
@@ -79,8 +82,9 @@ def validate(
     *,
     on: str | None = None,
     files: Mapping[str, Dataset] | None = None,
-    engine: str = "auto",
+    engine: Engine = "auto",
     progress: RolloutProgress = nobody,
+    covariance: Covariance | None = None,
 ) -> ValidationReport:
     """Measures every entry of the `validate` section in float64.
 
@@ -88,7 +92,8 @@ def validate(
     of entries with files, by set. `data` may be None where every entry has files. Rollouts start a
     horizon apart, so that each row is scored once; a last shorter one covers the rest. `engine` is
     what simulates (`open_rollouts`); a limit that lies within what engines differ in is judged by
-    the interpreter. Raises SpecError where an entry and the data do not fit.
+    the interpreter. With the `covariance` of what was learned each measurement says how often
+    targets lie inside prediction intervals. Raises SpecError where an entry and data do not fit.
     """
     findings = Findings()
     plans = plan_checks(program, checks, findings)
@@ -96,8 +101,9 @@ def validate(
     ready = [check for check in tried if check is not None]
     findings.raise_errors()
     ready = with_found_starts(ready, weights, findings)
-    together = simulated_together(ready)
-    count = Count(progress, sum(int(ready[group[0]].runs.steps.sum()) for group in together))
+    banded = [] if covariance is None else _measured_apart(ready)
+    steps = _steps(ready) + _steps(banded)
+    count = Count(progress, steps)
     simulator = Simulator(engine, weights or {}, count.advance)
     outcomes = simulator.outcomes(ready)
     measurements = {id(found): found for found in outcomes if isinstance(found, Measurement)}
@@ -107,11 +113,41 @@ def validate(
         for each in found.judged.extrapolations
         if each.share >= _TOLD
     ]
+    measured = tuple(measurements.values())
+    if covariance is not None:
+        known = weights or {}
+        variances = residual_variances(
+            [check.plan for check in banded], data, known, covariance, engine
+        )
+        found = coverages(
+            banded,
+            measured,
+            variances,
+            weights=known,
+            covariance=covariance,
+            engine=engine,
+            advance=count.advance,
+        )
+        pairs = zip(measured, found, strict=True)
+        measured = tuple(replace(each, coverage=coverage) for each, coverage in pairs)
     return ValidationReport(
         tuple(_row(check, found) for check, found in zip(ready, outcomes, strict=True)),
-        tuple(measurements.values()),
+        measured,
         (*findings.in_order, *simulator.notes, *dict.fromkeys(far)),
     )
+
+
+def _measured_apart(checks: Sequence[ReadyCheck]) -> list[ReadyCheck]:
+    """One check for each measurement, in the order of these."""
+    found: list[ReadyCheck] = []
+    for check in checks:
+        if check.plan.metric is not None and not any(map(check.is_measured_as, found)):
+            found.append(check)
+    return found
+
+
+def _steps(checks: Sequence[ReadyCheck]) -> int:
+    return sum(int(checks[group[0]].runs.steps.sum()) for group in simulated_together(checks))
 
 
 def _row(check: ReadyCheck, found: Outcome) -> MetricRow:

@@ -27,6 +27,7 @@ from spec_schema.sections.data.columns import ColumnName
 from spec_schema.sections.data.splits import Blocks, Fraction, TimeRange
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers.fuzzy_sets import CustomMembership, Fuzzify
+from spec_schema.sections.robots import Joints
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Freeze
 from spec_schema.sections.training.curriculum import Curriculum
@@ -87,6 +88,8 @@ def _plain(value: Any) -> Any:
             return f"{signal.value}[t+{length_text(ahead)}]"
         case Dimension(size=size, labels=labels):
             return list(labels) or size
+        case Joints(dimension=dimension, labels=listed):
+            return dimension.value if dimension else [label.value for label in listed]
         case ColumnName(column=column):
             return column
         case Fraction(value=share):

@@ -9,7 +9,7 @@ take the next free number of the range and write it in that range's file:
         E0301-E0319 names               E09xx training, validation, export
         E0320-E0399 `expressions`       E10xx command line, files, extras: `files`
     E04xx shapes
-    E05xx units: `units`
+    E05xx units: `units`                    E11xx optimal control: `control`
 
 Warnings have the same ranges and start with W.
 """

@@ -1,4 +1,6 @@
-"""E0964-E0969: what a spec knows of learned values beside the data."""
+"""E0352, E0964-E0969: what a spec knows of learned values beside the data."""
+
+from collections.abc import Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
@@ -23,6 +25,15 @@ def no_array_to_group(why: str, span: Span | None) -> Diagnostic:
     message = f"`group` takes an array that is learned without bounds: {why}"
     repair = "write `group(f.weight, over=DIM)` of an array of a layer, or of a parameter"
     return error("E0967", span, message, "not such an array", help=repair)
+
+
+def group_over_nothing(dims: Sequence[str], span: Span) -> Diagnostic:
+    """E0352: a `group` that does not say what its slices are."""
+    message = "`group` needs `over=`, the dim whose slices it takes to 0 as a whole"
+    repair = f"the array has {', '.join(f'`over={dim}`' for dim in dims)}"
+    if not dims:
+        repair = "a single number has no slices: write `l1(…)`"
+    return error("E0352", span, message, "slices of what?", help=repair)
 
 
 def several_groups(name: str, span: Span | None) -> Diagnostic:

@@ -1,4 +1,4 @@
-"""E0301-E0319: names, and what a name is used for."""
+"""E0301-E0319, E0349, E0350: names, and what a name is used for."""
 
 from collections.abc import Iterable, Sequence
 
@@ -66,10 +66,57 @@ def no_member(base: str, member: str, span: Span, function: str | None = None) -
     return error("E0307", span, message, "unknown member", help=repair if function else windows)
 
 
-def no_layer_member(layer: str, member: str, span: Span, members: Iterable[str]) -> Diagnostic:
+def no_value_of_layer(
+    layer: str,
+    member: str,
+    span: Span,
+    *,
+    arrays: Sequence[str],
+    values: Iterable[str],
+    members: Iterable[str],
+    in_loss: bool,
+) -> Diagnostic:
+    """E0350: something of a layer that is no value there."""
+    known = [*values, *(arrays if in_loss else ())]
+    message, label = f"the layer `{layer}` has no member `{member}`", "unknown member"
+    if member in members:
+        message, label = (
+            f"`{layer}.{member}` is called, it is not a value",
+            "a value is needed here",
+        )
+        repair = f"call it: `{layer}.{member}(…)`"
+    elif member in arrays:
+        message, label = f"`{layer}.{member}` can be read in `losses:` only", "not here"
+        repair = (
+            "what expressions share with a layer is a parameter of the spec: "
+            "`fir` and `linear` take one as their `weight:`"
+        )
+    elif known:
+        repair = did_you_mean(nearest(member, known)) or f"it has `.{'`, `.'.join(known)}`"
+    elif in_loss:
+        repair = f"`{layer}` has learned no arrays"
+    else:
+        repair = f"call the layer: `{layer}(…)`"
+    return error("E0350", span, message, label, help=repair)
+
+
+def member_of_grid(grid: str, member: str, inner: Sequence[str], span: Span) -> Diagnostic:
+    """E0349: the centres of a grid of fuzzy sets."""
+    layers = " and ".join(f"`{name}`" for name in inner)
+    message = f"`{grid}` is a grid of {layers}: it has no `.{member}`"
+    arguments = "(…)" if member == "offset" else ""
+    repair = f"take that of each: {', '.join(f'`{name}.{member}{arguments}`' for name in inner)}"
+    return error("E0349", span, message, "a grid has no centres of its own", help=repair)
+
+
+def no_layer_member(
+    layer: str, member: str, span: Span, members: Iterable[str], values: Iterable[str]
+) -> Diagnostic:
     """E0319: something after the dot that a layer of this kind does not have."""
     known = tuple(members)
     repair = f"it has `.{'`, `.'.join(known)}`" if known else f"call the layer: `{layer}(…)`"
+    if member in values:
+        repair = f"it is a value, not called: `{layer}.{member}`"
     message = f"the layer `{layer}` has no `.{member}(…)`"
     return error("E0319", span, message, "no member of this kind of layer", help=repair)
 

@@ -1,4 +1,4 @@
-"""E07xx: states and loops."""
+"""E0351, E07xx, E0849-E0852: states and loops, rows of losses, starts."""
 
 from collections.abc import Sequence
 
@@ -18,6 +18,13 @@ def rows_of_no_log(loss: str, read: str, span: Span) -> Diagnostic:
     message = f"`rows` of `{loss}` reads {read}: it says of logged rows how much they count"
     repair = "write it of logged signals: `s`, or `s.meas` for the log of a state"
     return error("E0849", span, message, "not of the log alone", help=repair)
+
+
+def rows_of_no_rows(loss: str, span: Span) -> Diagnostic:
+    """E0351: a factor of rows of a loss that is the same in every row."""
+    message = f"`rows` of `{loss}` counts nothing: learned numbers alone are the same in every row"
+    repair = "leave `rows:` out; it belongs to the losses that compare with data"
+    return error("E0351", span, message, "of a loss without rows", help=repair)
 
 
 def too_few_for_starts(names: Sequence[str], over: int, numbers: int, span: Span) -> Diagnostic:
@@ -79,8 +86,10 @@ def nothing_to_act_on(span: Span) -> Diagnostic:
     return error("E0741", span, message, "there is no range that it could leave", help=repair)
 
 
-def reset_to_the_log(name: str, span: Span | None) -> Diagnostic:
-    """E0742: `on_range: reset` of a state whose first value is measured."""
-    message = f"`on_range: reset` cannot take `{name}` back to an `init` that reads the log"
+def reset_to_the_log(name: str, span: Span | None, *, fitted: bool) -> Diagnostic:
+    """E0742: `on_range: reset` of a state whose first value is measured, or fitted to a record."""
+    what = "a start that is fitted to each record" if fitted else "an `init` that reads the log"
+    message = f"`on_range: reset` cannot take `{name}` back to {what}"
     repair = "give `init` a value that is always known, or write `on_range: saturate`"
-    return error("E0742", span, message, "measured before the first step only", help=repair)
+    label = "found from logged rows" if fitted else "measured before the first step only"
+    return error("E0742", span, message, label, help=repair)

@@ -30,8 +30,8 @@ class Signature:
 
 
 BUILTINS: dict[str, Signature] = {
-    "relu": Signature(1, 1, doc="max(x, 0); slope 0 at 0."),
-    "elu": Signature(1, 1, doc="x above 0, exp(x) − 1 below."),
+    "relu": Signature(1, 1, doc="max(x, 0), in the unit of x; slope 0 at 0."),
+    "elu": Signature(1, 1, doc="x above 0, exp(x) − 1 below, in the unit of x."),
     "sech": Signature(1, 1, doc="1 / cosh(x)."),
     "min": Signature(2, None, doc="The smallest argument, element by element."),
     "max": Signature(2, None, doc="The largest argument, element by element."),

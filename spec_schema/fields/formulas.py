@@ -34,7 +34,8 @@ class Prediction:
     span: Span = field(compare=False)
 
 
-def _read_expression(node: Node, findings: Findings, *, condition: bool = False) -> Expression:
+def read_expression(node: Node, findings: Findings, *, condition: bool = False) -> Expression:
+    """An expression; a condition may compare."""
     if isinstance(node, Listing | Table):
         findings.report(errors.list_for_expression(node.span))
         raise RefusedError
@@ -52,21 +53,21 @@ def _read_expression(node: Node, findings: Findings, *, condition: bool = False)
 
 
 def _read_condition(node: Node, findings: Findings) -> Expression:
-    return _read_expression(node, findings, condition=True)
+    return read_expression(node, findings, condition=True)
 
 
 def read_array(node: Node, findings: Findings) -> Expression:
     """Numbers: a list, lists of lists, an expression or `{linspace: …}`."""
     match node:
         case Scalar():
-            return _read_expression(node, findings)
+            return read_expression(node, findings)
         case Listing(items=()):
             findings.report(errors.empty_section("a list of numbers", node.span))
             raise RefusedError
         case Listing(items=items):
             return ListLiteral(tuple(read_array(item, findings) for item in items), node.span)
         case Table(entries={"linspace": Listing(items=items)}) if len(node.entries) == 1:
-            arguments = tuple(_read_expression(item, findings) for item in items)
+            arguments = tuple(read_expression(item, findings) for item in items)
             return Call(Name("linspace", node.keys["linspace"]), arguments, (), node.span)
         case Table():
             repair = "write numbers in [ ], an expression, or `{linspace: [0, 1, 5]}`"
@@ -75,7 +76,7 @@ def read_array(node: Node, findings: Findings) -> Expression:
 
 
 def _read_prediction(node: Node, findings: Findings) -> Prediction:
-    expression = _read_expression(node, findings)
+    expression = read_expression(node, findings)
     match expression:
         case Name(name=name, span=span):
             return Prediction(Located(name, span, node.key), Samples(0, span), span)
@@ -107,7 +108,7 @@ ARRAY = {
     "additionalProperties": False,
 }
 _PREDICTION = {"type": "string", "examples": ["x[t+1]"]}
-ExpressionField: TypeAlias = Annotated[Expression, reads(_read_expression, EXPRESSION)]
+ExpressionField: TypeAlias = Annotated[Expression, reads(read_expression, EXPRESSION)]
 ConditionField: TypeAlias = Annotated[Expression, reads(_read_condition, {"type": "string"})]
 ArrayField: TypeAlias = Annotated[Expression, reads(read_array, ARRAY)]
 PredictionField: TypeAlias = Annotated[Prediction, reads(_read_prediction, _PREDICTION)]

@@ -75,6 +75,11 @@ def signals(item: JsonSchema) -> JsonSchema:
     return {"type": ["object", "null"], "propertyNames": names, "additionalProperties": item}
 
 
+def some_signals(item: JsonSchema) -> JsonSchema:
+    """The same with one key at least."""
+    return {**signals(item), "type": "object", "minProperties": 1}
+
+
 def members(item: JsonSchema) -> JsonSchema:
     """A mapping whose keys are members of sub-models."""
     names = {"pattern": MEMBER}

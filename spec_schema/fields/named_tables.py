@@ -7,7 +7,7 @@ from pydantic import ValidationInfo
 
 from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import RefusedError, findings_of
-from spec_schema.fields.leaf import Gathering, any_keys, declarations, signals
+from spec_schema.fields.leaf import Gathering, any_keys, declarations, signals, some_signals
 from spec_schema.names import is_dotted_name, is_name, why_reserved
 from spec_schema.yaml_tree.nodes import Node, Scalar, Table, kind
 
@@ -21,6 +21,16 @@ def _read_signals(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
         if not is_name(name) and not is_dotted_name(name):
             findings_of(info).report(errors.malformed_name(name, table.keys[name]))
     return {n: v for n, v in table.entries.items() if is_name(n) or is_dotted_name(n)}
+
+
+def _read_some_signals(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
+    found = _read_signals(node, info)
+    if not found:
+        findings_of(info).report(
+            errors.empty_section(f"`{info.field_name}`", node.key or node.span)
+        )
+        raise RefusedError
+    return found
 
 
 def _read_declarations(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
@@ -59,4 +69,7 @@ def read_table(node: Node, info: ValidationInfo) -> Table:
 
 Named: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_declarations, schema=declarations)]
 BySignal: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_signals, schema=signals)]
+SomeBySignal: TypeAlias = Annotated[
+    Mapping[str, Item], Gathering(_read_some_signals, schema=some_signals)
+]
 Keyed: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_any_keys, schema=any_keys)]

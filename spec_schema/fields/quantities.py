@@ -42,7 +42,8 @@ def split_quantity(node: Scalar) -> tuple[Scalar, Scalar] | None:
     return node.part(*found.span("number")), node.part(*found.span("unit"))
 
 
-def _read_quantity(node: Node, findings: Findings) -> Quantity:
+def read_quantity(node: Node, findings: Findings) -> Quantity:
+    """A finite number, with or without a unit."""
     found = scalar(node, findings, "a quantity such as `2 mm`")
     if isinstance(found.value, float) and not math.isfinite(found.value):
         findings.report(errors.out_of_range(found.text, found.span, "finite"))
@@ -84,7 +85,7 @@ def _read_sample_time(node: Node, findings: Findings) -> Quantity:
     assert hertz is not None
     found = scalar(node, findings, "a sample time such as `50 ms`")
     has_unit = split_quantity(found) is not None
-    quantity = _read_quantity(found, findings) if has_unit else Quantity(0, None, found.span)
+    quantity = read_quantity(found, findings) if has_unit else Quantity(0, None, found.span)
     unit = quantity.unit
     if unit is not None and 0 < quantity.value < math.inf:
         if unit.exponents == second.exponents:
@@ -101,7 +102,7 @@ def _read_range(node: Node, findings: Findings) -> Range:
         found = "a list of another length" if isinstance(node, Listing) else kind(node)
         findings.report(errors.wrong_kind("a list of two numbers", found, node.span, repair))
         raise RefusedError
-    low, high = (_read_quantity(item, findings) for item in node.items)
+    low, high = (read_quantity(item, findings) for item in node.items)
     if low.unit == high.unit and low.value >= high.value:
         findings.report(errors.reversed_range(low.text, high.text, node.span))
         raise RefusedError
@@ -117,7 +118,7 @@ _UNIT_SCHEMA = {
     "minimum": 1,
     "maximum": 1,
 }
-_QUANTITY_SCHEMA = {
+QUANTITY = {
     "type": ["string", "number"],
     "pattern": rf"^\s*{_NUMBER}(\s*{_UNIT})?\s*$",
 }
@@ -131,9 +132,9 @@ _SAMPLE_TIME = {
     "pattern": rf"^\s*{_NUMBER}\s*{_UNIT}\s*$",
     "examples": ["10 ms", "100 Hz"],
 }
-_RANGE = {"type": "array", "items": _QUANTITY_SCHEMA, "minItems": 2, "maxItems": 2}
+_RANGE = {"type": "array", "items": QUANTITY, "minItems": 2, "maxItems": 2}
 UnitField: TypeAlias = Annotated[Located[Unit], reads(read_unit, _UNIT_SCHEMA)]
-QuantityField: TypeAlias = Annotated[Quantity, reads(_read_quantity, _QUANTITY_SCHEMA)]
+QuantityField: TypeAlias = Annotated[Quantity, reads(read_quantity, QUANTITY)]
 LengthField: TypeAlias = Annotated[Length, reads(read_length, {**_LENGTH, "minimum": 0})]
 PositiveLength: TypeAlias = Annotated[Length, reads(read_positive_length, POSITIVE_LENGTH)]
 SampleTime: TypeAlias = Annotated[Quantity, reads(_read_sample_time, _SAMPLE_TIME)]

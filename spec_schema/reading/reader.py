@@ -25,4 +25,7 @@ def read_spec(
     schema together with its expressions, its sub-models.
     """
     result = read_one_spec(path, text, settings)
-    return replace(result, used=read_used(result, texts))
+    used = read_used(result, texts)
+    of_robots = (one.warnings for one in used.values() if one.robot is not None)
+    warnings = (*result.warnings, *(said for each in of_robots for said in each))
+    return replace(result, used=used, warnings=warnings)

@@ -12,7 +12,7 @@ from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, with_key
 from spec_schema.yaml_tree.reader import read_tree
 
-WORKFLOW = ("data", "train", "validate", "export")
+WORKFLOW = ("data", "train", "validate", "export", "mpc", "estimator")
 """The sections that say what to do with the model; all others are the model."""
 
 FILE = "--set"

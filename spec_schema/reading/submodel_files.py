@@ -5,16 +5,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
+from spec_schema.errors import robots as robot_errors
 from spec_schema.errors import submodels as errors
-from spec_schema.reading.one_file import ReadResult, read_one_spec
+from spec_schema.reading.one_file import ReadResult, read_file, read_one_spec
+from spec_schema.robots.part import robot_part
+from spec_schema.sections.robots import Robot
+from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Use
 
 MOST_SUBMODELS = 1000
 DEEPEST = 16
 LARGEST_FILE = 4_000_000
 """Bytes; a text has fewer characters anyway."""
+LARGEST_ROBOT = 1_000_000
+"""Bytes of a URDF, whose meshes are files of their own."""
 
 
 def read_used(
@@ -46,13 +52,17 @@ class _Reading:
         sources = [result.source]
         count = 1
         for name, use in result.spec.use.items():
-            path = os.path.normpath(Path(chain[-1]).parent / use.spec.value)
+            path = os.path.normpath(Path(chain[-1]).parent / use.file.value)
             try:
-                found[name] = self._one(use, path, chain)
-                count += self.counts[os.path.realpath(path)]
+                if use.robot is not None:
+                    found[name] = self._robot(name, use.robot, path, result.spec)
+                    count += 1
+                else:
+                    found[name] = self._one(use, path, chain)
+                    count += self.counts[os.path.realpath(path)]
                 if count > MOST_SUBMODELS:
                     limit = f"{MOST_SUBMODELS} sub-models"
-                    raise SpecError([errors.too_many_submodels(limit, use.spec.span)])
+                    raise SpecError([errors.too_many_submodels(limit, use.file.span)])
             except SpecError as error:
                 failed = True
                 label = f"used here as `{name}`"
@@ -64,7 +74,7 @@ class _Reading:
         return found
 
     def _one(self, use: Use, path: str, chain: tuple[str, ...]) -> ReadResult:
-        place = use.spec.span
+        place = use.file.span
         real = os.path.realpath(path)
         files = [os.path.realpath(file) for file in chain]
         if real in files:
@@ -88,8 +98,25 @@ class _Reading:
                 raise
         return self.read[real]
 
+    def _robot(self, name: str, entry: Robot, path: str, around: Spec) -> ReadResult:
+        """What a URDF describes; it is read anew for each use, as settings belong to the use."""
+        place = entry.urdf.span
+        text = None if self.texts is None else self.texts.get(path)
+        if text is None:
+            reason = "no such file"
+            if self.texts is None:
+                reason = _why_unreadable(path, LARGEST_ROBOT)
+            if reason is not None:
+                raise SpecError([robot_errors.unreadable_robot(path, reason, place)])
+        source = read_file(Path(path)) if text is None else SourceText(path, text)
+        findings = Findings()
+        part = robot_part(entry, source, name, around, findings)
+        if part is None:
+            raise SpecError(findings.in_order, (source,))
+        return ReadResult(part.spec, findings.in_order, source, robot=part.robot)
 
-def _why_unreadable(path: str) -> str | None:
+
+def _why_unreadable(path: str, largest: int = LARGEST_FILE) -> str | None:
     """A spec names its parts, so it must not be able to name a device or what has no end."""
     file = Path(path)
     try:
@@ -97,16 +124,16 @@ def _why_unreadable(path: str) -> str | None:
             return "no such file"
         if not file.is_file():
             return "it is not a file"
-        return "it is too large" if file.stat().st_size > LARGEST_FILE else None
+        return "it is too large" if file.stat().st_size > largest else None
     except (OSError, ValueError) as error:
         return (getattr(error, "strerror", None) or str(error)).lower()
 
 
 def _seen_from_use(diagnostic: Diagnostic, use: Use, label: str) -> Diagnostic:
-    """A mistake in another file with the place where that is used; one at that place as it is."""
-    if diagnostic.span == use.spec.span:
+    """A mistake in another file with the place where that is used; one in this file as it is."""
+    if diagnostic.span is not None and diagnostic.span.file == use.file.span.file:
         return diagnostic
-    return diagnostic.seen_from(use.spec.span, label)
+    return diagnostic.seen_from(use.file.span, label)
 
 
 def _distinct(sources: list[SourceText]) -> tuple[SourceText, ...]:

@@ -111,11 +111,36 @@ class CExport(TargetEntry):
         return self.dtype in ("q15", "q31")
 
 
+class FmuExport(FloatTargetEntry):
+    """Functional Mock-up Units; names start with `prefix`, by default the name of the spec.
+
+    `delay` makes ports of the newest samples where the step reads inputs ahead, and outputs late.
+    """
+
+    noun: ClassVar[str] = "the fmu export"
+
+    prefix: NewName | None = None
+    delay: References = ()
+    """Inputs whose samples after t a step waits for: outputs are as many samples late."""
+
+
+class MpcExport(FloatTargetEntry):
+    """The controller of the `mpc` section; names start with `prefix`, by default the spec's name.
+
+    What it controls, and what is fed back, stands in that section: `outputs` and `close` are none
+    of its keys.
+    """
+
+    noun: ClassVar[str] = "the mpc export"
+
+    prefix: NewName | None = None
+
+
 class Export(Entry):
     """The targets that `msnn export` writes; None where not asked for."""
 
     noun: ClassVar[str] = "export"
-    later: ClassVar[frozenset[str]] = frozenset({"fmu", "mpc", "report"})
+    later: ClassVar[frozenset[str]] = frozenset({"report"})
 
     torch: TorchExport | None = None
     """A module that needs only torch."""
@@ -125,6 +150,10 @@ class Export(Entry):
     """A CasADi function."""
     c: CExport | None = None
     """C99 sources."""
+    fmu: FmuExport | None = None
+    """Units for co-simulation by FMI 2.0 and 3.0."""
+    mpc: MpcExport | None = None
+    """The controller of the `mpc` section as C99."""
 
     def entry(self, kind: type[OwnEntry]) -> OwnEntry | None:
         """The entry of one target, None where it is not asked for."""

@@ -3,7 +3,7 @@
 from typing import Annotated, ClassVar, TypeAlias
 
 from spec_schema.fields.entry import Entry, Variant
-from spec_schema.fields.plain import count
+from spec_schema.fields.plain import Reference, count
 
 Substeps: TypeAlias = Annotated[int, count(1, most=1000)]
 """Every one is written out in the program; who needs more has a stiff system."""
@@ -30,6 +30,8 @@ class LinearImplicit(Entry):
 
     noun: ClassVar[str] = "the linear_implicit integrator"
 
+    of: Reference | None = None
+    """Equation whose slope alone is implicit, such as a friction; without it all of them are."""
     substeps: Substeps = 1
 
 

@@ -10,9 +10,11 @@ from spec_schema.fields.plain import EntriesOf, LanguageVersion, NewName, Text
 from spec_schema.fields.quantities import SampleTime
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension, DimensionField
+from spec_schema.sections.estimation import Estimator
 from spec_schema.sections.exports import Export
 from spec_schema.sections.integrators import Integrator
 from spec_schema.sections.layers.layer import Layer
+from spec_schema.sections.optimal_control import OptimalControl
 from spec_schema.sections.signals import Equation, Input, Loss, Output, Signal, State
 from spec_schema.sections.submodels import Connection, Connections, Use
 from spec_schema.sections.training.training import Stage
@@ -27,8 +29,6 @@ class Spec(Entry):
     """
 
     noun: ClassVar[str] = "the spec"
-    later: ClassVar[frozenset[str]] = frozenset({"mpc"})
-
     msnn: LanguageVersion
     """Version of the language: 1."""
     name: NewName
@@ -72,3 +72,7 @@ class Spec(Entry):
     """What is measured of the trained model, with limits."""
     export: Export | None = None
     """What `msnn export` writes."""
+    mpc: OptimalControl | None = None
+    """The predictive controller whose plant is this model."""
+    estimator: Estimator | None = None
+    """How states that nobody measures are found while it runs."""

@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from pydantic import ValidationInfo
+from pydantic import ValidationInfo, model_validator
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
+from spec_schema.errors import robots
 from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import Entry, RefusedError, findings_of
 from spec_schema.fields.formulas import ExpressionField
@@ -16,6 +17,7 @@ from spec_schema.fields.located import Located
 from spec_schema.fields.named_tables import read_table
 from spec_schema.fields.plain import LocatedText, Text, reads, scalar
 from spec_schema.names import is_dotted_name
+from spec_schema.sections.robots import Robot
 from spec_schema.yaml_tree.nodes import Listing, Node, Table, kind
 
 
@@ -55,28 +57,39 @@ class Use(Entry):
     """Another spec as a part of this one; its members have the name of the part before theirs.
 
     `weights` are what a training of that spec wrote, its initial values without them. `freeze`
-    makes parameters constants of this model: `all`, `none` or patterns of their names.
+    makes parameters constants of this model: `all`, `none` or patterns of their names. In place of
+    a spec it can be a robot, whose dynamics are called as `NAME.forward_dynamics(q, dq, tau)`.
     """
 
     noun: ClassVar[str] = "a sub-model"
     shorthand: ClassVar[str | None] = "spec"
-    later: ClassVar[frozenset[str]] = frozenset({"robot"})
 
-    spec: LocatedText
+    spec: LocatedText | None = None
     """File of the spec, relative to this one."""
+    robot: Robot | None = None
     weights: LocatedText | None = None
     """File of weights that a training of it wrote; initial values without it."""
     freeze: Annotated[Freeze, reads(_read_freeze, _FREEZE)] = Freeze()
     """Parameters that are constants here: `all`, `none` or a list; `*` is any text."""
     doc: Text | None = None
 
-    @classmethod
-    def canonical(cls, node: Node, findings: Findings) -> Node:
-        if isinstance(node, Table) and "robot" in node.entries:
-            place = node.keys["robot"]
-            findings.report(errors.key_not_yet("robot", place, cls.noun, cls.known_keys()))
-            raise RefusedError
-        return super().canonical(node, findings)
+    @property
+    def file(self) -> Located[str]:
+        """The file that is used, of a spec or of a robot."""
+        found = self.spec if self.robot is None else self.robot.urdf
+        assert found is not None
+        return found
+
+    @model_validator(mode="after")
+    def _is_one_of_both(self, info: ValidationInfo) -> "Use":
+        findings = findings_of(info)
+        if self.spec is None and self.robot is None:
+            findings.report(errors.missing_key("spec", self.place.key, self.noun))
+        elif self.robot is not None and self.spec is not None:
+            findings.report(robots.spec_or_robot(self.robot.place.key))
+        elif self.robot is not None and self.weights is not None:
+            findings.report(robots.weights_of_robot(self.weights.span))
+        return self
 
 
 class Connection(Entry):

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from compiler.ir.program import Program
-from msnn.agreement.compare import Agreement
+from msnn.agreement.agreement import Agreement
 from msnn.agreement.judgement import FloatType
 from msnn.agreement.record import AgreementRecord, drawn_record
 from msnn.data.dataset import FloatArray

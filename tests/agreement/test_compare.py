@@ -34,6 +34,7 @@ TYPES: list[tuple[str, FloatType]] = [
     ("onnx", "float32"),
     ("c", "float64"),
     ("c", "float32"),
+    ("fmu", "float32"),
 ]
 
 

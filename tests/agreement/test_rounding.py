@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.agreement.compare import Agreement
+from msnn.agreement.agreement import Agreement
 from msnn.agreement.judgement import FloatType
 from msnn.agreement.record import agreement_record
 from msnn.agreement.report import AgreementReport, agreement_diagnostics

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import msnn
-from msnn.agreement.compare import Agreement
+from msnn.agreement.agreement import Agreement
 from msnn.agreement.faults import FarStep, NoChoice
 from msnn.agreement.judgement import FloatType
 from msnn.agreement.record import agreement_record

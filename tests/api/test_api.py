@@ -162,3 +162,32 @@ def test_linearize_has_the_slopes_of_one_step() -> None:
         msnn.linearize(model, {"x": 0.0}, history)
     with pytest.raises(ValueError, match="shape"):
         msnn.linearize(model, {"x": 0.0, "F": [0.0]}, history)
+
+
+def test_data_are_looked_at_as_the_command_line_does(spec: Path):
+    model = msnn.load(spec)
+    found = msnn.check_data(model)
+    assert [one.name for one in found.datasets] == ["data"]
+    assert found.system is not None
+    (file, *_) = sorted((spec.parent / "data").rglob("*.csv"))
+    one = msnn.check_data(model, file)
+    assert len(one.datasets[0].rows.follows) < len(found.datasets[0].rows.follows)
+    with pytest.raises(msnn.SpecError, match="no data file"):
+        msnn.check_data(model, "nowhere.csv")
+
+
+def test_arrays_are_looked_at_with_and_without_a_data_section(spec: Path):
+    random = np.random.default_rng(2)
+    force, x = random.normal(size=400), np.zeros(400)
+    for t in range(399):
+        x[t + 1] = 0.9 * x[t] + 0.1 * force[t]
+    x[200] = 80.0
+    columns = {"F": force, "x": x, "v": np.gradient(x)}
+    text = spec.read_text()
+    short = spec.with_name("short.msnn.yaml")
+    short.write_text(text[: text.index("data:")])
+    for path in (spec, short):
+        found = msnn.check_data(msnn.load(path), columns)
+        spikes = [finding for finding in found.findings if "`x`" in finding.message]
+        assert spikes, "a value eighty times larger than the others"
+        assert found.findings == msnn.check_data(msnn.load(path), [columns]).findings

@@ -124,4 +124,9 @@ def test_units_that_differ_are_not_compared():
     lines = [line(1, 1), replace(LINE, held_out=(other,))]
     with pytest.raises(SpecError) as caught:
         common_ways(lines)
-    assert [found.code for found in caught.value.diagnostics] == ["E0975"]
+    (found,) = caught.value.diagnostics
+    assert found.code == "E0975"
+    assert found.notes == (
+        f"`{lines[0].model}` measures y in m, one step",
+        f"`{LINE.model}` measures y in mm, one step",
+    )

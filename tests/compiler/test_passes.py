@@ -20,6 +20,7 @@ from compiler.passes import PASSES, run_passes
 from compiler.passes.close_loop import close_loop
 from compiler.passes.draw_dropout import draw_dropout
 from compiler.passes.drop_unused import drop_unused
+from compiler.passes.drop_zero_numbers import drop_zero_numbers
 from compiler.passes.expand_functions import expand_functions
 from compiler.passes.fold_constants import LARGEST_FOLDED, fold_constants
 from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
@@ -87,6 +88,9 @@ CASES: dict[str, list[tuple[str, Callable[[], Program], Callable[[Program], Prog
             PASS_PROGRAMS["units_of_0"],
             lambda p: prune_zero_slices(p, physical_weights(p, {}), ["taps", "out"]).program,
         )
+    ],
+    "drop_zero_numbers": [
+        ("single_numbers", PASS_PROGRAMS["single_numbers"], lambda p: drop_zero_numbers(p, ["off"]))
     ],
     "expand_functions": [
         ("functions", PASS_PROGRAMS["functions"], lambda p: expand_functions(p, NATIVE))

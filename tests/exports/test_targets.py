@@ -11,10 +11,10 @@ from typer.main import get_command
 
 from msnn.cli.application import application
 from msnn.exports.describe import exports_text
-from msnn.exports.export import target_named, target_names
+from msnn.exports.export import plan_exports, target_named, target_names
 from msnn.exports.table import EXTRAS, NAMES, TARGETS, ListedTarget
 from msnn.model.load import load_model
-from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.fields.entry_kinds import kinds_of
 from spec_schema.sections.exports import Export, Extra
 
@@ -51,7 +51,44 @@ def test_the_help_of_export_names_every_target(target: ListedTarget) -> None:
 
 def test_targets_are_written_in_the_order_of_the_table() -> None:
     assert target_names(["c", "torch"], None) == ("torch", "c")
-    assert target_names([], None) == target_names(["all"], None) == NAMES
+    every = target_names(["all"], None, has_control=True)
+    assert every == target_names([], None, has_control=True) == NAMES
+
+
+def test_controllers_are_among_all_targets_where_the_spec_has_one() -> None:
+    assert target_names([], None) == target_names(["all"], None)
+    assert set(NAMES) - set(target_names([], None)) == {"mpc"}
+    with pytest.raises(SpecError) as caught:
+        target_names(["mpc"], None)
+    assert [found.code for found in caught.value.diagnostics] == ["E1140"]
+
+
+@pytest.mark.parametrize(
+    ("section", "entry", "code"),
+    [
+        ("", "{}", "E1140"),
+        ("blocks: [2, 8]", "{}", "E1142"),
+        ("horizon: 10", "{outputs: [y]}", "E1143"),
+    ],
+)
+def test_controllers_that_are_not_written_are_refused(
+    section: str, entry: str, code: str, tmp_path: Path
+) -> None:
+    spec = tmp_path / "m.msnn.yaml"
+    mpc = "mpc: {controls: [u], cost: x**2 + u**2, horizon: 10, blocks: [2, 8]}\n"
+    mpc = mpc if "blocks" in section else mpc.replace(", blocks: [2, 8]", "")
+    spec.write_text(
+        "msnn: 1\nname: m\nsample_time: 1 s\ninputs: {u: {between: hold}}\n"
+        "states: {x: {next: 0.9 * x + u, init: 0}}\noutputs: {y: x}\n"
+        f"{mpc if section else ''}export: {{mpc: {entry}}}\n"
+    )
+    findings = Findings()
+    model = load_model(spec)
+    assert plan_exports(model, ["mpc"], findings) == []
+    assert [found.code for found in findings.in_order] == [code]
+
+
+def test_what_is_no_target_is_an_error() -> None:
     with pytest.raises(SpecError) as caught:
         target_names(["foo"], None)
     assert [found.code for found in caught.value.diagnostics] == ["E1038"]

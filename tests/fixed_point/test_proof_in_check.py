@@ -14,7 +14,7 @@ from compiler.fixed_point.forms import Form
 from compiler.fixed_point.integers.builder import IntegerBuilder
 from compiler.fixed_point.thresholds import Decided, IntegerCondition
 from compiler.ir.ops import Relation
-from msnn.agreement.compare import Agreement
+from msnn.agreement.agreement import Agreement
 from msnn.agreement.faults import BeyondProof
 from msnn.agreement.report import AgreementReport, agreement_diagnostics
 from tests.agreement.exported import checked

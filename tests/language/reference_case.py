@@ -74,7 +74,8 @@ def read_case(path: Path) -> Case:
     """The case of a file."""
     text = path.read_text(encoding="utf-8")
     given = yaml.safe_load(text)["x-case"]
-    program = replace(compile_spec(read_spec(path, text).spec).program, losses=())
+    read = read_spec(path, text)
+    program = replace(compile_spec(read.spec, used=read.used).program, losses=())
     expected = _arrays(given["expected"])
     far = reach(replace(program, outputs=tuple(replace(o, predicts=None) for o in program.outputs)))
     return Case(

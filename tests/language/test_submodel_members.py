@@ -210,3 +210,22 @@ def test_weights_of_the_outer_part_come_first(tmp_path: Path) -> None:
     program = model_of(tmp_path, text, outer=outer, gain=GAIN).program
     assert names(program)["parameters"] == ["outer.k", "outer.free.k"]
     np.testing.assert_array_equal(run(program, {"u": [1.0]}), [10.0 + 300.0 + 7000.0])
+
+
+def test_centers_of_fuzzy_sets_are_members_in_the_unit_of_their_calls(tmp_path: Path) -> None:
+    text = """
+        use: {p: part.yaml}
+        inputs: {v: m/s}
+        connect: {p.x: v}
+        outputs: {far: "sum(p.phi.centers - v)"}
+        """
+    part = """
+        inputs: {x: m/s}
+        layers: {phi: {fuzzify: {centers: [0, 1, 3], learn: true}}}
+        outputs: {y: sum(phi.offset(x))}
+        """
+    program = model_of(tmp_path, text, part=part).program
+    assert {str(parameter.unit) for parameter in program.parameters} == {"m/s"}
+    np.testing.assert_array_equal(
+        run(program, {"v": [2.0], "p.x": [0.0]}, output="far"), [4.0 - 6.0]
+    )

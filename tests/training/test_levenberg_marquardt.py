@@ -283,6 +283,22 @@ def test_what_it_cannot_do_is_said(stage: str, losses: str, code: str) -> None:
         assert found.span.line == (GAIN + "train:\n  - {}\n").count("\n") + 1
 
 
+@pytest.mark.parametrize("loss", ["l1(2 * a)", "l1(k)", "2 * l1(k)"])
+def test_l1_without_corners_is_told_where_factors_go(loss: str) -> None:
+    text = GAIN.replace("parameters: {", "parameters: {k: {init: 1, min: 0}, ")
+    program, spec = compiled(
+        text + "train:\n  - {optimizer: levenberg_marquardt}\n"
+        f"losses: {{fit: 'mse(x_next, x[t+1])', few: '{loss}', right: '2 * l1(a)'}}\n"
+    )
+    with pytest.raises(SpecError) as caught:
+        train(program, dataset(gain_series(50), train=[50]), spec.train, IN_MEMORY)
+    (found,) = [d for d in caught.value.diagnostics if d.severity == "error"]
+    assert found.code == "E0930"
+    assert "`few`: l1 of an expression, or of bounded numbers, is no sum" in found.message
+    assert found.help is not None
+    assert "factors outside: `2 * l1(f.weight)`" in found.help
+
+
 def test_a_loss_of_weight_0_may_be_anything() -> None:
     program, spec = gain(
         "  - {optimizer: levenberg_marquardt, losses: {shape: 0}}\n",

@@ -303,6 +303,10 @@ def test_every_horizon_trains(horizon: str) -> None:
         ("{freeze: [aa]}", "E0908"),
         ("{early_stop: {monitor: nothing}}", "E0906"),
         ("{rollout: 100}", "E0821"),
+        ("{optimizer: {adam: {lr: 1e300}}}", "E0353"),
+        ("{optimizer: {lbfgs: {lr: 1e39}}}", "E0353"),
+        ("{optimizer: {sgd: {lr: 1e30}}, lr: {a: 1e10}}", "E0353"),
+        ("{optimizer: {torch: {name: RAdam, options: {lr: 1e300}}}, engine: torch}", "E0353"),
     ],
 )
 def test_faults_of_a_stage_have_a_code(stage: str, code: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[Any]
+from backends.c.host.struct_memory import NUMBERS, Array, StateStruct, Struct
 
 
 class CStep:
@@ -30,15 +30,15 @@ class CStep:
         weights: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         self._prefix: str = layout["prefix"]
-        types = _NUMBERS[layout["dtype"]]
+        types = NUMBERS[layout["dtype"]]
         self.dtype = np.dtype(types.get("real", types.get("word")))
         """Of inputs and outputs; in fixed point they are words."""
         self.status_bits: dict[str, int] = layout["status"]
         """Bits of step and self-test by the names of their macros."""
-        self._structs = {name: _Struct(fields, types) for name, fields in layout["structs"].items()}
-        self._states: list[dict[str, Any]] = layout.get("states", [])
+        self._structs = {name: Struct(fields, types) for name, fields in layout["structs"].items()}
+        self._states = StateStruct(layout)
         self._library = library
-        self._state = self._structs["state"].new(1)
+        self._state = self._states.struct.new(1)
         self._parameters: Array | None = None
         if layout["takes_parameters"]:
             self._parameters = self._own_parameters(weights)
@@ -122,13 +122,11 @@ class CStep:
 
     def states(self) -> dict[str, Array]:
         """The values of all states, buffers oldest sample first; of no state in fixed point."""
-        memory = self._state[0]
-        return {state["name"]: _value_of(state, memory) for state in self._states}
+        return self._states.values(self._state[0])
 
     def set_states(self, values: Mapping[str, ArrayLike]) -> None:
         """Sets all states of an instance that was reset, in the shapes of `states`."""
-        for state in self._states:
-            _set_value(state, self._state[0], np.asarray(values[state["name"]], self.dtype))
+        self._states.fill(self._state[0], values)
 
     def word(self, field: str) -> int:
         """A number of the state struct that the spec does not name."""
@@ -164,80 +162,6 @@ class CStep:
             return function(*map(ctypes.c_void_p, addresses))
 
         return call
-
-
-class _Struct:
-    """A struct of the header as a numpy type; `align` places fields as C compilers do."""
-
-    def __init__(self, fields: list[dict[str, Any]], types: Mapping[str, str]) -> None:
-        kinds = {**types, "uint32": "uint32"}
-        members = [(f["field"], np.dtype(kinds[f["type"]]), tuple(f["shape"])) for f in fields]
-        self.dtype = np.dtype(members, align=True)
-        self._fields = {f["name"]: f for f in fields if f["name"] is not None}
-
-    @property
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Of the fields that the spec names."""
-        return {name: tuple(field["shape"]) for name, field in self._fields.items()}
-
-    def new(self, count: int) -> Array:
-        return np.zeros(count, self.dtype)
-
-    def filled(self, values: Mapping[str, ArrayLike], count: int) -> Array:
-        """Structs with the values; a single one takes them without the axis of the series."""
-        if values.keys() != self._fields.keys():
-            expected, given = sorted(self._fields), sorted(values)
-            raise ValueError(f"values wanted for {expected}, given for {given}")
-        structs = self.new(count)
-        for name, value in values.items():
-            target = structs[self._fields[name]["field"]]
-            array = np.asarray(value)
-            shape = target.shape if array.ndim == target.ndim else target.shape[1:]
-            if array.shape != shape or (shape != target.shape and count != 1):
-                raise ValueError(f"`{name}` has shape {array.shape}, not {target.shape}")
-            target[...] = array
-        return structs
-
-    def values(self, structs: Array) -> dict[str, Array]:
-        """The fields that the spec names, (count, *shape)."""
-        return {name: structs[field["field"]].copy() for name, field in self._fields.items()}
-
-
-_NUMBERS = {
-    "float32": {"real": "float32"},
-    "float64": {"real": "float64"},
-    "q15": {"word": "int16", "sum": "int32"},
-    "q31": {"word": "int32", "sum": "int64"},
-}
-"""Types of fields by the type of a program's numbers."""
-
-
-def _value_of(state: dict[str, Any], memory: Any) -> Array:
-    """The value of a state from the struct; a buffer has room for one sample more than it keeps."""
-    stored, shape = memory[state["field"]], tuple(state["shape"])
-    if state["kind"] == "plain":
-        return stored.reshape(shape).copy()
-    *rows, kept = shape
-    samples = stored.reshape(*rows, -1)
-    begin = 0
-    if state["kind"] == "ring":
-        begin = int(memory[state["head"]]) % (samples.shape[-1] // 2) + 1
-    return samples[..., begin : begin + kept].copy()
-
-
-def _set_value(state: dict[str, Any], memory: Any, value: Array) -> None:
-    """Writes the value of a state into the struct; a ring holds every sample twice."""
-    if state["kind"] == "plain":
-        memory[state["field"]] = value.reshape(memory[state["field"]].shape)
-        return
-    *rows, kept = state["shape"]
-    stored = memory[state["field"]].reshape(*rows, -1)
-    if state["kind"] == "shift":
-        stored[..., :kept] = value
-        return
-    memory[state["head"]] = 0
-    stored[..., 1 : kept + 1] = value
-    stored[..., kept + 2 :] = value
 
 
 def _layout(folder: Path) -> dict[str, Any]:

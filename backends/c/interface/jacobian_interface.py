@@ -106,7 +106,12 @@ def jacobian_interface(
         return None
     by_parameters = "parameter_jacobian" in options.extras
     declared_only = "state_jacobian" in options.extras
-    found = jacobian(program, parameters=by_parameters, declared_only=declared_only)
+    found = jacobian(
+        program,
+        parameters=by_parameters,
+        declared_only=declared_only,
+        feedthrough_only="feedthrough" in options.extras,
+    )
     vectors = [found.states, found.inputs, found.outputs]
     if by_parameters and options.params != "inline":
         vectors.append(found.parameters)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from nnodely import (
     Output,
     Parameter,
     ParamFun,
+    TimeConcatenate,
     clearNames,
 )
 from nnodely.visualizer import EmptyVisualizer
@@ -54,12 +57,12 @@ class Nnodely(Contender):
         clearNames()
         self._clock = Clock()
         model = Modely(visualizer=self._clock, seed=1)
-        stream, closed, target = (_vehicle if self._settings["name"] == "vehicle" else _mass)()
-        model.addModel("model", Output("prediction", stream))
-        model.addMinimize("error", Output("scored", stream), target.next(), "mse")
+        built = MODELS[self._settings["name"]]()
+        model.addModel("model", Output("prediction", built.fed_back))
+        model.addMinimize("error", Output("scored", built.scored), built.target.next(), "mse")
         model.neuralizeModel(self._settings["sample_time"])
-        model.loadData("log", {**self._arrays, "target": self._arrays[closed]})
-        self._model, self._closed = model, closed
+        model.loadData("log", built.log(self._arrays))
+        self._model, self._built = model, built
 
     def reset(self) -> None:
         self._build()
@@ -67,7 +70,7 @@ class Nnodely(Contender):
     def epochs(self, count: int, fixed: bool) -> tuple[float, list[float]]:
         steps = self._settings["horizon"]
         rollout: dict[str, Any] = (
-            {"closed_loop": {self._closed: "prediction"}, "prediction_samples": steps - 1}
+            {"closed_loop": {self._built.closed: "prediction"}, "prediction_samples": steps - 1}
             if steps > 1
             else {"prediction_samples": -1}
         )
@@ -78,17 +81,31 @@ class Nnodely(Contender):
             train_batch_size=self._settings["batch"],
             optimizer="Adam",
             lr=self._settings["lr"],
+            lr_param=dict.fromkeys(self._built.frozen, 0.0),
             **rollout,
         )
         return self._clock.seconds, [float(x) for x in self._model._training["error"]["train"]]
 
 
-def _mass():
+@dataclass(frozen=True)
+class Built:
+    """What is fed back to which input, and what is compared with which one's next sample."""
+
+    fed_back: Any
+    closed: str
+    scored: Any
+    target: Any
+    log: Callable[[dict[str, Any]], dict[str, Any]]
+    frozen: tuple[str, ...] = ()
+
+
+def _mass() -> Built:
     x, force, target = Input("x"), Input("F"), Input("target")
-    return x.last() + Fir(**ZERO)(x.sw(20)) + Fir(**ZERO)(force.sw(20)), "x", target
+    stream = x.last() + Fir(**ZERO)(x.sw(20)) + Fir(**ZERO)(force.sw(20))
+    return Built(stream, "x", stream, target, lambda log: {**log, "target": log["x"]})
 
 
-def _vehicle():
+def _vehicle() -> Built:
     v, pedal, brake, target = Input("v"), Input("u"), Input("brake"), Input("target")
     sets = Fuzzify(centers=[0.0, 10.0, 20.0, 30.0, 40.0], functions="Triangular")(v.last())
     local = LocalModel(input_function=lambda: Fir(**ZERO))(pedal.sw(30), sets)
@@ -96,7 +113,68 @@ def _vehicle():
         quadratic, [Parameter("c0", values=[0.0]), Parameter("c1", values=[0.0])]
     )(v.last())
     stream = v.last() + Fir(**ZERO)(v.sw(30)) + local + Fir(**ZERO)(brake.sw(30)) + resistance
-    return stream, "v", target
+    return Built(stream, "v", stream, target, lambda log: {**log, "target": log["v"]})
+
+
+def _steering() -> Built:
+    """`past` is one sample later than the angle: what is fed back arrives at the next step."""
+    v, a, rho, past = Input("v"), Input("a"), Input("rho"), Input("past")
+    phi_v = Fuzzify(centers=CENTERS, functions="Triangular")(v.last())
+    phi_a = Fuzzify(centers=[-2.0, -1.0, 0.0, 1.0, 2.0], functions="Triangular")(a.last())
+    understeer = Parameter("A", values=np.linspace(5e-4, 15e-4, 5).tolist())
+    under = ParamFun(weighted, [understeer])(phi_a)
+    nabla = ParamFun(understeered)(rho.sw([-1, 29]), v.sw([-1, 29]), under)
+    ahead = LocalModel(input_function=_cell("W", lambda _: np.full(30, 0.01)), pass_indexes=True)(
+        nabla, phi_v
+    )
+    steer = ahead + Fir(W=Parameter("w0", sw=29, values=[[0.0]] * 29))(past.sw(29))
+    angles = TimeConcatenate(past.sw(29), steer)
+    turned = LocalModel(input_function=_cell("V", _turning), pass_indexes=True)(angles, phi_v)
+    curvature = ParamFun(divided)(turned, v.last(), under)
+    frozen = ("A", *(f"V{i}" for i in range(len(CENTERS))))
+    return Built(steer, "past", curvature, rho, _shifted, frozen)
+
+
+CENTERS = [8.0 + 16.0 / 7.0 * i for i in range(8)]
+
+
+def _cell(name, taps):
+    """One filter over 30 samples a set, with a parameter of its own."""
+
+    def made(index):
+        values = taps(index[0]).reshape(30, 1).tolist()
+        return Fir(W=Parameter(f"{name}{index[0]}", sw=30, values=values))
+
+    return made
+
+
+def _turning(index):
+    """The frozen vehicle's taps of a set."""
+    return (1 + 0.05 * index) * 0.1 * np.exp(np.arange(-29, 1) / 4)
+
+
+def _shifted(log):
+    return {"past": log["delta"][:-1], **{name: log[name][1:] for name in ("v", "a", "rho")}}
+
+
+def weighted(phi, A):
+    return (phi * A).sum(dim=2, keepdim=True)
+
+
+def understeered(rho, v, under):
+    return rho * (1 + under * v**2)
+
+
+def divided(turned, v, under):
+    return turned / (1 + under * v**2)
+
+
+MODELS = {
+    "feed_forward": _mass,
+    "closed_loop": _mass,
+    "vehicle": _vehicle,
+    "steering": _steering,
+}
 
 
 if __name__ == "__main__":

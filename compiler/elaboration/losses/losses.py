@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 from compiler.elaboration.losses.cross_entropy import lower_cross_entropy
 from compiler.elaboration.losses.loss_terms import terms_of
 from compiler.elaboration.losses.penalties import PENALTIES, lower_penalty
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.liveness import needed, reads_simulation
-from compiler.ir.ops import ReadParameter
+from compiler.ir.ops import Read, ReadParameter, Window
 from compiler.ir.program import Loss, Measure, NodeId, Output
 from compiler.ir.types import Type, describe_axes
 from compiler.lowering.context import Context
@@ -71,7 +72,26 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
                 rows=rows if penalty is None else None,
             )
         )
+    if entry.rows is not None:
+        _check_rows_count(context, name, entry.rows, losses)
     return losses
+
+
+def _check_rows_count(
+    context: Context, name: str, rows: Expression, losses: Sequence[Loss]
+) -> None:
+    """Refuses a factor of rows where no term of the loss has another value in another row."""
+    graph = context.builder(_LOSS).graph()
+    values = [loss.prediction for loss in losses]
+    values += [loss.target for loss in losses if loss.target is not None]
+    live = needed(graph, values)
+    varies = (
+        kept and isinstance(node.op, Read | Window) and not isinstance(node.op, ReadParameter)
+        for kept, node in zip(live, graph.nodes, strict=True)
+    )
+    if not any(varies):
+        context.findings.report(states.rows_of_no_rows(name, rows.span))
+        raise LoweringFailed
 
 
 def default_loss(context: Context, output: Output) -> Loss:

@@ -15,7 +15,7 @@ from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.errors import knowledge, names, shapes
+from spec_schema.errors import knowledge, shapes
 from spec_schema.expressions.tree import Call, Name
 
 PENALTIES = ("l1", "l2", "group")
@@ -84,15 +84,14 @@ def checked_penalties(
 
 
 def _dim(context: Context, call: Call, axes: tuple[Axis, ...]) -> str:
+    named = {_WORDS.get(axis.name, axis.name.rpartition(".")[2]): axis for axis in axes}
     over = next((keyword.value for keyword in call.keywords if keyword.name == "over"), None)
     if over is None:
-        found = names.wrong_argument_count("group", "`over=` of a dim", 1, call.function.span)
-        context.findings.report(found)
+        context.findings.report(knowledge.group_over_nothing(tuple(named), call.span))
         raise LoweringFailed
     name = over.name if isinstance(over, Name) else ""
-    named = {_WORDS.get(axis.name, axis.name.rpartition(".")[2]): axis.name for axis in axes}
     if name not in named:
-        shown = describe_axes(axes)
+        shown = describe_axes(tuple(Axis(word, axis.size) for word, axis in named.items()))
         context.findings.report(shapes.no_such_axis("group", name or "?", shown, over.span))
         raise LoweringFailed
-    return named[name]
+    return named[name].name

@@ -227,8 +227,8 @@ _ROWS = (
     ),
     ScalarFunction(
         "softplus", _softplus, (slope_of_soft_plus,),
-        _NUMBER, "", "", None, "softplus", ByFormula(soft_plus), _WIDE,
-        "log(1 + exp(x)), smooth max(x, 0).",
+        UnitRule.SAME, "", "", None, "softplus", ByFormula(soft_plus), _WIDE,
+        "log(1 + exp(x)), smooth max(x, 0), in the unit of x.",
     ),
     ScalarFunction(
         "pow", np.power,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn, Protocol
 
@@ -52,6 +52,17 @@ class LayerStores:
     """The signal whose statistics each `normalize` layer has."""
     fits: dict[str, Fit] = field(default_factory=dict[str, Fit])
     """What each layer with `fit:` starts at."""
+    known_units: Mapping[str, Unit] = field(default_factory=dict[str, Unit])
+    """Units of the centres that the lowering before this one found, for those read uncalled."""
+    argument_units: dict[str, Unit] = field(default_factory=dict[str, Unit])
+    """The unit in which each fuzzify layer is called first."""
+    read_uncalled: set[str] = field(default_factory=set[str])
+    """Layers whose centres are read: their unit is that of a call, which may come later."""
+
+    def found_units(self) -> Mapping[str, Unit]:
+        """Units of the centres that this lowering reads."""
+        called = self.argument_units
+        return {name: called[name] for name in sorted(self.read_uncalled & called.keys())}
 
 
 @dataclass(frozen=True, kw_only=True)

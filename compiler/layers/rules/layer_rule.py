@@ -14,6 +14,7 @@ S = TypeVar("S", bound=Entry)
 
 Arguments: TypeAlias = tuple[NodeId, ...]
 Expansion: TypeAlias = Callable[[LayerContext, S, Arguments], NodeId]
+Reading: TypeAlias = Callable[[LayerContext, S], NodeId]
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class LayerRule(Generic[S]):
     """The value of the layer, out of core operations."""
     members: Mapping[str, Expansion[S]] = field(default_factory=dict[str, "Expansion[S]"])
     """What is called as `NAME.member(expr)`."""
+    values: Mapping[str, Reading[S]] = field(default_factory=dict[str, "Reading[S]"])
+    """What is read as `NAME.value`, without a call."""
     is_black_box: bool = False
     """Whether its numbers mean nothing one by one: other numbers make the same function, or one
     that no data tell from it."""

@@ -40,6 +40,11 @@ class Arrays:
         """Parameters and those that sub-models hold constant."""
         return tuple(self._parameters)
 
+    def of_layer(self, layer: str) -> tuple[str, ...]:
+        """What stands after the dot in the names of a layer's arrays."""
+        owners = (name.rpartition(".") for name in self._parameters)
+        return tuple(suffix for owner, _, suffix in owners if owner == layer)
+
     def read(self, builder: GraphBuilder, name: str) -> NodeId:
         """The value of a declared parameter: a constant where its sub-model is frozen (R11)."""
         found = self._parameters[name]

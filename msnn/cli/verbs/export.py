@@ -1,4 +1,4 @@
-"""`msnn export`: writes a model as C, ONNX, CasADi and torch, and compares what it wrote."""
+"""`msnn export`: writes a model as C, FMU, ONNX, CasADi and torch, and compares what it wrote."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ def export(
         str,
         typer.Option(
             metavar="TARGET,…",
-            help="c, onnx, casadi, torch or all; default: those of the spec's `export:`, else all.",
+            help="c, fmu, mpc, onnx, casadi, torch or all; default: those of the spec's `export:`, "
+            "else all.",
         ),
     ] = "",
     extra: Annotated[
@@ -59,7 +60,7 @@ def export(
     settings: Settings = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Write C, ONNX, CasADi and torch.
+    """Write C, FMU, controllers, ONNX, CasADi and torch.
 
     Each target into a folder of its own, as the spec's `export` section says. With --check exit
     code 3 when one of them computes something else than the interpreter.
@@ -79,7 +80,9 @@ def export(
     model = load_model(spec, settings or ())
     report_model(model)
     findings = Findings()
-    targets, missing = writable_targets(names, model.spec.export)
+    targets, missing = writable_targets(
+        names, model.spec.export, has_control=model.control is not None
+    )
     for target in missing:
         note(target.left_out)
     having = [target.name for target in TARGETS if target.extras]

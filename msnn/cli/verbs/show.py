@@ -97,7 +97,12 @@ def show(
     else:
         from msnn.reports.show import interface_text
 
-        result(interface_text(model.program))
+        parts = [interface_text(model.program)]
+        if model.control is not None:
+            from msnn.reports.show_control import control_text
+
+            parts.append(control_text(model.control))
+        result("\n\n".join(parts))
 
 
 def _show_run(folder: Path, plot: Path | None, format: ResultFormat) -> None:

@@ -47,6 +47,16 @@ def simulate(
     horizon: Annotated[
         str, typer.Option(metavar="record|N", help="Steps of each run; default: whole records.")
     ] = "record",
+    intervals: Annotated[
+        float | None,
+        typer.Option(
+            "--intervals",
+            metavar="PERCENT",
+            min=1.0,
+            max=99.99,
+            help="Also write the ends of prediction intervals that hold so many measured values.",
+        ),
+    ] = None,
     out: Annotated[
         Path, typer.Option("-o", "--out", metavar="FILE", help="The CSV file to write.")
     ] = Path("simulation.csv"),
@@ -57,7 +67,7 @@ def simulate(
 
     Every input that an output predicts is fed back, the others are read from the record. Writes a
     row a step: file, set, row and time as the log has them, outputs, and beside them what was
-    measured.
+    measured and the ends of intervals.
     """
     from msnn.api import measurements
     from msnn.cli.console import json_result, note, progress_stream, report, report_model, result
@@ -82,12 +92,13 @@ def simulate(
         found = measurements.simulate(
             model,
             data,
-            chosen.weights,
+            chosen.weights if intervals is None else chosen.file,
             horizon=steps,
             data_root=data_root,
             data_set=data_set,
             engine=engine,
             progress=progress.told,
+            intervals=intervals,
         )
     report(found.warnings, model.sources)
     program = simulation_program(model.program)

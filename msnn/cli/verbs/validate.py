@@ -8,16 +8,17 @@ from typing import Annotated
 import typer
 
 from msnn.cli.arguments import (
+    EVERY_ENGINE,
     RUNS,
     DataRoot,
     Initial,
     OutputFormat,
     PlotFile,
     ResultFormat,
-    RolloutEngine,
     RunsFolder,
     Settings,
     SpecFile,
+    ValidationEngine,
     WeightsFile,
     refuse_two_origins,
     refuse_undrawable,
@@ -32,7 +33,13 @@ def validate(
     runs: RunsFolder = RUNS,
     data_root: DataRoot = None,
     settings: Settings = None,
-    engine: RolloutEngine = "auto",
+    engine: ValidationEngine = "auto",
+    intervals: Annotated[
+        bool,
+        typer.Option(
+            "--intervals", help="Also count how often targets lie inside prediction intervals."
+        ),
+    ] = False,
     junit: Annotated[
         Path | None,
         typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, a test a limit."),
@@ -51,7 +58,8 @@ def validate(
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
-    from msnn.validation.errors_report import regions_table, residuals_table
+    from msnn.validation.engines_report import EnginesReport, engines_record, engines_table
+    from msnn.validation.errors_report import coverage_table, regions_table, residuals_table
     from msnn.validation.report import (
         curves_table,
         junit_text,
@@ -60,6 +68,9 @@ def validate(
         metrics_table,
     )
 
+    if intervals and engine == EVERY_ENGINE:
+        message = "are counted by one engine, not by `--engine all`"
+        raise typer.BadParameter(message, param_hint="'--intervals'")
     refuse_two_origins(weights, initial)
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
@@ -67,17 +78,35 @@ def validate(
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
+    every: EnginesReport | None = None
     with StepProgress(progress_stream()) as progress:
-        found = measurements.validate(
-            model, chosen.weights, data_root=data_root, engine=engine, progress=progress.told
-        )
+        if engine == EVERY_ENGINE:
+            every = measurements.validate_every_engine(
+                model, chosen.weights, data_root=data_root, progress=progress.told
+            )
+            found = every.judged
+        else:
+            found = measurements.validate(
+                model,
+                chosen.file if intervals else chosen.weights,
+                data_root=data_root,
+                engine=engine,
+                progress=progress.told,
+                intervals=intervals,
+            )
     report(found.warnings, model.sources)
     if junit is not None:
         from backends.files.atomic_write import write_text
 
         write_text(junit, junit_text(model.name, found))
+    if every is not None:
+        for name, why in every.left_out.items():
+            note(f"{name} is left out: {why}")
     if format is ResultFormat.JSON:
-        json_result("validate", metrics_record(found))
+        record = metrics_record(found) if every is None else engines_record(every)
+        json_result("validate", record)
+    elif every is not None:
+        result(engines_table(every))
     else:
         tables = (
             metrics_table(found),
@@ -85,6 +114,7 @@ def validate(
             curves_table(found),
             residuals_table(found.measurements),
             regions_table(found.measurements),
+            coverage_table(found.measurements),
         )
         result("\n\n".join(table for table in tables if table))
     if plot is not None:

@@ -8,12 +8,17 @@ from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 
+from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 EngineName: TypeAlias = Literal["interpreter", "native", "torch"]
+"""What is always there to simulate with."""
+
+ExportName: TypeAlias = Literal["onnx", "casadi", "c", "fmu"]
+"""Exports that data can be run through."""
 
 Advance: TypeAlias = Callable[[int], None]
 """Is told now and then how many more steps of rollouts are done."""
@@ -38,8 +43,20 @@ class OpenedRollouts:
     """An engine that is ready, which one it is, and what the user should know of the choice."""
 
     engine: RolloutEngine
-    name: EngineName
+    name: str
+    """Of `EngineName` or `ExportName`."""
     notes: tuple[Diagnostic, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class EngineToOpen:
+    """An engine that is made elsewhere, for a program whose loops are closed, weights and a log."""
+
+    open: Callable[[Program, Mapping[str, FloatArray], Mapping[str, FloatArray]], OpenedRollouts]
+
+
+Engine: TypeAlias = str | EngineToOpen
+"""A name that `open_rollouts` knows, or an engine that is made elsewhere."""
 
 
 def first_places(runs: Runs) -> IntArray:

@@ -15,12 +15,18 @@ from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.errors import kernels
 from msnn.packages import TORCH
-from msnn.simulation.engines.engine import EngineName, OpenedRollouts
+from msnn.simulation.engines.engine import (
+    Engine,
+    EngineName,
+    EngineToOpen,
+    ExportName,
+    OpenedRollouts,
+)
 from msnn.simulation.engines.stepwise import SIDE_BY_SIDE, interpreted_rollouts
 from spec_schema.diagnostics.diagnostic import SpecError
 
 AUTO = "auto"
-ENGINES: tuple[str, ...] = (AUTO, *get_args(EngineName))
+ENGINES: tuple[str, ...] = (AUTO, *get_args(EngineName), *get_args(ExportName))
 """What may be asked for."""
 
 _TO_COMPILE = 0.7
@@ -39,7 +45,7 @@ Arrays = Mapping[str, FloatArray]
 
 
 def open_rollouts(
-    engine: str, program: Program, weights: Arrays, series: Arrays, runs: Runs
+    engine: Engine, program: Program, weights: Arrays, series: Arrays, runs: Runs
 ) -> OpenedRollouts:
     """The engine that is asked for, ready for a program whose loops are closed.
 
@@ -47,6 +53,8 @@ def open_rollouts(
     compiler. Raises SpecError for kernels that cannot be had.
     """
     match engine:
+        case EngineToOpen():
+            return engine.open(program, weights, series)
         case "interpreter":
             return OpenedRollouts(interpreted_rollouts(program, weights, series), engine)
         case "torch":
@@ -71,7 +79,7 @@ def open_rollouts(
                 return open_rollouts("interpreter", program, weights, series, runs)
             return _native(program, weights, series, runs, interpreted)
         case _:
-            raise AssertionError("`known_engine` lets no other through")
+            raise AssertionError("`known_engine` knows no other, and exports are opened elsewhere")
 
 
 def known_engine(name: str) -> str:

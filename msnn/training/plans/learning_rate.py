@@ -1,13 +1,17 @@
-"""Computes the learning rate of each epoch, as a factor of the optimiser's own."""
+"""Computes the learning rate of each epoch, as a factor of the optimiser's own, and checks it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import assert_never
 
 import numpy as np
 
+from msnn.errors.stages import rate_beyond
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
 from spec_schema.sections.training.schedules import Cosine, Exponential, Plateau, Step
 
 Rule = Cosine | Exponential | Step | Plateau | None
@@ -57,3 +61,18 @@ def after_epoch(rule: Rule, epoch: int, better: int, reductions: Reductions) -> 
     if isinstance(rule, Plateau) and epoch - max(better, reductions.epoch) >= rule.patience:
         return Reductions(reductions.count + 1, epoch)
     return reductions
+
+
+def check_rate(
+    stage: str,
+    rate: float | None,
+    factors: Mapping[str, float],
+    dtype: str,
+    place: Span | None,
+    findings: Findings,
+) -> None:
+    """Refuses a rate that is infinite in what the stage computes with."""
+    largest = max((rate or 0.0) * factor for factor in (1.0, *factors.values()))
+    most = float(np.finfo(dtype).max)
+    if largest > most:
+        findings.report(rate_beyond(stage, largest, dtype, most, place))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
-from compiler.ir.program import Program
+from compiler.ir.ops import Apply
+from compiler.ir.program import Measure, Program
 from msnn.errors import second_order
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.training.training import Stage
@@ -41,6 +42,16 @@ def check_losses(
         if loss.penalty is not None:
             continue
         if weight < 0 or (weight and not is_sum_of_squares(program.step, loss)):
-            measure = loss.measure.value
-            found = second_order.no_sum_of_squares(loss.name, measure, weight, loss.span, stage)
+            op = program.step[loss.prediction].op
+            is_penalty = weight > 0 and loss.target is None and op == Apply("abs")
+            what = loss.measure.value
+            if weight < 0:
+                what = "a negative share"
+            elif is_penalty:
+                what = "l1 of an expression, or of bounded numbers,"
+            elif loss.measure is Measure.MEAN:
+                what = "an expression"
+            found = second_order.no_sum_of_squares(
+                loss.name, what, loss.span, stage, is_penalty=is_penalty
+            )
             findings.report(found)

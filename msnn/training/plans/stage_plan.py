@@ -14,7 +14,7 @@ from msnn.errors import training as errors
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
 from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.curriculum import Phase, plan_curriculum
-from msnn.training.plans.learning_rate import Rule
+from msnn.training.plans.learning_rate import Rule, check_rate
 from msnn.training.plans.penalties import check_priors, with_reached_corners, without_corners
 from msnn.training.plans.second_order_checks import check_keys, check_losses
 from msnn.training.plans.torch_optimizer_options import check_torch_optimizer
@@ -179,13 +179,16 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     layers = {parameter.rpartition(".")[0] for parameter in learned}
     changing = {parameter.rpartition(".")[0] for parameter in trained}
     drawn = draw_dropout(rollout.program, layers - changing - {""})
+    rate = _rate(program, stage, trained, findings)
+    dtype = "float64" if optimizer.needs_squares else stage.dtype
+    check_rate(name, rate, factors, dtype, optimizer.place.key, findings)
     return StagePlan(
         index=index,
         name=name,
         epochs=stage.epochs,
         batch=None if all_at_once else stage.batch,
         optimizer=optimizer,
-        lr=_rate(program, stage, trained, findings),
+        lr=rate,
         searches_rate=getattr(optimizer, "lr", None) == "auto",
         rollout=rollout,
         program=drawn.program,
@@ -200,7 +203,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         monitor=monitor,
         patience=patience,
         seed=stage.seed,
-        dtype="float64" if optimizer.needs_squares else stage.dtype,
+        dtype=dtype,
         engine="native" if stage.reproducible else stage.engine,
         device="cpu",
         threads=stage.threads,

@@ -14,10 +14,12 @@ from typing import Any, cast
 from backends.files.atomic_write import naming, sync, write_bytes, write_text
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
+from msnn.model.covariance_file import COVARIANCE, Covariance, write_covariance
 from msnn.model.kept_run import (
     CHECKPOINT,
     DESCRIPTION,
     LATEST,
+    PARAMETERS,
     PARTS,
     SPEC,
     WEIGHTS,
@@ -27,7 +29,6 @@ from msnn.model.spec_hash import SubmodelFile
 from msnn.model.weights_file import write_weights
 
 METRICS = "metrics.jsonl"
-PARAMETERS = "parameters.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +95,13 @@ class RunFolder:
         """Writes `parameters.json`: the learned values with their standard errors."""
         text = json.dumps(finite(record), ensure_ascii=False, indent=2)
         write_text(self.path / PARAMETERS, text + "\n")
+
+    def write_covariance(self, found: Covariance | None) -> None:
+        """Writes how uncertain the learned numbers are; without it none of other weights stays."""
+        if found is None:
+            (self.path / COVARIANCE).unlink(missing_ok=True)
+        else:
+            write_covariance(self.path / COVARIANCE, found)
 
     def write_description(
         self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[SubmodelFile] = ()

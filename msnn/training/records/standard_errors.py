@@ -14,7 +14,7 @@ JₗᵀJₗ first, and count among the pₗ.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,8 +23,9 @@ from backends.files.c_compiler import CompilerMissingError
 from backends.gauss_newton_products import Products
 from backends.known_terms import KnownTerms, in_corners
 from compiler.ir.program import Measure, Parameter
-from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.data.starts import Runs
+from msnn.model.covariance_file import Covariance
 from msnn.simulation.rollout import LossSum
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.simulation.start_fit import StartFit
@@ -36,6 +37,7 @@ from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
 from msnn.training.plans.squared_losses import NUMBER_OF, squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.records.identified import combinations, inverted, is_part_of, number_names
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 MOST_NUMBERS = 300
@@ -43,12 +45,6 @@ MOST_NUMBERS = 300
 
 AT_BOUND = 1e-3
 """Part of the range within which a value counts as at its bound."""
-
-_NOTHING = 1e-10
-"""Curvature, relative to that of single parameters, below which a direction changes nothing."""
-
-_SHARE = 1e-3
-"""Part of a direction that changes nothing from which on a number is named as a part of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +62,8 @@ class StandardErrors:
     """Why there are none at all."""
     notes: tuple[Diagnostic, ...] = ()
     """Why they were not computed by kernels."""
+    covariance: Covariance | None = None
+    """What the errors are the roots of the diagonal of; None where there is none at all."""
 
 
 def standard_errors(
@@ -192,14 +190,14 @@ def _estimated(
     held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
     held |= in_corners(known, np.concatenate([weights[p.name].ravel() for p in parameters]))
     free = np.flatnonzero(~held)
-    names = [n for p in parameters for n in _number_names(p.name, weights[p.name].shape)]
+    names = [n for p in parameters for n in number_names(p.name, weights[p.name].shape)]
     shares = _shares(plan, products)
     curvatures = {
         name: share * products[name].curvature[np.ix_(free, free)] for name, share in shares.items()
     }
     prior = _prior_curvature(plan, known, products)[free]
     total = sum(curvatures.values(), np.diag(prior[:, 0]))
-    inverse, nothing = _inverted(total)
+    inverse, nothing = inverted(total)
     # the residuals of a penalty such as l2(w) are no measurements: it has no noise
     measured = {loss.name for loss in plan.rollout.program.losses if loss.target is not None}
     noise: dict[str, float] = {}
@@ -213,9 +211,9 @@ def _estimated(
         noise[name] = float(np.sqrt(variance))
         spread += shares[name] * variance * curvature
     variances = np.full(len(held), np.nan)
-    variances[free] = np.diagonal(inverse @ spread @ inverse)
-    lost = (nothing * nothing).sum(axis=1) > _SHARE * _SHARE
-    variances[free[lost]] = np.nan
+    covariance = inverse @ spread @ inverse
+    variances[free] = np.diagonal(covariance)
+    variances[free[is_part_of(nothing)]] = np.nan
     sizes = np.cumsum([weights[p.name].size for p in parameters])[:-1]
     errors = np.split(np.sqrt(variances), sizes)
     return StandardErrors(
@@ -223,10 +221,26 @@ def _estimated(
             p.name: e.reshape(weights[p.name].shape)
             for p, e in zip(parameters, errors, strict=True)
         },
-        unidentified=_combinations(total, nothing, [names[i] for i in free]),
+        unidentified=combinations(total, nothing, [names[i] for i in free]),
         noise=noise,
         residuals=round(sum(_numbers(products, name) for name in noise)),
+        covariance=_kept(parameters, weights, free, covariance),
     )
+
+
+def _kept(
+    parameters: Sequence[Parameter],
+    weights: Mapping[str, FloatArray],
+    free: IntArray,
+    covariance: FloatArray,
+) -> Covariance | None:
+    """That of all numbers, those that are held included; None where residuals are too few."""
+    if not np.all(np.isfinite(covariance)):
+        return None
+    names = [parameter.name for parameter in parameters]
+    whole = np.zeros((sum(weights[name].size for name in names),) * 2)
+    whole[np.ix_(free, free)] = covariance
+    return Covariance.sorted_by_name(names, weights, whole)
 
 
 def _shares(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, float]:
@@ -253,38 +267,3 @@ def _share(plan: StagePlan, name: str, found: Products) -> float:
     if loss.measure is Measure.RMSE and found.cost > 0:
         return share / (2.0 * float(np.sqrt(found.cost / found.count)))
     return share
-
-
-def _inverted(curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The inverse in the directions that change something, and the others as columns.
-
-    In variables that are scaled to curvature 1 each, so that units do not decide what is small.
-    """
-    diagonal = np.diagonal(curvature)
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
-    seen = values > _NOTHING
-    kept = vectors[:, seen] * scale[:, None]
-    return (kept / values[seen]) @ kept.T, vectors[:, ~seen]
-
-
-def _combinations(
-    curvature: FloatArray, nothing: FloatArray, names: list[str]
-) -> tuple[Mapping[str, float], ...]:
-    """The directions that change nothing, in the parameters' own units."""
-    diagonal = np.diagonal(curvature)
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    found: list[Mapping[str, float]] = []
-    for column in nothing.T:
-        kept = np.abs(column) > _SHARE
-        change = np.where(kept, column * scale, 0.0)
-        change = change / change[np.argmax(np.abs(change))]
-        found.append({names[i]: float(change[i]) for i in np.flatnonzero(kept)})
-    return tuple(found)
-
-
-def _number_names(name: str, shape: tuple[int, ...]) -> list[str]:
-    """`k`, or `k[0]`, `k[1]`, … for the elements of an array."""
-    if not shape:
-        return [name]
-    return [f"{name}[{', '.join(map(str, index))}]" for index in np.ndindex(shape)]

@@ -189,7 +189,7 @@ def test_uneven_points_are_searched() -> None:
         ("gallery/lane_keeper.msnn.yaml", 2),
         ("gallery/reference.msnn.yaml", 1),
         ("gallery/arm_friction.msnn.yaml", 0),  # gaussian sets are nowhere 0
-        ("steering/vehicle.msnn.yaml", 2),
+        ("vehicle_steering/vehicle.msnn.yaml", 2),
     ],
 )
 def test_compact_sets_of_the_examples_are_found_after_all_passes(spec: str, sets: int) -> None:

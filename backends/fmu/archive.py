@@ -1,0 +1,36 @@
+"""Packs files into an archive: the same bytes for the same files, on every day and machine."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+_DATE = (1980, 1, 1, 0, 0, 0)
+"""The first day that archives know: files of a unit have no other."""
+
+BINARIES = "binaries/"
+
+_UNIX = 3
+_FILE, _PROGRAM = 0o100644, 0o100755
+
+
+def archive(files: Mapping[str, bytes]) -> bytes:
+    """A ZIP archive of files by path, in the order of their paths."""
+    found = io.BytesIO()
+    with zipfile.ZipFile(found, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as packed:
+        for path in sorted(files):
+            entry = zipfile.ZipInfo(path, _DATE)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = _UNIX
+            mode = _PROGRAM if path.startswith(BINARIES) else _FILE
+            entry.external_attr = mode << 16
+            packed.writestr(entry, files[path], compresslevel=9)
+    return found.getvalue()
+
+
+def holds_binary(path: Path) -> bool:
+    """Whether the unit in a file was compiled for a machine."""
+    with zipfile.ZipFile(path) as packed:
+        return any(name.startswith(BINARIES) for name in packed.namelist())

@@ -1,0 +1,131 @@
+"""Writes the model description of FMI 2.0, in which every number is a variable of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from xml.etree.ElementTree import Element
+
+from backends.fmu.facts import LOG_CATEGORIES, UnitFacts
+from backends.fmu.names import element_names, is_structured
+from backends.fmu.units import add_units
+from backends.fmu.variable import Kind, Variable
+from backends.fmu.xml_text import child, element, number_text, xml_text
+from spec_schema.version import __version__
+
+CAUSALITY: dict[Kind, tuple[str, str, str | None]] = {
+    Kind.INPUT: ("input", "discrete", None),
+    Kind.OUTPUT: ("output", "discrete", "calculated"),
+    Kind.STATE: ("local", "discrete", "calculated"),
+    Kind.PARAMETER: ("parameter", "tunable", "exact"),
+    Kind.SAMPLES: ("parameter", "fixed", "exact"),
+    Kind.FIRST: ("parameter", "fixed", "exact"),
+}
+"""Causality, variability and `initial` of a variable."""
+
+
+def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str:
+    """`modelDescription.xml`; `sources` are the files to compile."""
+    variables = facts.variables
+    root = element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": "2.0",
+            "modelName": facts.model,
+            "guid": guid,
+            "description": facts.doc or None,
+            "generationTool": f"msnn {__version__}",
+            "variableNamingConvention": naming(facts),
+        },
+    )
+    simulation = child(
+        root,
+        "CoSimulation",
+        {
+            "modelIdentifier": facts.prefix,
+            "canHandleVariableCommunicationStepSize": _truth(facts.sample_time is None),
+            "canNotUseMemoryManagementFunctions": "true",
+            "canGetAndSetFMUstate": "true",
+            "canSerializeFMUstate": "true",
+            "providesDirectionalDerivative": _truth(facts.depends is not None),
+        },
+    )
+    files = child(simulation, "SourceFiles")
+    for name in sources:
+        child(files, "File", {"name": name})
+    add_units(root, (variable.unit for variable in variables.all))
+    categories = child(root, "LogCategories")
+    for name, meaning in LOG_CATEGORIES.items():
+        child(categories, "Category", {"name": name, "description": meaning})
+    child(root, "DefaultExperiment", experiment(facts))
+    listed = child(root, "ModelVariables")
+    for variable in variables.all:
+        _add(listed, variable, facts)
+    status = _scalar(
+        listed, variables.status, variables.status_reference, facts.status_doc, Kind.OUTPUT
+    )
+    child(status, "Integer")
+    _add_structure(root, facts)
+    return xml_text(root)
+
+
+def naming(facts: UnitFacts) -> str:
+    """FMI's convention that the names of the variables keep to."""
+    names = [variable.name for variable in facts.variables.all]
+    return "structured" if is_structured(names) else "flat"
+
+
+def experiment(facts: UnitFacts) -> dict[str, str | None]:
+    """Attributes of `DefaultExperiment`."""
+    every = facts.sample_time
+    return {"startTime": "0", "stepSize": None if every is None else number_text(every)}
+
+
+def limits(variable: Variable) -> dict[str, str | None]:
+    """Attributes of a number that both versions have."""
+    low, high = variable.range or (-float("inf"), float("inf"))
+    return {
+        "unit": variable.unit and variable.unit.text,
+        "min": number_text(low) if low > -float("inf") else None,
+        "max": number_text(high) if high < float("inf") else None,
+    }
+
+
+def _add(listed: Element, variable: Variable, facts: UnitFacts) -> None:
+    for offset, (name, doc) in enumerate(element_names(variable, facts.labels)):
+        scalar = _scalar(listed, name, variable.first + offset, doc, variable.kind)
+        start = None if variable.kind.is_result else number_text(variable.start[offset])
+        child(scalar, "Real", {**limits(variable), "start": start})
+
+
+def _scalar(listed: Element, name: str, reference: int, doc: str, kind: Kind) -> Element:
+    causality, variability, initial = CAUSALITY[kind]
+    attributes = {
+        "name": name,
+        "valueReference": str(reference),
+        "description": doc or None,
+        "causality": causality,
+        "variability": variability,
+        "initial": initial,
+    }
+    return child(listed, "ScalarVariable", attributes)
+
+
+def _add_structure(root: Element, facts: UnitFacts) -> None:
+    """Outputs and what they depend on; places in the list of variables begin with 1."""
+    structure = child(root, "ModelStructure")
+    outputs, initial = child(structure, "Outputs"), child(structure, "InitialUnknowns")
+    for variable in facts.variables.of(Kind.OUTPUT):
+        places: str | None = None
+        if facts.depends is not None:
+            inputs = facts.depends[variable.name]
+            places = " ".join(str(i + 1) for v in inputs for i in range(v.first, v.first + v.size))
+        for place in range(variable.first + 1, variable.first + variable.size + 1):
+            child(outputs, "Unknown", {"index": str(place), "dependencies": places})
+            child(initial, "Unknown", {"index": str(place)})
+    last = str(facts.variables.status_reference + 1)
+    child(outputs, "Unknown", {"index": last})
+    child(initial, "Unknown", {"index": last})
+
+
+def _truth(value: bool) -> str:
+    return "true" if value else "false"

@@ -1,0 +1,40 @@
+"""Holds what the descriptions of a unit say beside its variables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from backends.c_language.literals import Dtype
+from backends.fmu.variable import Variable, Variables
+
+ERROR, WARNING = "logStatusError", "logStatusWarning"
+"""Categories of messages; the names are FMI's."""
+
+LOG_CATEGORIES = {ERROR: "what was refused, and why", WARNING: "status bits that a step has set"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnitFacts:
+    """One model as both versions of FMI describe it."""
+
+    model: str
+    prefix: str
+    """The identifier of the model: names of functions and files."""
+    doc: str
+    dtype: Dtype
+    sample_time: float | None
+    """Seconds; None for a static model, whose steps may be of any length."""
+    variables: Variables
+    labels: Mapping[str, Sequence[str]]
+    """Of the elements of dimensions."""
+    depends: Mapping[str, Sequence[Variable]] | None
+    """The inputs that each output depends on in the same step; None where no slopes are there."""
+    status: Mapping[str, int]
+    """Bits of a step by what they mean."""
+
+    @property
+    def status_doc(self) -> str:
+        """What the status bits mean."""
+        bits = "; ".join(f"{bit}: {meaning}" for meaning, bit in self.status.items())
+        return f"of the last step: the sum of {bits}" if bits else "of the last step: always 0"

@@ -1,0 +1,37 @@
+"""Names variables as FMI wants them: its conventions, and the elements of arrays in FMI 2.0."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+
+from backends.fmu.variable import Variable, one_line
+from compiler.ir.types import WINDOW, Axis
+
+
+def is_structured(names: Collection[str]) -> bool:
+    """Whether names keep to FMI's `structured` convention: identifiers of ASCII with dots."""
+    return all(part.isascii() and part.isidentifier() for name in names for part in name.split("."))
+
+
+def element_names(variable: Variable, labels: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+    """Name and description of each number for FMI 2.0, `W[2,1]`; labels and samples are told."""
+    if not variable.shape:
+        return [(variable.name, variable.doc)]
+    found: list[tuple[str, str]] = []
+    for at in np.ndindex(variable.shape):
+        index = ",".join(str(i + 1) for i in at)
+        where = [
+            _where(axis, i, variable, labels) for axis, i in zip(variable.axes, at, strict=True)
+        ]
+        found.append((f"{variable.name}[{index}]", one_line(variable.doc, *where)))
+    return found
+
+
+def _where(axis: Axis, index: int, variable: Variable, labels: Mapping[str, Sequence[str]]) -> str:
+    if axis.name == WINDOW:
+        offset = variable.first_sample + index
+        return f"t{offset:+d}" if offset else "t"
+    named = labels.get(axis.name or "", ())
+    return f"{axis.name} {named[index]}" if named else ""

@@ -1,0 +1,91 @@
+"""Defines what FMI shows of a variable, and where the C keeps its numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from numpy.typing import NDArray
+
+from compiler.ir.types import Axis
+from spec_schema.units.unit import Unit
+
+Range = tuple[float, float] | None
+
+
+class Kind(Enum):
+    """What a variable is to the importer."""
+
+    INPUT = "an input"
+    OUTPUT = "an output of the last step"
+    STATE = "a state"
+    PARAMETER = "a parameter"
+    SAMPLES = "samples that the first states are made of"
+    FIRST = "the first value of a state"
+
+    @property
+    def is_start(self) -> bool:
+        """Whether it can be set before the first step alone."""
+        return self in (Kind.SAMPLES, Kind.FIRST)
+
+    @property
+    def is_result(self) -> bool:
+        """Whether it cannot be set."""
+        return self in (Kind.OUTPUT, Kind.STATE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variable:
+    """Numbers of one name, in C order; FMI 3.0 knows it by `first`, FMI 2.0 each number by its
+    own: `first` and those that follow."""
+
+    name: str
+    kind: Kind
+    place: str
+    """The member of the C struct that keeps everything of an instance."""
+    axes: tuple[Axis, ...]
+    unit: Unit | None
+    range: Range
+    doc: str
+    start: NDArray[Any]
+    """In C order, (size,); of results nothing reads it."""
+    first: int = 0
+    first_sample: int = 0
+    """Of the window axis, counted from the sample of the step."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(axis.size for axis in self.axes)
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+
+@dataclass(frozen=True, slots=True)
+class Variables:
+    """All variables, with the two that no spec names."""
+
+    all: tuple[Variable, ...]
+    status: str
+    """The name of the status bits of the last step."""
+    time: str
+
+    @property
+    def status_reference(self) -> int:
+        """Behind all numbers."""
+        return sum(variable.size for variable in self.all)
+
+    @property
+    def time_reference(self) -> int:
+        return self.status_reference + 1
+
+    def of(self, *kinds: Kind) -> tuple[Variable, ...]:
+        return tuple(variable for variable in self.all if variable.kind in kinds)
+
+
+def one_line(*facts: str) -> str:
+    """One line of text."""
+    return "; ".join(text for fact in facts if (text := " ".join(fact.split())))

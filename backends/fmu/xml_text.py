@@ -1,0 +1,44 @@
+"""Makes XML documents of elements, the same bytes for the same elements."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+import numpy as np
+
+_NO_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML 1.0 cannot hold, not even escaped."""
+
+Attributes = Mapping[str, str | None]
+
+
+def element(name: str, attributes: Attributes) -> Element:
+    """An element with the attributes that are not None."""
+    return Element(name, _written(attributes))
+
+
+def child(parent: Element, name: str, attributes: Attributes | None = None) -> Element:
+    """The same as the last in its parent."""
+    return SubElement(parent, name, _written(attributes or {}))
+
+
+def xml_text(root: Element) -> str:
+    """The document; quotes, brackets and line ends of any text are escaped."""
+    indent(root)
+    body = tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{body}\n'
+
+
+def number_text(value: float) -> str:
+    """The shortest text that is read as this number: exactly, of single precision too."""
+    number = float(value)
+    if not np.isfinite(number):
+        return "NaN" if np.isnan(number) else "-INF" if number < 0 else "INF"
+    return repr(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
+
+
+def _written(attributes: Attributes) -> dict[str, str]:
+    known = {name: text for name, text in attributes.items() if text is not None}
+    return {name: _NO_XML.sub("\ufffd", text) for name, text in known.items()}

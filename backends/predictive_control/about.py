@@ -1,0 +1,65 @@
+"""Describes a generated controller as data: its structs, what its vectors hold, how it solves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from backends.c_language.literals import Dtype
+from backends.ports.metadata import metadata_text
+from backends.predictive_control.inputs import InputField
+from backends.predictive_control.members import StructMember
+from compiler.jacobian.matrices import Vector
+from compiler.optimal_control.problem import ControlProblem
+
+
+def about_text(
+    problem: ControlProblem,
+    prefix: str,
+    dtype: Dtype,
+    struct: Iterable[StructMember],
+    fields: Iterable[InputField],
+) -> str:
+    """The JSON file of a controller."""
+    real = dtype
+
+    def member(name: str, kind: str, shape: tuple[int, ...]) -> dict[str, Any]:
+        return {"name": name, "type": kind, "shape": list(shape)}
+
+    nx, nu = problem.states.size, problem.controls.size
+    return metadata_text(
+        {
+            "prefix": prefix,
+            "dtype": dtype,
+            "horizon": problem.horizon,
+            "structure": "staged",
+            "iterations": problem.iterations,
+            "tolerance": problem.tolerance,
+            "states": _quantities(problem.states),
+            "controls": _quantities(problem.controls),
+            "in": [
+                member("x", real, (nx,)),
+                *(member(field.identifier, real, field.shape) for field in fields),
+            ],
+            "out": [
+                member("u", real, (nu,)),
+                member("residual", real, ()),
+                member("iterations", "int32", ()),
+            ],
+            "struct": [
+                member(m.name, real if m.kind == "real" else m.kind, m.shape) for m in struct
+            ],
+        }
+    )
+
+
+def _quantities(vector: Vector) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": m.name,
+            "first": m.first,
+            "size": m.size,
+            "unit": None if m.unit is None else m.unit.text,
+        }
+        for m in vector.members
+    ]

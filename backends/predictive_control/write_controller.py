@@ -1,0 +1,241 @@
+"""Writes the files of a predictive controller: header, source, math, self-test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from numpy.typing import ArrayLike
+
+from backends.c.folder.header_text import origin
+from backends.c_kernels.sources import c_sources
+from backends.c_language.functions import FunctionNames, FunctionTable
+from backends.c_language.literals import Dtype
+from backends.c_language.printer import Printer
+from backends.c_language.rendering import render
+from backends.c_language.tree import Function
+from backends.files.atomic_write import write_text
+from backends.predictive_control.about import about_text
+from backends.predictive_control.constants import reachable, solver_constants
+from backends.predictive_control.inputs import input_fields, quantity_lines
+from backends.predictive_control.members import Sizes, members
+from backends.predictive_control.numbers import Numbers
+from backends.predictive_control.rows import Rows, rows_of
+from backends.predictive_control.stage_functions import (
+    PlacedLimit,
+    StageArrays,
+    StageFunctions,
+    StageWriter,
+)
+from backends.predictive_control.starts import drawn_starts
+from compiler.hessian.step_derivatives import StepDerivatives, next_value, step_derivatives
+from compiler.ir.program import Program
+from compiler.jacobian.matrices import vector_of
+from compiler.optimal_control.problem import ControlProblem
+from compiler.optimal_control.trained import trained
+
+MOST_SIMULATIONS = 3
+"""Of a solve: each costs what the values of an iteration cost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """What the files are named after."""
+
+    model: str
+    prefix: str
+    takes_parameters: bool = False
+
+
+def write_controller(
+    problem: ControlProblem,
+    weights: Mapping[str, ArrayLike],
+    folder: Path,
+    *,
+    prefix: str,
+    dtype: Dtype,
+) -> tuple[Path, ...]:
+    """Writes `include/<prefix>_mpc.h`, `src/<prefix>_mpc*.c`; returns their paths."""
+    texts = controller_texts(trained(problem, weights), prefix, dtype)
+    return tuple(write_text(folder / name, text) for name, text in texts.items())
+
+
+def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict[str, str]:
+    """Texts by path, of a problem without parameters."""
+    problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
+    controller = Controller(problem.program.name, f"{prefix}_mpc")
+    name = controller.prefix
+    rows = rows_of(problem)
+    numbers = Numbers(dtype)
+    table = FunctionTable(FunctionNames(name, dtype, "own"))
+    stage, terminal, functions = _functions(problem, rows, table, numbers.real)
+    fields = input_fields(problem)
+    given = sum(field.size for field in problem.disturbances.members) + problem.references.size
+    nx, nu = problem.states.size, problem.controls.size
+    results = nx + 1 + sum(problem.type(path.value).size for path in rows.paths)
+    draws = drawn_starts(problem)
+    sides = [limit for row in rows.rows for limit in (row.minimum, row.maximum)]
+    hard = [int(row.hard) for row in rows.rows]
+    sizes = Sizes(
+        horizon=problem.horizon,
+        states=nx,
+        controls=nu,
+        results=results,
+        sides=len(sides),
+        kept=max(stage.kept, terminal.kept),
+        given=given,
+        limits_move=rows.move,
+        has_hard=any(hard),
+    )
+    struct = members(sizes, numbers.real)
+    facts = {
+        "members": struct,
+        **origin(problem.program.spec_hash),
+        "about": numbers.comment(_about(problem)),
+        "real": numbers.real,
+        "num": numbers.literal,
+        "braced": numbers.braced,
+        "constants": solver_constants(
+            problem.tolerance,
+            dtype,
+            can_be_infinite=stage.can_be_infinite or terminal.can_be_infinite,
+            has_hard=any(hard),
+        ),
+        "horizon": problem.horizon,
+        "states": nx,
+        "controls": nu,
+        "stage": nx + nu,
+        "results": results,
+        "paths": results - nx - 1,
+        "terminal_paths": rows.terminal,
+        "sides": 2 * len(rows.rows),
+        "rates": [
+            {"control": r.control, "before": r.before, "most": numbers.literal(r.most)}
+            for r in rows.rates
+        ],
+        "kept": max(stage.kept, terminal.kept),
+        "given": given,
+        "fields": fields,
+        "state_lines": quantity_lines(problem.states, "x"),
+        "control_lines": quantity_lines(problem.controls, "u"),
+        "most_simulations": MOST_SIMULATIONS,
+        "exists": [int(limit is not None) for limit in sides],
+        "limits": [0.0 if limit is None else limit for limit in sides],
+        "limits_move": rows.move,
+        "scales": [row.scale for row in rows.rows],
+        "state_scales": [
+            problem.state_scales[m.name] for m in problem.states.members for _ in range(m.size)
+        ],
+        "linear": [row.linear for row in rows.rows],
+        "quadratic": [row.quadratic for row in rows.rows],
+        "hard": hard if any(hard) else [],
+        "resting": [
+            _nearest_to_zero(row.minimum, row.maximum, rows.move) for row in rows.rows[:nu]
+        ],
+        "can_be_infinite": stage.can_be_infinite or terminal.can_be_infinite,
+        "gauss_newton": problem.hessian == "gauss_newton",
+        "iterations": problem.iterations,
+        "log_terms": 15 if dtype == "float64" else 7,
+        "functions": [Printer(name, dtype).function(function) for function in functions],
+        "kernels": bool(table.kernels),
+        "starts": draws,
+        "tolerance": numbers.literal(problem.tolerance),
+        "nan": "NAN" if dtype == "float32" else "(double)NAN",
+        "lowest": [_end(row.minimum, float("-inf"), rows.move) for row in rows.rows[:nu]],
+        "highest": [_end(row.maximum, float("inf"), rows.move) for row in rows.rows[:nu]],
+    }
+
+    def text(template: str, title: str) -> str:
+        return render(template, controller, title, "mpc", **facts)
+
+    texts = {
+        f"include/{name}.h": text("header.h.j2", "Predictive controller"),
+        f"src/{name}.c": text("staged.c.j2", "Predictive controller"),
+        f"{name}.json": about_text(problem, name, dtype, struct, fields),
+        f"src/{name}_selftest.c": text("selftest.c.j2", "Self-test of the predictive controller"),
+    }
+    if table.kernels:
+        kernels = c_sources(table.kernels, numbers.real, name)
+        texts[f"src/{kernels.header_name}"] = kernels.header
+        texts[f"src/{kernels.source_name}"] = kernels.source
+    return dict(sorted(texts.items()))
+
+
+def _functions(
+    problem: ControlProblem, rows: Rows, table: FunctionTable, real: str
+) -> tuple[StageFunctions, StageFunctions, list[Function]]:
+    """The stage, the end of the horizon, and all functions in the order of the text."""
+    nx = problem.states.size
+    given = vector_of(
+        "given",
+        [
+            (m.name, m.axes, m.unit)
+            for m in (*problem.disturbances.members, *problem.references.members)
+        ],
+    )
+    writer = StageWriter(table, problem.program.formulas, real)
+    width = nx + problem.controls.size
+    places = _places_of_results(problem, rows)
+    stage = writer.stage("", _stage(problem, rows), StageArrays(width, places, given))
+    if problem.terminal is not None:
+        places = places | {problem.terminal: nx}
+    terminal = writer.stage(
+        "terminal_", _terminal(problem, rows), StageArrays(width, places, given)
+    )
+    functions = [stage.values, stage.slopes, terminal.values, terminal.slopes]
+    if rows.move:
+        limits = [
+            PlacedLimit(problem.node(limit.output), limit.first_side, limit.size)
+            for limit in rows.outputs
+        ]
+        functions.append(writer.limits(problem.program.step, limits, given))
+    return stage, terminal, [*table.definitions(), *functions]
+
+
+def _stage(problem: ControlProblem, rows: Rows) -> StepDerivatives:
+    names = [problem.stage, *(path.value for path in rows.paths)]
+    controls = [member.name for member in problem.controls.members]
+    return step_derivatives(_with_outputs(problem, names), inputs=controls)
+
+
+def _terminal(problem: ControlProblem, rows: Rows) -> StepDerivatives:
+    names = [path.value for path in rows.paths if not path.reads_control]
+    if problem.terminal is not None:
+        names = [problem.terminal, *names]
+    return step_derivatives(_with_outputs(problem, names), inputs=(), next_states=())
+
+
+def _with_outputs(problem: ControlProblem, names: Sequence[str]) -> Program:
+    outputs = tuple(problem.program.output(name) for name in names)
+    return replace(problem.program, outputs=outputs)
+
+
+def _places_of_results(problem: ControlProblem, rows: Rows) -> dict[str, int]:
+    """Where each result begins: next states, the cost, bounded values."""
+    places = {next_value(member.name): member.first for member in problem.states.members}
+    end = problem.states.size
+    places[problem.stage] = end
+    end += 1
+    for path in rows.paths:
+        places[path.value] = end
+        end += problem.type(path.value).size
+    return places
+
+
+def _nearest_to_zero(low: float | None, high: float | None, moves: bool) -> float:
+    if moves:
+        return 0.0
+    value = 0.0 if low is None else max(low, 0.0)
+    return value if high is None else min(value, high)
+
+
+def _end(limit: float | None, without: float, moves: bool) -> float:
+    return without if limit is None or moves else limit
+
+
+def _about(problem: ControlProblem) -> str:
+    return (
+        f"Finds the controls of {problem.horizon} samples by an interior-point method on the "
+        f"problem of the spec's `mpc` section, stage by stage, and gives those of the first one."
+    )

@@ -1,0 +1,99 @@
+"""Draws states of robots that are compared with other programs, and reads what msnn computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
+from msnn.model.load import load_model
+
+Array = NDArray[np.float64]
+ROOT = Path(__file__).parents[2]
+URDF = ROOT / "tests" / "robots" / "urdf"
+
+SPEC = """
+msnn: 1
+name: robot
+sample_time: 10 ms
+use:
+  arm:
+    robot: {{urdf: {urdf}, base: {base}, armature: {armature}, frames: {{tip: {tip}}}}}
+inputs:
+  q: {{dims: arm.joint}}
+  dq: {{dims: arm.joint}}
+  ddq: {{dims: arm.joint}}
+  tau: {{dims: arm.joint}}
+outputs:
+  forward: arm.forward_dynamics(q, dq, tau)
+  inverse: arm.inverse_dynamics(q, dq, ddq)
+  mass: arm.mass_matrix(q)
+  gravity: arm.gravity_torque(q)
+  coriolis: arm.coriolis(q, dq)
+  position: arm.tip.position(q)
+  velocity: arm.tip.jacobian(q, dq)
+"""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot to be compared: its file, its base, the inertia of its motors, a link."""
+
+    name: str
+    file: Path
+    tip: str
+    floats: bool = False
+    armature: float = 0.0
+    slides: bool = False
+
+    def program(self) -> Program:
+        """All that msnn computes of it."""
+        base = "floating" if self.floats else "fixed"
+        text = SPEC.format(urdf=self.file, base=base, armature=self.armature, tip=self.tip)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "robot.msnn.yaml"
+            path.write_text(text, encoding="utf-8")
+            return load_model(path).program
+
+
+ROBOTS = (
+    Robot("planar", URDF / "planar.urdf", "hand"),
+    Robot("tree", URDF / "tree.urdf", "gripper", armature=0.03, slides=True),
+    Robot("floating", URDF / "tree.urdf", "ram", floats=True, slides=True),
+    Robot("z1", ROOT / "examples" / "z1_friction" / "z1.urdf", "gripper_mover", armature=0.02),
+)
+
+
+def joints_of(program: Program) -> tuple[str, ...]:
+    """The labels of q."""
+    return next(d.labels for d in program.dimensions if d.name.endswith("joint"))
+
+
+def drawn(count: int, states: int) -> dict[str, Array]:
+    """Random q, dq, ddq and tau with three decimals, so that files of them are short."""
+    rng = np.random.default_rng(7)
+    widths = {"q": 1.4, "dq": 3.0, "ddq": 10.0, "tau": 10.0}
+    return {
+        name: np.round(rng.uniform(-width, width, (states, count)), 3)
+        for name, width in widths.items()
+    }
+
+
+def computed(program: Program, log: dict[str, Array]) -> dict[str, Array]:
+    """The outputs at every state."""
+    interpreter = Interpreter(program)
+    rows = np.arange(len(log["q"]))
+    step = interpreter.step(log, rows, interpreter.start(log, rows))
+    return dict(step.outputs)
+
+
+def error_of(found: Array, expected: Array) -> float:
+    """The largest difference of a state, relative to its largest number or 1."""
+    axes = tuple(range(1, expected.ndim))
+    scale = np.maximum(np.max(np.abs(expected), axis=axes), 1.0)
+    return float(np.max(np.max(np.abs(found - expected), axis=axes) / scale))

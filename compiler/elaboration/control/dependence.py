@@ -1,0 +1,48 @@
+"""Finds which signals move a value, within its step and along a horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from compiler.ir.liveness import needed, needed_over_time
+from compiler.ir.ops import ReadSignal
+from compiler.ir.program import NodeId, Output, Program
+
+
+def signals_behind(program: Program, nodes: Iterable[NodeId]) -> set[str]:
+    """The signals that values depend on in their step or, through states, in any before."""
+    following = {state.name: state.next for state in program.states}
+    live, _ = needed_over_time(program.step, following, nodes)
+    return _read(program, live)
+
+
+def signals_in_step(program: Program, node: NodeId) -> set[str]:
+    """The signals whose samples of its own step a value depends on, in step form.
+
+    A window that holds the newest sample is looked into: its older samples are not of this step.
+    """
+    if not _read(program, needed(program.step, [node])):
+        return set()
+    # specs without such formulas are checked without derivatives
+    from compiler.jacobian.jacobian import jacobian
+
+    found = jacobian(replace(program, states=(), outputs=(Output("value", node),)))
+    slopes = next(matrix for matrix in found.matrices if matrix.name == "D")
+    rows, columns = slopes.shape
+    return {
+        member.name
+        for member in slopes.columns.members
+        for row in range(rows)
+        if any(
+            slopes.known[row * columns + member.first + number] != 0.0
+            for number in range(member.size)
+        )
+    }
+
+
+def _read(program: Program, live: list[bool]) -> set[str]:
+    graph = program.step
+    return {
+        node.op.signal for index, node in graph if live[index] and isinstance(node.op, ReadSignal)
+    }

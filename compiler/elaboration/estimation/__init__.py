@@ -1,0 +1,1 @@
+"""Lowers the `estimator` section: a spec to the problem of its estimator."""

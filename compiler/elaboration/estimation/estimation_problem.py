@@ -1,0 +1,212 @@
+"""Makes the problem of an estimator of a spec that has an `estimator` section."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.liveness import extents, parameters_read
+from compiler.ir.ops import ReadSignal
+from compiler.ir.program import Output, Program, Tape
+from compiler.ir.types import WINDOW, Type
+from compiler.jacobian.matrices import Vector, vector_of
+from compiler.passes.close_loop import LoopError, close_loop
+from compiler.passes.drop_unused import drop_unused
+from compiler.passes.to_step_form import to_step_form
+from compiler.state_estimation.problem import EstimatedNumbers, EstimationProblem, Measurement
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import estimation as errors
+from spec_schema.errors import time as times
+from spec_schema.errors import units
+from spec_schema.errors.states import not_closable
+from spec_schema.sections.estimation import Estimator, KalmanFilter
+from spec_schema.sections.spec import Spec
+from spec_schema.units.quantity import Quantity
+from spec_schema.units.unit import Unit
+
+_KEPT = "estimator: "
+"""How the names of outputs that only keep states begin; no name of a spec has a blank."""
+
+
+def estimation_problem(spec: Spec, section: Estimator, program: Program) -> EstimationProblem:
+    """The problem of a spec's estimator; `program` is that of the spec, in window form.
+
+    Raises SpecError with every mistake of the section.
+    """
+    findings = Findings()
+    assert section.ekf is not None
+    problem = _problem(spec, section.ekf, section.place.key, program, findings)
+    findings.raise_errors()
+    assert problem is not None
+    return problem
+
+
+def _problem(
+    spec: Spec, section: KalmanFilter, place: Span, program: Program, findings: Findings
+) -> EstimationProblem | None:
+    if program.sample_time is None:
+        findings.report(times.needs_sample_time("`estimator`", place))
+        return None
+    predicted = {
+        output.predicts.signal: output for output in program.outputs if output.predicts is not None
+    }
+    fed = [name for name in predicted if name in spec.inputs]
+    try:
+        closed = close_loop(program, fed)
+    except LoopError as error:
+        findings.report(not_closable(error.signal, error.span or place, error.kind.value))
+        return None
+    step = _with_measurements(spec, section, program, closed, findings)
+    if step is None:
+        return None
+    deviations = _deviations(section, step, findings)
+    parameters = _parameters(section, step, findings)
+    measured = [
+        Measurement(
+            name=name,
+            signal=_signal(program, name),
+            value=f"{_KEPT}{name}",
+            std=_in_unit(std, step.step[step.output(f"{_KEPT}{name}").node].type.unit, findings),
+        )
+        for name, std in section.measured.items()
+    ]
+    kept = {measurement.value for measurement in measured}
+    step = replace(step, outputs=tuple(o for o in step.outputs if o.name in kept))
+    return EstimationProblem(
+        program=step,
+        states=vector_of("x", [(s.name, s.axes, s.unit) for s in step.states]),
+        inputs=_inputs(step),
+        measured=tuple(measured),
+        deviations=deviations,
+        parameters=parameters,
+    )
+
+
+def _signal(program: Program, output: str) -> str:
+    predicts = program.output(output).predicts
+    assert predicts is not None
+    return predicts.signal
+
+
+def _with_measurements(
+    spec: Spec, section: KalmanFilter, program: Program, closed: Program, findings: Findings
+) -> Program | None:
+    """The step form with an output for what is measured of each, and with all its states."""
+    builder = GraphBuilder(closed.step)
+    known = {output.name: output for output in closed.outputs}
+    before = {output.name: output for output in program.outputs}
+    predicting = [output.name for output in program.outputs if output.predicts is not None]
+    tapes = {s.origin.signal: s for s in closed.states if isinstance(s.origin, Tape)}
+    outputs: list[Output] = []
+    for name, std in section.measured.items():
+        if name not in before or before[name].predicts is None:
+            findings.report(errors.not_measured(name, std.span, predicting))
+            continue
+        predicts = before[name].predicts
+        assert predicts is not None
+        if predicts.ahead == 0:
+            node = known[name].node
+        elif predicts.ahead == 1 and predicts.signal in spec.states:
+            state = closed.state(predicts.signal)
+            node = builder.state(state.name, Type(state.axes, state.unit))
+        elif predicts.ahead == 1 and predicts.signal in tapes:
+            tape = tapes[predicts.signal]
+            size = tape.axes[-1].size
+            whole = builder.state(tape.name, Type(tape.axes, tape.unit))
+            node = builder.element(whole, WINDOW, size - 1)
+        else:
+            written = spec.outputs[name].predicts
+            assert written is not None
+            fault = errors.measured_too_late(name, predicts.signal, std.span, written.span)
+            findings.report(fault)
+            continue
+        outputs.append(Output(f"{_KEPT}{name}", node))
+    for state in closed.states:
+        node = builder.state(state.name, Type(state.axes, state.unit))
+        outputs.append(Output(f"{_KEPT}{state.name} stays", node))
+    if findings.failed:
+        return None
+    whole = replace(closed, step=builder.graph(), outputs=tuple(outputs), losses=(), expected=())
+    whole = drop_unused(whole)
+    builder = GraphBuilder(whole.step)
+    samples = [
+        Output(f"{_KEPT}{name} now", builder.signal(name, 0, 0, _sample(whole, name)))
+        for name in extents(whole.step, log=False)
+    ]
+    return to_step_form(replace(whole, step=builder.graph(), outputs=(*whole.outputs, *samples)))
+
+
+def _sample(program: Program, name: str) -> Type:
+    signal = program.signal(name)
+    return Type(signal.axes, signal.unit)
+
+
+def _inputs(program: Program) -> Vector:
+    types = {
+        node.op.signal: node.type for _, node in program.step if isinstance(node.op, ReadSignal)
+    }
+    listed = [signal.name for signal in program.signals if signal.name in types]
+    return vector_of("u", [(name, types[name].axes, types[name].unit) for name in listed])
+
+
+def _deviations(
+    section: KalmanFilter, program: Program, findings: Findings
+) -> dict[str, EstimatedNumbers]:
+    """By the names of states; a signal that is fed back stands for its register."""
+    named = {state.name: state for state in program.states}
+    named |= {s.origin.signal: s for s in program.states if isinstance(s.origin, Tape)}
+    found: dict[str, EstimatedNumbers] = {}
+    tables = (("initial", section.initial), ("process", section.process))
+    for key, table in tables:
+        for name, std in table.items():
+            if name not in named:
+                findings.report(errors.not_estimated(key, name, std.span, named))
+                continue
+            state = named[name]
+            number = _in_unit(std, state.unit, findings)
+            before = found.get(state.name, EstimatedNumbers(initial=0.0, drift=0.0))
+            found[state.name] = (
+                replace(before, initial=number)
+                if key == "initial"
+                else replace(before, drift=number)
+            )
+    return found
+
+
+def _parameters(
+    section: KalmanFilter, program: Program, findings: Findings
+) -> dict[str, EstimatedNumbers]:
+    read = parameters_read(program.step)
+    found: dict[str, EstimatedNumbers] = {}
+    for name, entry in section.parameters.items():
+        if name not in read:
+            findings.report(errors.not_a_read_parameter(name, entry.place.key, read))
+            continue
+        unit = program.parameter(name).unit
+        found[name] = EstimatedNumbers(
+            initial=_in_unit(entry.std, unit, findings),
+            drift=0.0 if entry.walk is None else _in_unit(entry.walk, unit, findings),
+            minimum=_limit(entry.min, unit, findings),
+            maximum=_limit(entry.max, unit, findings),
+        )
+    return found
+
+
+def _in_unit(std: Quantity, unit: Unit | None, findings: Findings) -> float:
+    """A deviation in the unit of what deviates; a bare number is in it already."""
+    if std.unit is None or unit is None:
+        return std.value
+    if not std.unit.same_dimension(unit):
+        findings.report(units.incomparable_unit(std.unit.text, unit.text, std.span))
+        return std.value
+    return std.value * std.unit.factor_to(unit)
+
+
+def _limit(limit: Quantity | None, unit: Unit | None, findings: Findings) -> float | None:
+    if limit is None or limit.unit is None or unit is None:
+        return None if limit is None else limit.value
+    if not limit.unit.same_dimension(unit):
+        findings.report(units.incomparable_unit(limit.unit.text, unit.text, limit.span))
+        return None
+    return limit.unit.convert(limit.value, unit)

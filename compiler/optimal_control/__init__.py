@@ -1,0 +1,1 @@
+"""Holds the optimal control problem of a predictive controller as data."""

@@ -1,0 +1,77 @@
+"""Puts trained weights into an optimal control problem, and decides what follows from its cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.types import Axis, Type
+from compiler.optimal_control.problem import ControlProblem, PathLimits
+from compiler.passes.inline_parameters import inline_parameters
+
+DRAWS = 256
+_STEEPER = 10.0
+"""How much a penalty exceeds the steepest mean slope of the cost that the draws show."""
+
+
+def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> ControlProblem:
+    """The problem of a plant with these weights, without parameters; all soft bounds have weights.
+
+    Where the spec says no weight, w₁ = 10 · N · c / s and w₂ = w₁ / s, with s the scale of what is
+    bounded and c the largest stage cost at points drawn from the declared ranges: the cost of a
+    whole horizon changes by about N · c over a distance s, and an exact penalty must be steeper.
+    """
+    known = replace(problem, program=inline_parameters(problem.program, weights))
+    if all(path.hard or path.linear is not None for path in problem.path_limits):
+        steepest = 0.0
+    else:
+        steepest = _STEEPER * problem.horizon * _size_of_cost(known)
+    paths: list[PathLimits] = []
+    for path in problem.path_limits:
+        if path.hard:
+            paths.append(path)
+            continue
+        linear = steepest / path.scale if path.linear is None else path.linear
+        quadratic = linear / path.scale if path.quadratic is None else path.quadratic
+        paths.append(replace(path, linear=linear, quadratic=quadratic))
+    return replace(known, path_limits=tuple(paths))
+
+
+def _size_of_cost(problem: ControlProblem) -> float:
+    """The largest stage cost at points drawn from what is declared; 1 where none is finite."""
+    program = problem.program
+    random = np.random.default_rng(0)
+    limits = {control.name: control.scale for control in problem.control_limits}
+    rows = DRAWS + 1 + max((_ahead(m.axes) for m in problem.disturbances.members), default=0)
+    log = {
+        signal.name: _drawn(random, rows, signal.axes, signal.range, limits.get(signal.name, 1.0))
+        for signal in program.signals
+    }
+    states = {
+        state.name: _drawn(random, DRAWS, state.axes, state.range, problem.state_scales[state.name])
+        for state in program.states
+    }
+    found = Interpreter(program).step(log, np.arange(DRAWS), states, losses=False)
+    costs = np.abs(found.outputs[problem.stage])
+    finite = costs[np.isfinite(costs) & (costs > 0)]
+    return float(finite.max()) if finite.size else 1.0
+
+
+def _ahead(axes: tuple[Axis, ...]) -> int:
+    window = Type(axes).window
+    return 0 if window is None else window - 1
+
+
+def _drawn(
+    random: np.random.Generator,
+    rows: int,
+    axes: tuple[Axis, ...],
+    limits: tuple[float, float] | None,
+    scale: float,
+) -> NDArray[np.float64]:
+    low, high = limits or (-scale, scale)
+    return random.uniform(low, high, (rows, *Type(axes).shape))

@@ -1,0 +1,265 @@
+"""Lowers calls of a robot's members: `arm.forward_dynamics(q, dq, tau)`, `arm.tip.position(q)`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Concat, Constant, Reshape
+from compiler.ir.program import NodeId
+from compiler.ir.rules.unit_rules import UnitConflict, same_unit
+from compiler.ir.types import Axis, Type, describe_axes, in_order
+from compiler.linking.link import RobotPart
+from compiler.lowering.context import Context
+from compiler.lowering.dynamics_calls import DynamicsCall
+from compiler.lowering.environment import Environment
+from compiler.lowering.expressions import lower_all
+from compiler.lowering.failure import LoweringFailed
+from compiler.robots.joints import RigidBodies
+from compiler.robots.learned_masses import with_masses
+from compiler.robots.members import (
+    FRAME_MEMBERS,
+    MEMBERS,
+    UNITS,
+    FrameMember,
+    Quantity,
+    RobotMember,
+    forward_dynamics,
+    undetermined_joint,
+)
+from compiler.robots.numbers import Number, Scalar
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.errors import names, robots
+from spec_schema.expressions.tree import Call, Expression, Member, Name
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import Unit
+
+
+def lower_robot_call(
+    context: Context, name: str, part: RobotPart, call: Call, environment: Environment
+) -> NodeId:
+    """The node of `NAME.member(…)` or `NAME.frame.member(…)` of a robot."""
+    assert isinstance(call.function, Member)
+    return _RobotCall(context, name, part, call, environment).lowered(call.function)
+
+
+@dataclass(frozen=True)
+class _RobotCall:
+    """A call, with the robot and the place that it stands at."""
+
+    context: Context
+    name: str
+    part: RobotPart
+    call: Call
+    environment: Environment
+
+    def lowered(self, function: Member) -> NodeId:
+        member = self._member(function)
+        arguments, nodes = self._arguments(member)
+        bodies = with_masses(self.part.robot, self._parameter)
+        if function.name == "forward_dynamics":
+            self._refuse_singular()
+        if isinstance(member, FrameMember):
+            place = self.part.robot.frames[function.base.removeprefix(f"{self.name}.")]
+            found = member.compute(bodies, place, arguments)
+            return self._joined(found, (self._axis("xyz"),), self._unit(member.result))
+        unit = self._unit(member.result)
+        if member.along == "pairs of joints":
+            axes = (self._joint, self._axis("joint2"))
+            return self._joined(self._by_position(member.compute(bodies, arguments)), axes, unit)
+        result = self._joined(
+            self._by_position(member.compute(bodies, arguments)), (self._joint,), unit
+        )
+        if function.name == "forward_dynamics":
+            self._remember(result, bodies, arguments, nodes[-1])
+        return result
+
+    def _member(self, function: Member) -> RobotMember | FrameMember:
+        frames = self.part.robot.frames
+        if function.base == self.name and function.name in MEMBERS:
+            return MEMBERS[function.name]
+        frame = function.base.removeprefix(f"{self.name}.")
+        if frame in frames and function.name in FRAME_MEMBERS:
+            return FRAME_MEMBERS[function.name]
+        self.context.findings.report(unknown_member(self.name, self.part, function))
+        raise LoweringFailed
+
+    def _arguments(
+        self, member: RobotMember | FrameMember
+    ) -> tuple[list[list[Number]], list[NodeId]]:
+        """The numbers of each argument, one a body, and their nodes."""
+        given = self._given(member.arguments)
+        nodes = lower_all(self.context, given, self.environment)
+        found: list[list[Number]] = []
+        for quantity, expression, node in zip(member.arguments, given, nodes, strict=True):
+            self._agree_on_unit(quantity, node)
+            found.append(self._in_bodies(self._elements(quantity, expression, node)))
+        return found, nodes
+
+    def _given(self, wanted: Sequence[Quantity]) -> list[Expression]:
+        """The expression of each argument, by position and by name."""
+        call, shown = self.call, _shown(self.call.function)
+        given: dict[str, Expression] = dict(zip(wanted, call.arguments, strict=False))
+        for keyword in call.keywords:
+            if keyword.name not in wanted or keyword.name in given:
+                report = names.unknown_keyword(shown, keyword.name, keyword.span, wanted)
+                self.context.findings.report(report)
+                raise LoweringFailed
+            given[keyword.name] = keyword.value
+        found = len(call.arguments) + len(call.keywords)
+        if found != len(wanted):
+            expected = f"{len(wanted)} argument{'s' if len(wanted) > 1 else ''}"
+            report = names.wrong_argument_count(
+                shown, f"{expected} ({', '.join(wanted)})", found, call.function.span
+            )
+            self.context.findings.report(report)
+            raise LoweringFailed
+        return [given[name] for name in wanted]
+
+    def _elements(self, quantity: Quantity, expression: Expression, node: NodeId) -> list[Number]:
+        """The number of each joint, in the order of q; one number is that of all."""
+        builder, joint = self._builder, self._joint
+        axes = builder.type(node).axes
+        op = builder.node(node).op
+        if joint not in axes:
+            if axes:
+                report = robots.argument_of_robot(
+                    _shown(self.call.function),
+                    quantity,
+                    f"`{joint.name}`",
+                    describe_axes(axes),
+                    expression.span,
+                )
+                self.context.findings.report(report)
+                raise LoweringFailed
+            value = op.values[0] if isinstance(op, Constant) else self._scalar(node)
+            return [value] * joint.size
+        if isinstance(op, Constant) and axes == (joint,):
+            return list(op.values)
+        return [self._scalar(builder.element(node, joint.name, i)) for i in range(joint.size)]
+
+    def _agree_on_unit(self, quantity: Quantity, node: NodeId) -> None:
+        """Reports an argument in another unit; a literal 0 fits every unit."""
+        unit, builder = self._unit(quantity), self._builder
+        found = builder.type(node).unit
+        op = builder.node(node).op
+        is_zero = isinstance(op, Constant) and not any(op.values)
+        if unit is not None and found is not None and not is_zero and not same_unit(found, unit):
+            conflict = UnitConflict(_shown(self.call.function), found, unit)
+            builder.conflicts.append(conflict)
+
+    def _parameter(self, base: str, row: int) -> list[Number]:
+        """The numbers of a body in a parameter of the robot."""
+        name = Name(self.part.names[base], self.call.span)
+        node = self.context.names.value(name, self.environment)
+        node = self._builder.element(node, self._axis("body").name, row)
+        if base == "mass":
+            return [self._scalar(node)]
+        space = self._axis("xyz")
+        each = (self._builder.element(node, space.name, i) for i in range(space.size))
+        return [self._scalar(one) for one in each]
+
+    def _refuse_singular(self) -> None:
+        """Refuses a robot whose joints' accelerations do not follow from the torques."""
+        robot = self.part.robot
+        known = with_masses(replace(robot, learned=frozenset()), self._parameter)
+        joint = undetermined_joint(known)
+        if joint is not None:
+            body = robot.bodies[joint]
+            report = robots.moves_without_mass(body.joint, body.span)
+            self.context.findings.report(report.seen_from(self.call.span, "called here"))
+            raise LoweringFailed
+
+    def _remember(
+        self,
+        result: NodeId,
+        bodies: RigidBodies,
+        arguments: Sequence[Sequence[Number]],
+        torque: NodeId,
+    ) -> None:
+        """Lets integrators solve with more on the diagonal of the mass matrix."""
+        unit = self._unit("ddq")
+
+        def with_diagonal(diagonal: NodeId) -> NodeId:
+            builder, joint = self._builder, self._joint
+            each = [builder.element(diagonal, joint.name, i) for i in range(joint.size)]
+            added = self._in_bodies([self._scalar(node) for node in each])
+            found = self._by_position(forward_dynamics(bodies, arguments, added))
+            return self._joined(found, (joint,), unit)
+
+        self.context.dynamics[result] = DynamicsCall(torque, with_diagonal)
+
+    def _in_bodies(self, numbers: Sequence[Number]) -> list[Number]:
+        """Numbers in the order of q in that of the bodies."""
+        return [numbers[position] for position in self.part.robot.positions]
+
+    def _by_position(self, numbers: Sequence[Number]) -> list[Number]:
+        """Numbers of bodies, or of their pairs, in the order of q."""
+        positions = self.part.robot.positions
+        at = {position: index for index, position in enumerate(positions)}
+        order = [at[position] for position in range(len(positions))]
+        if len(numbers) == len(order):
+            return [numbers[index] for index in order]
+        return [numbers[i * len(order) + j] for i in order for j in order]
+
+    def _joined(
+        self, numbers: Sequence[Number], axes: tuple[Axis, ...], unit: Unit | None
+    ) -> NodeId:
+        """One value of all numbers, along these axes and those that the arguments have besides."""
+        builder = self._builder
+        nodes = [self._node(number) for number in numbers]
+        rest: tuple[Axis, ...] = ()
+        for node in nodes:
+            more = builder.type(node).axes
+            rest = in_order((*rest, *(axis for axis in more if axis not in rest)))
+        flat = Axis(f"{self.name}.{len(nodes)} numbers", 1)
+        parts = [builder.reshape(builder.broadcast(node, rest), (flat, *rest)) for node in nodes]
+        whole = Axis(flat.name, len(parts))
+        joined = builder.emit(Concat(flat.name), tuple(parts), Type((whole, *rest), unit))
+        if len(parts) == 1:
+            joined = parts[0]
+        return builder.emit(Reshape(), (joined,), Type((*axes, *rest), unit))
+
+    def _node(self, number: Number) -> NodeId:
+        if isinstance(number, Scalar):
+            return number.as_node()
+        return self._builder.constant(number, unit=None)
+
+    def _scalar(self, node: NodeId) -> Scalar:
+        """A number of the graph without its unit: q of one joint is an angle, of another a way."""
+        builder = self._builder
+        type = builder.type(node)
+        if type.unit is not None:
+            node = builder.emit(Reshape(), (node,), type.with_unit(None))
+        return Scalar(builder, node)
+
+    def _unit(self, quantity: Quantity) -> Unit | None:
+        """The unit of a quantity of the joints; None where some turn and others slide."""
+        turning, sliding = UNITS[quantity]
+        slides = self.part.robot.slides
+        if slides is None and turning != sliding:
+            return None
+        return parse_unit(sliding if slides else turning)
+
+    @property
+    def _builder(self) -> GraphBuilder:
+        return self.context.builder(self.environment)
+
+    @property
+    def _joint(self) -> Axis:
+        return self._axis(self.part.robot.joint)
+
+    def _axis(self, base: str) -> Axis:
+        name = self.part.names[base]
+        return Axis(name, self.context.spec.dims[name].size)
+
+
+def unknown_member(name: str, part: RobotPart, member: Member) -> Diagnostic:
+    """The report of something after the dot that a robot, or a frame of it, does not have."""
+    known = FRAME_MEMBERS if member.base != name else (*MEMBERS, *part.robot.frames)
+    return robots.unknown_robot_member(f"{member.base}.{member.name}", member.span, known)
+
+
+def _shown(function: Name | Member) -> str:
+    return function.name if isinstance(function, Name) else f"{function.base}.{function.name}"

@@ -1,0 +1,52 @@
+"""Places each body of a robot in its parent's frame at a configuration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from compiler.robots.mass_distribution import MassDistribution
+from compiler.robots.numbers import Number, Rows, Scalar, Triple, plus, scaled
+from spec_schema.robots.robot import Body, Robot
+
+Numbers: TypeAlias = Sequence[Number]
+"""One for each body, parents first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """x in a body's frame is R x + r in its parent's."""
+
+    rotation: Rows
+    offset: Triple
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigidBodies:
+    """A robot with the mass distributions of its bodies, constant in the frames of these."""
+
+    robot: Robot
+    masses: tuple[MassDistribution, ...]
+
+    def poses(self, q: Numbers) -> tuple[Pose, ...]:
+        """Where the bodies are in their parents' frames when the joints are at q."""
+        return tuple(_pose(body, at) for body, at in zip(self.robot.bodies, q, strict=True))
+
+
+def _pose(body: Body, at: Number) -> Pose:
+    x, y, z = zip(*body.rotation, strict=True)
+    if body.slides:
+        return Pose(body.rotation, plus(body.offset, scaled(at, z)))
+    sine, cosine = _applied("sin", at), _applied("cos", at)
+    first = plus(scaled(cosine, x), scaled(sine, y))
+    second = plus(scaled(cosine, y), scaled(-sine, x))
+    a, b, c = zip(first, second, z, strict=True)
+    return Pose((a, b, c), body.offset)
+
+
+def _applied(function: str, value: Number) -> Number:
+    if isinstance(value, Scalar):
+        return value.applied(function)
+    return math.sin(value) if function == "sin" else math.cos(value)

@@ -1,0 +1,46 @@
+"""Computes where the frames of a robot are and how fast they move."""
+
+from __future__ import annotations
+
+from compiler.robots.joints import Numbers, RigidBodies
+from compiler.robots.numbers import NOTHING, Number, Triple, cross, plus, times, transposed
+from spec_schema.robots.robot import WORLD, Place
+
+
+def position(bodies: RigidBodies, place: Place, q: Numbers) -> list[Number]:
+    """x, y, z of a point of a body, in the frame of the world."""
+    poses = bodies.poses(q)
+    point, body = place.offset, place.body
+    while body != WORLD:
+        point = plus(times(poses[body].rotation, point), poses[body].offset)
+        body = bodies.robot.bodies[body].parent
+    return list(point)
+
+
+def velocity(bodies: RigidBodies, place: Place, q: Numbers, dq: Numbers) -> list[Number]:
+    """J(q) dq, the velocity of a point of a body along the axes of the world."""
+    poses = bodies.poses(q)
+    tree = bodies.robot.bodies
+    line = _line(bodies, place.body)
+    spin, speed = NOTHING, NOTHING
+    for body in line:
+        to_body = transposed(poses[body].rotation)
+        speed = times(to_body, plus(speed, cross(spin, poses[body].offset)))
+        x, y, z = times(to_body, spin)
+        if tree[body].slides:
+            spin, speed = (x, y, z), plus(speed, (0.0, 0.0, dq[body]))
+        else:
+            spin = (x, y, z + dq[body])
+    found: Triple = plus(speed, cross(spin, place.offset))
+    for body in reversed(line):
+        found = times(poses[body].rotation, found)
+    return list(found)
+
+
+def _line(bodies: RigidBodies, body: int) -> list[int]:
+    """The bodies from the base to one."""
+    line: list[int] = []
+    while body != WORLD:
+        line.append(body)
+        body = bodies.robot.bodies[body].parent
+    return line[::-1]

@@ -1,0 +1,53 @@
+"""Reads the mass distributions of a robot's bodies, those that are learned from parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from compiler.robots.joints import RigidBodies
+from compiler.robots.mass_distribution import MassDistribution, about_origin, of_factor
+from compiler.robots.numbers import Number, Rows, Triple, congruent, scaled, times
+from spec_schema.robots.geometry import transposed
+from spec_schema.robots.robot import Robot
+
+Read = Callable[[str, int], Sequence[Number]]
+"""The numbers of a parameter (`mass`, `com`, `size`, `shear`) for one of the heavy bodies."""
+
+
+def with_masses(robot: Robot, read: Read) -> RigidBodies:
+    """The bodies of a robot; what is learned of their masses is read, the rest known."""
+    masses = [
+        about_origin(body.inertia.mass, body.inertia.com, body.inertia.spread)
+        for body in robot.bodies
+    ]
+    if robot.learned:
+        for row, index in enumerate(robot.heavy):
+            masses[index] = _learned(robot, index, lambda base, row=row: read(base, row))
+    return RigidBodies(robot=robot, masses=tuple(masses))
+
+
+def _learned(robot: Robot, index: int, read: Callable[[str], Sequence[Number]]) -> MassDistribution:
+    """The masses of one body along the axes of its frame; parameters are along those of its link.
+
+    What is not learned stays: of a body that becomes heavier the extent, not the moments.
+    """
+    body = robot.bodies[index]
+    to_body = transposed(body.axes)
+    mass: Number = body.inertia.mass
+    com: Triple = body.inertia.com
+    if "mass" in robot.learned:
+        (mass,) = read("mass")
+    if "com" in robot.learned:
+        com = times(to_body, _triple(read("com")))
+    if "inertia" in robot.learned:
+        factor = of_factor(mass, _triple(read("size")), _triple(read("shear")))
+        return about_origin(mass, com, congruent(to_body, factor))
+    growth = mass * (1.0 / body.inertia.mass)
+    a, b, c = (scaled(growth, row) for row in body.inertia.spread)
+    spread: Rows = (a, b, c)
+    return about_origin(mass, com, spread)
+
+
+def _triple(numbers: Sequence[Number]) -> Triple:
+    x, y, z = numbers
+    return x, y, z

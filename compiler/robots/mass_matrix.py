@@ -1,0 +1,96 @@
+"""Computes the mass matrix of a robot from composite bodies, and solves systems with it."""
+
+from __future__ import annotations
+
+from compiler.robots.joints import Numbers, RigidBodies
+from compiler.robots.mass_distribution import MassDistribution
+from compiler.robots.numbers import Number, Triple, cross, plus, times
+from spec_schema.robots.robot import WORLD
+
+Entries = list[list[Number]]
+"""The lower triangle of a matrix, a row for each body; what is 0 by the tree stays 0.0."""
+
+
+def mass_matrix(bodies: RigidBodies, q: Numbers) -> Entries:
+    """M(q) without armature, by the composite rigid body algorithm (Walker, Orin 1982;
+    Featherstone 2008, section 6.2): column i is the force that accelerates all that hangs on
+    joint i by 1 along it, passed on towards the base.
+    """
+    poses = bodies.poses(q)
+    tree = bodies.robot.bodies
+    composite = list(bodies.masses)
+    matrix: Entries = [[0.0] * (index + 1) for index in range(len(tree))]
+    for index in reversed(range(len(tree))):
+        body = tree[index]
+        force, moment = _of_unit_acceleration(composite[index], slides=body.slides)
+        matrix[index][index] = force[2] if body.slides else moment[2]
+        if body.parent == WORLD:
+            continue
+        pose = poses[index]
+        composite[body.parent] += composite[index].in_parent(pose.rotation, pose.offset)
+        at = index
+        while tree[at].parent != WORLD:
+            force, moment = times(poses[at].rotation, force), times(poses[at].rotation, moment)
+            moment = plus(moment, cross(poses[at].offset, force))
+            at = tree[at].parent
+            matrix[index][at] = force[2] if tree[at].slides else moment[2]
+    return matrix
+
+
+def _of_unit_acceleration(mass: MassDistribution, *, slides: bool) -> tuple[Triple, Triple]:
+    """Force and moment that accelerate a body by 1 along its z or about it."""
+    hx, hy, _ = mass.first
+    if slides:
+        return (0.0, 0.0, mass.mass), (hy, -hx, 0.0)
+    (xx, _, xz), (_, yy, yz), _ = mass.second
+    return (-hy, hx, 0.0), (-xz, -yz, xx + yy)
+
+
+def solved(bodies: RigidBodies, matrix: Entries, right: list[Number]) -> list[Number]:
+    """x of M x = b."""
+    parents = [body.parent for body in bodies.robot.bodies]
+    factors, pivots_of = _factorised(parents, matrix)
+    inverses = [1.0 / pivot for pivot in pivots_of]
+    x = list(right)
+    for i in reversed(range(len(parents))):
+        for j in _ancestors(parents, i):
+            x[j] = x[j] - factors[i][j] * x[i]
+    for i in range(len(parents)):
+        x[i] = x[i] * inverses[i]
+        for j in _ancestors(parents, i):
+            x[i] = x[i] - factors[i][j] * x[j]
+    return x
+
+
+def pivots(bodies: RigidBodies, matrix: Entries) -> list[Number]:
+    """D of M = Lᵀ D L: what each joint resists while those behind it are free."""
+    return _factorised([body.parent for body in bodies.robot.bodies], matrix)[1]
+
+
+def _factorised(parents: list[int], matrix: Entries) -> tuple[Entries, list[Number]]:
+    """L and D of M = Lᵀ D L, from the leaves to the base, which keeps what is 0 by the tree.
+
+    (Featherstone 2008, section 6.5.) M is positive definite, so no row needs to be exchanged.
+    """
+    factors = [list(row) for row in matrix]
+    for k in reversed(range(len(parents))):
+        above = _ancestors(parents, k)
+        if all(isinstance(factors[k][i], float) and factors[k][i] == 0.0 for i in above):
+            continue  # nothing couples, and a pivot of 0 is no division by 0
+        inverse = 1.0 / factors[k][k]
+        slopes = {i: factors[k][i] * inverse for i in above}
+        for position, i in enumerate(above):
+            for j in above[position:]:
+                factors[i][j] = factors[i][j] - slopes[i] * factors[k][j]
+        for i, slope in slopes.items():
+            factors[k][i] = slope
+    return factors, [factors[k][k] for k in range(len(parents))]
+
+
+def _ancestors(parents: list[int], body: int) -> list[int]:
+    """Parent, its parent and so on."""
+    found: list[int] = []
+    while parents[body] != WORLD:
+        body = parents[body]
+        found.append(body)
+    return found

@@ -1,0 +1,156 @@
+"""Lists what a robot computes: the arguments of each member, its axes, its unit, its algorithm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from compiler.robots.joints import RigidBodies
+from compiler.robots.kinematics import position, velocity
+from compiler.robots.mass_matrix import mass_matrix, pivots, solved
+from compiler.robots.newton_euler import joint_forces
+from compiler.robots.numbers import NOTHING, Number
+from spec_schema.robots.robot import Place
+
+Quantity = Literal["q", "dq", "ddq", "tau", "mass", "place", "speed"]
+Along = Literal["joints", "pairs of joints", "space"]
+Arguments = Sequence[Sequence[Number]]
+"""The numbers of each argument, one a body in the order of the bodies."""
+
+UNITS: Mapping[Quantity, tuple[str, str]] = {
+    "q": ("rad", "m"),
+    "dq": ("rad/s", "m/s"),
+    "ddq": ("rad/s^2", "m/s^2"),
+    "tau": ("N*m", "N"),
+    "mass": ("kg*m^2", "kg"),
+    "place": ("m", "m"),
+    "speed": ("m/s", "m/s"),
+}
+"""Of a quantity where joints turn, and where they slide."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotMember:
+    """A function of a robot; `compute` gives its numbers, one a body, a pair or a direction."""
+
+    arguments: tuple[Quantity, ...]
+    result: Quantity
+    along: Along = "joints"
+    compute: Callable[[RigidBodies, Arguments], Sequence[Number]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameMember:
+    """A function of a frame of a robot: a vector along the axes of the world."""
+
+    arguments: tuple[Quantity, ...]
+    result: Quantity
+    compute: Callable[[RigidBodies, Place, Arguments], Sequence[Number]]
+
+
+def forward_dynamics(
+    bodies: RigidBodies, arguments: Arguments, diagonal: Sequence[Number] = ()
+) -> list[Number]:
+    """ddq of M(q) ddq + C(q, dq) dq + g(q) = τ, with the armature on the diagonal of M.
+
+    `diagonal` is added there too.
+    """
+    q, dq, tau = arguments
+    matrix = _with_armature(bodies, mass_matrix(bodies, q))
+    for index, number in enumerate(diagonal):
+        matrix[index][index] = matrix[index][index] + number
+    still = [0.0] * len(q)
+    bias = joint_forces(bodies, q, dq, still, bodies.robot.gravity)
+    right = [force - other for force, other in zip(tau, bias, strict=True)]
+    return solved(bodies, matrix, right)
+
+
+_SMALLEST_PIVOT = 1e-12
+"""Of a diagonal element of M: below it a pivot is what rounding leaves of 0."""
+
+
+def undetermined_joint(bodies: RigidBodies) -> int | None:
+    """A joint that has no resistance of its own in some pose, so that M cannot be inverted.
+
+    Looked for at a pose that is special in nothing, with masses that are known.
+    """
+    pose = [0.3 + 0.37 * index for index in range(len(bodies.robot.bodies))]
+    matrix = _with_armature(bodies, mass_matrix(bodies, pose))
+    diagonal = [matrix[index][index] for index in range(len(matrix))]
+    for index, pivot in enumerate(pivots(bodies, matrix)):
+        assert isinstance(pivot, float)
+        own = diagonal[index]
+        assert isinstance(own, float)
+        if not pivot > _SMALLEST_PIVOT * own:
+            return index
+    return None
+
+
+def _inverse_dynamics(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
+    """τ = M(q) ddq + C(q, dq) dq + g(q)."""
+    q, dq, ddq = arguments
+    forces = joint_forces(bodies, q, dq, ddq, bodies.robot.gravity)
+    rotors = _armature(bodies)
+    return [f + rotor * a for f, rotor, a in zip(forces, rotors, ddq, strict=True)]
+
+
+def _mass_matrix(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
+    """M(q), row by row."""
+    lower = _with_armature(bodies, mass_matrix(bodies, arguments[0]))
+    count = len(lower)
+    return [lower[max(i, j)][min(i, j)] for i in range(count) for j in range(count)]
+
+
+def _gravity_torque(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
+    """g(q): what holds the robot still."""
+    (q,) = arguments
+    still = [0.0] * len(q)
+    return joint_forces(bodies, q, still, still, bodies.robot.gravity)
+
+
+def _coriolis(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
+    """C(q, dq) dq: centrifugal and Coriolis forces."""
+    q, dq = arguments
+    return joint_forces(bodies, q, dq, [0.0] * len(q), NOTHING)
+
+
+def _armature(bodies: RigidBodies) -> list[float]:
+    """In the order of the bodies."""
+    return [bodies.robot.armature[position] for position in bodies.robot.positions]
+
+
+def _with_armature(bodies: RigidBodies, matrix: list[list[Number]]) -> list[list[Number]]:
+    for index, rotor in enumerate(_armature(bodies)):
+        matrix[index][index] = matrix[index][index] + rotor
+    return matrix
+
+
+MEMBERS: Mapping[str, RobotMember] = {
+    "forward_dynamics": RobotMember(
+        arguments=("q", "dq", "tau"), result="ddq", compute=forward_dynamics
+    ),
+    "inverse_dynamics": RobotMember(
+        arguments=("q", "dq", "ddq"), result="tau", compute=_inverse_dynamics
+    ),
+    "mass_matrix": RobotMember(
+        arguments=("q",), result="mass", along="pairs of joints", compute=_mass_matrix
+    ),
+    "gravity_torque": RobotMember(arguments=("q",), result="tau", compute=_gravity_torque),
+    "coriolis": RobotMember(arguments=("q", "dq"), result="tau", compute=_coriolis),
+}
+"""What a robot has after the dot."""
+
+FRAME_MEMBERS: Mapping[str, FrameMember] = {
+    "position": FrameMember(
+        arguments=("q",),
+        result="place",
+        compute=lambda bodies, place, arguments: position(bodies, place, arguments[0]),
+    ),
+    "jacobian": FrameMember(
+        arguments=("q", "dq"),
+        result="speed",
+        compute=lambda bodies, place, arguments: velocity(bodies, place, *arguments),
+    ),
+}
+"""What a frame of a robot has after the dot: the position of its origin, and J(q) dq, its speed."""

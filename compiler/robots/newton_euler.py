@@ -1,0 +1,96 @@
+"""Computes the forces at the joints of a moving robot by the recursive Newton-Euler algorithm."""
+
+from __future__ import annotations
+
+from compiler.robots.joints import Numbers, RigidBodies
+from compiler.robots.mass_distribution import MassDistribution
+from compiler.robots.numbers import (
+    NOTHING,
+    Number,
+    Rows,
+    Triple,
+    cross,
+    dot,
+    plus,
+    scaled,
+    times,
+    transposed,
+)
+from spec_schema.robots.robot import WORLD
+
+_STILL: Rows = (NOTHING, NOTHING, NOTHING)
+
+
+def joint_forces(
+    bodies: RigidBodies, q: Numbers, dq: Numbers, ddq: Numbers, gravity: Triple
+) -> list[Number]:
+    """The torque or force of each joint: M(q) ddq + C(q, dq) dq + g(q), without armature.
+
+    (Luh, Walker, Paul 1980; Featherstone: Rigid Body Dynamics Algorithms, 2008, section 5.3), in
+    the frames of the bodies. A point at r of a body has the acceleration a + B r with
+    B = [α]× + [ω]× [ω]×, so its mass pulls with f = m a + B h and turns with
+    n = ∫ r × (a + B r) dm = h × a + (the axial vector of B Σ − (B Σ)ᵀ).
+    """
+    poses = bodies.poses(q)
+    tree = bodies.robot.bodies
+    spins: list[Triple] = []
+    turning: list[Rows] = []
+    forces: list[tuple[Triple, Triple]] = []
+    accelerations: list[Triple] = []
+    upwards = scaled(-1.0, gravity)
+    angular: list[Triple] = []
+    for body, pose, mass, speed, change in zip(tree, poses, bodies.masses, dq, ddq, strict=True):
+        to_body = transposed(pose.rotation)
+        if body.parent == WORLD:
+            spin, twist, pull = NOTHING, NOTHING, times(to_body, upwards)
+        else:
+            spin = times(to_body, spins[body.parent])
+            twist = times(to_body, angular[body.parent])
+            moved = times(turning[body.parent], pose.offset)
+            pull = times(to_body, plus(accelerations[body.parent], moved))
+        x, y, z = spin
+        if body.slides:
+            pull = plus(pull, (2.0 * y * speed, -2.0 * x * speed, change))
+        else:
+            twist = plus(twist, (y * speed, -x * speed, change))
+            spin = (x, y, z + speed)
+        spins.append(spin)
+        angular.append(twist)
+        accelerations.append(pull)
+        turning.append(_turning(spin, twist))
+        forces.append(_force(mass, pull, turning[-1]))
+    found: list[Number] = [0.0] * len(tree)
+    for index in reversed(range(len(tree))):
+        force, moment = forces[index]
+        body, pose = tree[index], poses[index]
+        found[index] = force[2] if body.slides else moment[2]
+        if body.parent != WORLD:
+            outer_force, outer_moment = forces[body.parent]
+            force, moment = times(pose.rotation, force), times(pose.rotation, moment)
+            moment = plus(moment, cross(pose.offset, force))
+            forces[body.parent] = plus(outer_force, force), plus(outer_moment, moment)
+    return found
+
+
+def _turning(spin: Triple, twist: Triple) -> Rows:
+    """B = [α]× + [ω]× [ω]×."""
+    x, y, z = spin
+    a, b, c = twist
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    return (
+        (-(yy + zz), xy - c, xz + b),
+        (xy + c, -(xx + zz), yz - a),
+        (xz - b, yz + a, -(xx + yy)),
+    )
+
+
+def _force(mass: MassDistribution, pull: Triple, B: Rows) -> tuple[Triple, Triple]:
+    """Force and moment about the origin of a body that moves so."""
+    force = plus(scaled(mass.mass, pull), times(B, mass.first))
+    first, second, third = mass.second  # of a symmetric matrix: rows are columns
+    axial = (
+        dot(B[2], second) - dot(B[1], third),
+        dot(B[0], third) - dot(B[2], first),
+        dot(B[1], first) - dot(B[0], second),
+    )
+    return force, plus(axial, cross(mass.first, pull))

@@ -1,0 +1,143 @@
+"""Computes with numbers that are known and with scalars of a graph; what is known is folded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+from compiler.ir import ops
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import NodeId
+from compiler.ir.types import Type
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scalar:
+    """± a node without a unit; the sign joins the sums that use it, so it costs nothing.
+
+    Sums with 0 and products with 0, 1 and −1 add no operation.
+    """
+
+    builder: GraphBuilder
+    node: NodeId
+    is_negative: bool = False
+
+    def __neg__(self) -> Number:
+        return replace(self, is_negative=not self.is_negative)
+
+    def __add__(self, other: Number) -> Number:
+        if not isinstance(other, Scalar):
+            if other == 0.0:
+                return self
+            other = Scalar(self.builder, self.builder.constant(other, unit=None))
+        if self.is_negative and other.is_negative:
+            return -self._made(ops.Add(), self.node, other.node)
+        if self.is_negative:
+            return self._made(ops.Subtract(), other.node, self.node)
+        operation = ops.Subtract() if other.is_negative else ops.Add()
+        return self._made(operation, self.node, other.node)
+
+    def __radd__(self, other: float) -> Number:
+        return self + other
+
+    def __sub__(self, other: Number) -> Number:
+        return self + -other
+
+    def __rsub__(self, other: float) -> Number:
+        return -self + other
+
+    def __mul__(self, other: Number) -> Number:
+        if not isinstance(other, Scalar):
+            if other in (0.0, 1.0, -1.0):
+                return 0.0 if other == 0.0 else self if other == 1.0 else -self
+            size = self.builder.constant(abs(other), unit=None)
+            other = Scalar(self.builder, size, other < 0.0)
+        result = self._made(ops.Multiply(), *sorted((self.node, other.node)))
+        return result if self.is_negative == other.is_negative else -result
+
+    def __rmul__(self, other: float) -> Number:
+        return self * other
+
+    def __truediv__(self, other: Number) -> Number:
+        if not isinstance(other, Scalar):
+            return self * (1.0 / other)
+        result = self._made(ops.Divide(), self.node, other.node)
+        return result if self.is_negative == other.is_negative else -result
+
+    def __rtruediv__(self, other: float) -> Number:
+        if other == 0.0:
+            return 0.0
+        return Scalar(self.builder, self.builder.constant(other, unit=None)) / self
+
+    def applied(self, function: str) -> Number:
+        """An even or odd scalar function of it: `cos`, `sin`."""
+        made = ops.Apply(function)
+        result = Scalar(self.builder, self.builder.emit(made, (self.node,), self._type()))
+        return -result if self.is_negative and function == "sin" else result
+
+    def as_node(self) -> NodeId:
+        """A node that has the value."""
+        if not self.is_negative:
+            return self.node
+        return self.builder.emit(ops.Negate(), (self.node,), self._type())
+
+    def _type(self) -> Type:
+        return self.builder.type(self.node).with_unit(None)
+
+    def _made(self, operation: ops.Op, left: NodeId, right: NodeId) -> Scalar:
+        left, right, axes = self.builder.aligned(left, right)
+        return Scalar(self.builder, self.builder.emit(operation, (left, right), Type(axes, None)))
+
+
+Number: TypeAlias = float | Scalar
+Triple: TypeAlias = tuple[Number, Number, Number]
+Rows: TypeAlias = tuple[Triple, Triple, Triple]
+
+NOTHING: Triple = (0.0, 0.0, 0.0)
+
+
+def dot(a: Triple, b: Triple) -> Number:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Triple, b: Triple) -> Triple:
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def plus(a: Triple, b: Triple) -> Triple:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def scaled(factor: Number, a: Triple) -> Triple:
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+def times(A: Rows, b: Triple) -> Triple:
+    """A b."""
+    return dot(A[0], b), dot(A[1], b), dot(A[2], b)
+
+
+def transposed(A: Rows) -> Rows:
+    a, b, c = zip(*A, strict=True)
+    return a, b, c
+
+
+def sum_of(A: Rows, B: Rows) -> Rows:
+    return plus(A[0], B[0]), plus(A[1], B[1]), plus(A[2], B[2])
+
+
+def congruent(R: Rows, S: Rows) -> Rows:
+    """R S Rᵀ of a symmetric S: each pair of its elements that are equal is computed once."""
+    half = times(S, R[0]), times(S, R[1]), times(S, R[2])
+    return symmetric(
+        *(dot(R[i], half[j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    )
+
+
+def symmetric(xx: Number, xy: Number, xz: Number, yy: Number, yz: Number, zz: Number) -> Rows:
+    """The symmetric matrix of these elements."""
+    return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))

@@ -1,0 +1,1 @@
+"""Holds what an estimator of states and parameters is made of, as data."""

@@ -1,0 +1,69 @@
+"""States the problem of an estimator, as data that filters are made of.
+
+With x the memory of one step, p the parameters that are estimated and u all inputs,
+
+    x_{k+1} = F(x_k, u_k, p_k) + w,   p_{k+1} = p_k + w_p,   y_k = h(x_k, u_k, p_k) + e
+
+with independent noises of the variances process² · Δt, walk² · Δt and std². F and h are one program
+in step form: its next states and its outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from compiler.ir.program import History, Program, Tape
+from compiler.jacobian.matrices import Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measurement:
+    """What is measured of the model, each element with this standard deviation."""
+
+    name: str
+    """Of the output in the spec."""
+    signal: str
+    """The port: the signal that the output predicts."""
+    value: str
+    """The output of the program that computes h."""
+    std: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatedNumbers:
+    """Standard deviations of a state or parameter, in its unit, alike for all its elements."""
+
+    initial: float
+    drift: float
+    """Of what moves it in a second, in its unit per √s."""
+    minimum: float | None = None
+    maximum: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimationProblem:
+    """What an estimator is made of; vectors as in `ControlProblem`."""
+
+    program: Program
+    """In step form, loops closed, without losses."""
+    states: Vector
+    inputs: Vector
+    """u: all ports."""
+    measured: tuple[Measurement, ...]
+    deviations: Mapping[str, EstimatedNumbers]
+    """By state. What is not there is known, as the registers of inputs; of a register that a
+    prediction feeds it is of the newest sample."""
+    parameters: Mapping[str, EstimatedNumbers]
+
+    @property
+    def sample_time(self) -> float:
+        """Seconds from one k to the next."""
+        assert self.program.sample_time is not None
+        return self.program.sample_time
+
+    @property
+    def registers(self) -> dict[str, History | Tape]:
+        """The states that are shift registers, by what they hold."""
+        found = {state.name: state.origin for state in self.program.states}
+        return {n: o for n, o in found.items() if isinstance(o, History | Tape)}

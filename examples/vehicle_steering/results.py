@@ -1,0 +1,115 @@
+"""Reduces what was measured to numbers, and writes them as a file and as the tables of README."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from judge import CONTROLLERS, PREVIEWING, Judged
+from setting import VARIATIONS
+
+TITLES = {
+    "controller": "controller (this example)",
+    "mlp": "perceptron",
+    "filters": "filters by least squares",
+    "kinematic": "kinematic",
+    "stanley": "Stanley",
+    "vehicle": "learned vehicle, recorded steering",
+    "wheels": "kinematic, measured angle of the wheels",
+}
+BEGIN, END = "<!-- figures -->", "<!-- end -->"
+
+
+def numbers(judged: Judged, exported: dict[str, Any]) -> dict[str, Any]:
+    """Everything that README says, with names."""
+    return {
+        "open_loop": {
+            name: {"mse": trace.mse, "max": trace.worst} for name, trace in judged.traces.items()
+        },
+        "closed_loop": {
+            variation.name: {name: _driven(judged, name, variation.name) for name in CONTROLLERS}
+            for variation in VARIATIONS
+        },
+        "kinematic_lead": judged.lead,
+        "finer_steps": judged.finer_steps,
+        "translated": judged.translated,
+        "export": exported,
+    }
+
+
+def write(found: dict[str, Any], folder: Path) -> None:
+    """`results.json`, and between two marks of README the tables of it."""
+    rounded = json.loads(json.dumps(found), parse_float=lambda text: float(f"{float(text):.4g}"))
+    text = json.dumps(rounded, indent=1) + "\n"
+    (folder / "results.json").write_text(text, encoding="utf-8")
+    readme = folder / "README.md"
+    page = readme.read_text(encoding="utf-8")
+    before, rest = page.split(BEGIN)
+    after = rest.split(END)[1]
+    readme.write_text(f"{before}{BEGIN}\n\n{tables(rounded)}\n\n{END}{after}", encoding="utf-8")
+
+
+def tables(found: dict[str, Any]) -> str:
+    """The tables of README."""
+    return "\n\n".join((_open_loop(found), _closed_loop(found), _export(found["export"])))
+
+
+def _open_loop(found: dict[str, Any]) -> str:
+    rows = found["open_loop"]
+    lines = [
+        "| curvature on the recorded test drive | mean square error, 1/m² | largest, 1/m |",
+        "|---|---|---|",
+    ]
+    for name in ("vehicle", "wheels"):
+        lines.append(f"| {TITLES[name]} | {rows[name]['mse']:.2g} | {rows[name]['max']:.2g} |")
+    for name in PREVIEWING:
+        title = f"{TITLES[name]}, through the learned vehicle"
+        lines.append(f"| {title} | {rows[name]['mse']:.2g} | {rows[name]['max']:.2g} |")
+    return "\n".join(lines)
+
+
+def _closed_loop(found: dict[str, Any]) -> str:
+    names = [TITLES[name] for name in CONTROLLERS]
+    lines = [
+        "Offset from the middle, largest and rms [m]; steering rate, largest and rms [rad/s]:",
+        "",
+        f"| car | {' | '.join(names)} |",
+        "|---|" + "---|" * len(names),
+    ]
+    for variation, rows in found["closed_loop"].items():
+        cells = [_cell(rows[name]) for name in CONTROLLERS]
+        lines.append(f"| {variation} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _cell(row: dict[str, Any]) -> str:
+    if not row["arrived"]:
+        return "lost"
+    return f"{row['max']:.2f}, {row['rms']:.2f}; {row['rate_max']:.2f}, {row['rate_rms']:.3f}"
+
+
+def _export(exported: dict[str, Any]) -> str:
+    lines = ["| exported C of the controller | |", "|---|---|"]
+    lines.append(f"| differing bits along the test drive | {exported['bits']} |")
+    board = exported["board"]
+    if board is not None:
+        least, mean, most = board["instructions"]
+        memory = f"{board['flash']}, {board['bss']}, {board['stack_bound']}"
+        title = "instructions of a step on a Cortex-M4F, -O2: least, mean, most"
+        lines.append(f"| {title} | {least}, {mean:.0f}, {most} |")
+        lines.append(f"| flash, RAM, stack, bytes | {memory} |")
+    return "\n".join(lines)
+
+
+def _driven(judged: Judged, name: str, variation: str) -> dict[str, Any]:
+    run = judged.runs[name, variation]
+    offset, rate = np.abs(run.offset), np.abs(run.steering_rate)
+    return {
+        "arrived": run.arrived,
+        "max": float(offset.max()),
+        "rms": float(np.sqrt(np.mean(offset**2))),
+        "rate_max": float(rate.max()),
+        "rate_rms": float(np.sqrt(np.mean(rate**2))),
+        "curvature_mse": float(np.mean((run.curvature - run.wanted) ** 2)),
+        "sideways": float(np.max(np.abs(run.curvature) * run.speed**2)),
+    }

@@ -1,0 +1,1 @@
+"""Solves optimal control problems: the predictive controller in Python."""

@@ -1,0 +1,315 @@
+"""Solves an optimal control problem by a primal-dual interior-point method over the stages.
+
+Each limit c(w) ≥ 0 has a slack t > 0 with c(w) = t and a multiplier z, t·z → μ; a soft one has an
+excess v > 0 more, c(w) + v = t, which costs w₁ v + w₂ v², with the multiplier ν = w₁ + 2 w₂ v − z,
+v·ν → μ (Nocedal, Wright: Numerical Optimization, 2006, ch. 19). Slacks and excesses are eliminated,
+so that each step is one Riccati recursion. Costates follow from the plan: the gradient in
+the states is 0 always. The curvature is exact where the recursion has a minimum with it, and that
+of the nearest convex stages where not. Steps are cut back by an ℓ₁ merit function.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiler.optimal_control.horizon import Array, Given
+from msnn.control.barrier_limits import BarrierLimits
+from msnn.control.horizon_functions import HorizonFunctions, Values
+from msnn.control.iterate import Direction, Iterate, Point
+from msnn.control.riccati import newton_step
+
+_FIRST_BARRIER = 0.1
+_WARM_BARRIER = 1e-4
+_TO_BOUNDARY = 0.995
+_CUTS = 14
+_ARMIJO = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Where it ended."""
+
+    iterate: Iterate
+    residual: float
+    """Largest of the optimality conditions, as `kkt_residual` has them; NaN where one is."""
+    violation: float
+    """Of hard limits, scaled."""
+    iterations: int
+
+
+class InteriorPoint:
+    """The method for one problem and one measurement."""
+
+    def __init__(self, functions: HorizonFunctions, given: Given) -> None:
+        self._f, self._given = functions, given
+        self._limits = BarrierLimits(functions, given)
+        self._held = functions.held
+        self._weight = 1e-6
+
+    def solve(
+        self,
+        states: Array,
+        controls: Array,
+        before: Iterate | None,
+        *,
+        iterations: int,
+        tolerance: float,
+        stops: bool,
+    ) -> Outcome:
+        """From a scaled plan on; `before` has the multipliers of a neighbouring problem.
+
+        With `stops` it ends once the residual is at most the tolerance, else after `iterations`.
+        """
+        with np.errstate(all="ignore"):
+            return self._solved(states, controls, before, iterations, tolerance, stops=stops)
+
+    def _solved(
+        self,
+        states: Array,
+        controls: Array,
+        before: Iterate | None,
+        iterations: int,
+        tolerance: float,
+        *,
+        stops: bool,
+    ) -> Outcome:
+        steepest = float(np.max(self._limits.linear, initial=1.0))
+        first = barrier = _FIRST_BARRIER * steepest if before is None else _WARM_BARRIER
+        now, values = self._begin(states, controls, before, barrier)
+        for count in range(iterations + 1):
+            point = self._linearised(now, values)
+            residual = self._residual(point)
+            is_over = not np.isfinite(residual) or (stops and residual <= tolerance)
+            if is_over or count == iterations:
+                return Outcome(now, residual, self._limits.violation(values), count)
+            while barrier > tolerance / 10 and self._error(point, barrier) < 10 * barrier:
+                faster = min(0.1, (barrier / first) ** 0.5)
+                barrier = max(tolerance / 10, barrier * faster)
+            moved = self._moved(point, barrier)
+            if moved is None:
+                return Outcome(now, residual, self._limits.violation(values), count)
+            now, values = moved
+        raise AssertionError("the last pass returns")
+
+    # ---- where it begins
+
+    def _begin(
+        self, states: Array, controls: Array, before: Iterate | None, barrier: float
+    ) -> tuple[Iterate, Values]:
+        n, nu, size = self._f.horizon, self._f.controls, len(self._limits.signs) // 2
+        own = np.zeros_like(self._limits.active)
+        own[:n, :nu] = own[:n, size : size + nu] = True
+        low = np.where(self._limits.active, self._limits.ends, -np.inf)[:n, :nu]
+        high = np.where(self._limits.active, self._limits.ends, np.inf)[:n, size : size + nu]
+        away = 1e-2 if before is None else 1e-4
+        push = np.minimum(away, 0.1 * (high - low))
+        controls = np.clip(controls, low + push, high - push)
+        states = np.concatenate([self._given.state[None] / self._f.scale_x, states[1:]])
+        values = self._f.values(self._given, states, controls)
+        distance = self._limits.distances(values)
+        # those of control bounds are exact, and stay so: a linear limit is kept by every step
+        slacks = np.where(own, distance, np.maximum(distance, away))
+        slacks = np.where(self._limits.active, slacks, 1.0)
+        if before is None:
+            central = self._limits.central(distance, barrier)
+            multipliers = np.where(self._limits.soft, central, barrier / slacks)
+            slacks = np.where(
+                self._limits.soft, barrier / np.where(self._limits.soft, central, 1.0), slacks
+            )
+        else:
+            multipliers = np.maximum(before.multipliers, barrier / 10)
+            cap = np.where(self._limits.soft, 0.9 * self._limits.linear, np.inf)
+            multipliers = np.minimum(multipliers, cap)
+        multipliers = np.where(self._limits.active, multipliers, 0.0)
+        excesses = np.where(self._limits.soft, np.maximum(slacks - distance, barrier * 1e-9), 0.0)
+        rest = self._limits.linear + 2 * self._limits.quadratic * excesses - multipliers
+        others = np.where(self._limits.soft, np.maximum(rest, 1e-9), 0.0)
+        return Iterate(states, controls, slacks, multipliers, excesses, others), values
+
+    # ---- how good it is
+
+    def _linearised(self, now: Iterate, values: Values) -> Point:
+        f, n, nx = self._f, self._f.horizon, self._f.states
+        slopes = f.slopes(self._given, now.states, now.controls)
+        gradient = slopes.cost + np.einsum(
+            "km,kmw->kw", self._limits.by_row(now.multipliers), slopes.rows
+        )
+        costates = np.zeros((n, nx))
+        costate = gradient[n, :nx]
+        worst = 0.0
+        for k in range(n - 1, -1, -1):
+            costates[k] = costate
+            whole = gradient[k] + slopes.following[k].T @ costate
+            costate = whole[:nx]
+            if self._held.stages[k]:
+                costate = costate + self._held.selection.T @ whole[nx:]
+            else:
+                worst = max(worst, _largest(whole[nx:]))
+        if not np.all(np.isfinite(gradient)):
+            worst = np.nan
+        misfits = self._limits.distances(values) + now.excesses - now.slacks
+        misfits = np.where(self._limits.active, misfits, 0.0)
+        gaps = values.following - now.states[1:]
+        return Point(now, values, slopes, costates, gaps, misfits, worst)
+
+    def _residual(self, point: Point) -> float:
+        distance, z = self._limits.distances(point.values, judged=True), point.now.multipliers
+        beyond = np.maximum(-distance, 0.0)
+        steepest = self._limits.linear + 2 * self._limits.quadratic * beyond
+        hard = np.where(self._limits.soft, 0.0, np.maximum(beyond, z * np.abs(distance)))
+        excess = np.maximum(np.abs(z - steepest) * beyond, z - steepest)
+        soft = np.where(self._limits.soft, np.maximum(z * np.maximum(distance, 0.0), excess), 0.0)
+        held = self._held_gaps(point.now)
+        parts = (point.stationarity, _largest(point.gaps), _largest(hard), _largest(soft))
+        return float(np.max([*parts, _largest(held), 0.0 * point.values.cost]))
+
+    def _error(self, point: Point, barrier: float) -> float:
+        """How far the point is from the solution at this barrier."""
+        now = point.now
+        products = np.where(self._limits.active, now.slacks * now.multipliers - barrier, 0.0)
+        others = np.where(self._limits.soft, now.excesses * now.excess_multipliers - barrier, 0.0)
+        parts = (point.gaps, point.misfits, products, others, self._held_gaps(now))
+        return max(point.stationarity, *(_largest(part) for part in parts))
+
+    def _held_gaps(self, now: Iterate) -> Array:
+        gaps = self._held.gaps(now.states, now.controls)
+        return np.where(self._held.stages[:, None], gaps, 0.0)
+
+    # ---- where it goes
+
+    def _moved(self, point: Point, barrier: float) -> tuple[Iterate, Values] | None:
+        """The next iterate; None where there is no way on."""
+        f, now = self._f, point.now
+        rows = self._limits.by_row(now.multipliers)
+        if f.problem.hessian == "exact":
+            hessian = f.curvature(self._given, now.states, now.controls, rows, point.costates)
+            tries = (hessian, _convex(hessian))
+        else:
+            rows, costates = np.zeros_like(rows), np.zeros_like(point.costates)
+            hessian = f.curvature(self._given, now.states, now.controls, rows, costates)
+            tries = (_convex(hessian),)
+        if not np.all(np.isfinite(hessian)):
+            return None
+        best: tuple[Iterate, Values] | None = None
+        for curvature in tries:
+            direction = self._direction(point, curvature, barrier)
+            if direction is None:
+                continue
+            found, accepted = self._searched(point, direction, curvature, barrier)
+            if accepted:
+                return found
+            best = found or best
+        return best
+
+    def _direction(self, point: Point, hessian: Array, barrier: float) -> Direction | None:
+        now, slopes, limits = point.now, point.slopes, self._limits
+        t, z, v, nu = now.slacks, now.multipliers, now.excesses, now.excess_multipliers
+        z_or_1 = np.where(limits.active, z, 1.0)
+        bend = np.where(limits.soft, nu + 2 * limits.quadratic * v, 1.0)
+        misfit = np.where(limits.soft, limits.linear + 2 * limits.quadratic * v - z - nu, 0.0)
+        room = np.where(limits.soft, (barrier - v * nu - v * misfit) / bend, 0.0)
+        stiffness = np.where(limits.active, 1 / (t / z_or_1 + v / bend), 0.0)
+        offset = point.misfits + room - barrier / z_or_1 + t
+        size = len(limits.signs) // 2
+        weights = stiffness[:, :size] + stiffness[:, size:]
+        whole = hessian + np.einsum("kmi,km,kmj->kij", slopes.rows, weights, slopes.rows)
+        if not np.all(np.isfinite(whole)):
+            return None
+        pull = limits.by_row(z - stiffness * offset)
+        gradient = slopes.cost + np.einsum("km,kmw->kw", pull, slopes.rows)
+        held_gaps = self._held_gaps(now)
+        found = newton_step(whole, gradient, slopes.following, point.gaps, self._held, held_gaps)
+        if found is None:
+            return None
+        states, controls = found
+        moves = np.concatenate([states, np.concatenate([controls, controls[:1] * 0])], axis=1)
+        rows = np.einsum("kmw,kw->km", slopes.rows, moves)
+        change = limits.signs * np.concatenate([rows, rows], axis=1)
+        dz = -stiffness * (change + offset)
+        dt = np.where(limits.active, barrier / z_or_1 - t - t / z_or_1 * dz, 0.0)
+        dv = np.where(limits.soft, room + v / bend * dz, 0.0)
+        others = np.where(limits.soft, misfit + 2 * limits.quadratic * dv - dz, 0.0)
+        return Direction(states, controls, dt, dz, dv, others)
+
+    def _searched(
+        self, point: Point, step: Direction, hessian: Array, barrier: float
+    ) -> tuple[tuple[Iterate, Values] | None, bool]:
+        """The iterate along the step where the merit is low enough, and whether there was one."""
+        now = point.now
+        primal = min(_longest(now.slacks, step.slacks), _longest(now.excesses, step.excesses))
+        dual = min(
+            _longest(now.multipliers, step.multipliers),
+            _longest(now.excess_multipliers, step.excess_multipliers),
+        )
+        slope = self._slope(point, step, hessian, barrier)
+        before = self._merit(now, point.values, barrier)
+        found: tuple[Iterate, Values] | None = None
+        for cut in range(_CUTS):
+            length = primal * 0.5**cut
+            trial = Iterate(
+                now.states + length * step.states,
+                now.controls + length * step.controls,
+                now.slacks + length * step.slacks,
+                now.multipliers + dual * step.multipliers,
+                now.excesses + length * step.excesses,
+                now.excess_multipliers + dual * step.excess_multipliers,
+            )
+            values = self._f.values(self._given, trial.states, trial.controls)
+            merit = self._merit(trial, values, barrier)
+            if np.isfinite(merit):
+                found = trial, values
+            if merit <= before + _ARMIJO * length * slope + 1e-10 * abs(before):
+                return found, True
+        return found, False
+
+    def _infeasibility(self, now: Iterate, values: Values) -> float:
+        misfits = np.where(
+            self._limits.active, self._limits.distances(values) + now.excesses - now.slacks, 0.0
+        )
+        gaps = values.following - now.states[1:]
+        return sum(float(np.sum(np.abs(v))) for v in (misfits, gaps, self._held_gaps(now)))
+
+    def _merit(self, now: Iterate, values: Values, barrier: float) -> float:
+        penalties = self._limits.linear * now.excesses + self._limits.quadratic * now.excesses**2
+        logs = np.log(np.where(self._limits.active, now.slacks, 1.0))
+        logs += np.log(np.where(self._limits.soft, now.excesses, 1.0))
+        smooth = values.cost + float(np.sum(penalties) - barrier * np.sum(logs))
+        return smooth + self._weight * self._infeasibility(now, values)
+
+    def _slope(self, point: Point, step: Direction, hessian: Array, barrier: float) -> float:
+        """The merit's slope along the step; raises the weight of infeasibility where it must."""
+        now = point.now
+        last = np.zeros((1, step.controls.shape[1]))
+        moves = np.concatenate([step.states, np.concatenate([step.controls, last])], axis=1)
+        marginal = self._limits.linear + 2 * self._limits.quadratic * now.excesses
+        marginal = marginal - barrier / np.where(self._limits.soft, now.excesses, 1.0)
+        slope = float(np.sum(point.slopes.cost * moves))
+        slope += float(np.sum(np.where(self._limits.soft, marginal * step.excesses, 0.0)))
+        slope -= barrier * float(np.sum(step.slacks / now.slacks))
+        bend = float(np.einsum("ki,kij,kj->", moves, hessian, moves))
+        infeasible = self._infeasibility(now, point.values)
+        if infeasible > 1e-12:
+            wanted = (slope + 0.5 * max(bend, 0.0)) / (0.9 * infeasible)
+            if wanted > self._weight:
+                self._weight = 2 * wanted
+        return slope - self._weight * infeasible
+
+
+def _convex(hessian: Array) -> Array:
+    """The nearest symmetric matrices without negative curvature."""
+    values, vectors = np.linalg.eigh(hessian)
+    least = 1e-8 * np.maximum(1.0, np.max(np.abs(values), axis=1, keepdims=True))
+    return np.einsum("kij,kj,klj->kil", vectors, np.maximum(values, least), vectors)
+
+
+def _longest(values: Array, step: Array) -> float:
+    """The longest part of a step that keeps values above 0."""
+    falls = step < 0
+    ratios = -_TO_BOUNDARY * values[falls] / step[falls]
+    return float(np.min(ratios, initial=1.0))
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values), initial=0.0))

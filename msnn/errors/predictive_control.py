@@ -1,0 +1,25 @@
+"""E1140-E1149: controllers that cannot be exported."""
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from spec_schema.diagnostics.source import Span
+
+
+def no_control(place: Span | None = None) -> Diagnostic:
+    """E1140: a controller of a spec that says nothing of one."""
+    repair = "add an `mpc:` section, which says what the controller makes small"
+    message = "the spec has no `mpc` section to make a controller of"
+    return error("E1140", place, message, "asked for here", help=repair)
+
+
+def unsupported_blocks(place: Span | None) -> Diagnostic:
+    """E1142: controls that stay the same over several samples."""
+    message = "exported controllers decide on each sample apart"
+    repair = "leave `blocks:` out, or use `msnn.mpc` in Python"
+    return error("E1142", place, message, "blocks of several samples here", help=repair)
+
+
+def unsuited_key(key: str, place: Span | None) -> Diagnostic:
+    """E1143: a key of other targets in the entry of controllers."""
+    message = f"`{key}` says nothing of a controller"
+    repair = "the `mpc` section says what it controls and what is fed back"
+    return error("E1143", place, message, "here", help=repair)

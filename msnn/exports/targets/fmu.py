@@ -1,0 +1,93 @@
+"""The target `fmu`: the generated C as units for co-simulation, of FMI 2.0 and 3.0."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from backends.c_lowering.options import COptions
+from compiler.ir.program import Program
+from compiler.ir.types import Type
+from compiler.passes.retime import retime
+from compiler.passes.settle_zeros import settle_zeros
+from msnn.agreement.judgement import NumberType, Promise
+from msnn.agreement.loaded import Loaded
+from msnn.errors.failures import MissingExtraError
+from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
+from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
+from spec_schema.sections.exports import FmuExport
+
+
+def _prepare(request: Request, entry: FmuExport | None) -> ExportPlan[COptions] | None:
+    delay = () if entry is None else entry.delay
+    step = step_program(request, entry, delay, keeps_arrays=True)
+    if step is None:
+        return None
+    # tools set parameters between steps: nothing may be computed from their values ahead
+    step = settle_zeros(retime(step, fixed_parameters=False))
+    return ExportPlan(
+        target=TARGET,
+        program=step,
+        prefix=name_prefix(request, None if entry is None else entry.prefix),
+        dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
+        options=COptions(params="tunable", extras=("feedthrough",) if _has_slopes(step) else ()),
+    )
+
+
+def _has_slopes(program: Program) -> bool:
+    """Whether the matrix of slopes of outputs in inputs is not vast."""
+    outputs = sum(program.step[output.node].type.size for output in program.outputs)
+    inputs = sum(Type(signal.axes).size for signal in program.signals)
+    return outputs * inputs <= MOST_ENTRIES
+
+
+def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[Path, ...]:
+    from backends.c.host.build import CompilerFailedError
+    from backends.fmu.write_fmu import write_fmu
+
+    try:
+        return write_fmu(plan.program, weights, folder, _named(plan))
+    except CompilerFailedError as error:
+        raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
+
+
+def _tell(plan: ExportPlan[COptions], folder: Path) -> str:
+    """Whether the units run on this machine."""
+    from backends.fmu.archive import holds_binary
+
+    paths = [folder / f"{plan.prefix}_fmi{version}.fmu" for version in (2, 3)]
+    if all(holds_binary(path) for path in paths):
+        return ""
+    return "no C compiler found: the units have their sources and no binary"
+
+
+@contextmanager
+def _load(plan: ExportPlan[COptions], written: Written) -> Generator[Loaded]:
+    from backends.c.interface.interface import c_interface
+    from msnn.exports.loaded_fmu import loaded_fmu
+
+    with loaded_fmu(plan.program, c_interface(plan.program, _named(plan)), written) as loaded:
+        yield loaded
+
+
+def _named(plan: ExportPlan[COptions]) -> COptions:
+    return replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
+
+
+def _promise(dtype: NumberType) -> Promise:
+    return Promise.BITS if dtype == "float32" else Promise.ROUNDING
+
+
+TARGET: Target[FmuExport, COptions] = Target(
+    name="fmu",
+    entry=FmuExport,
+    dtype="float32",
+    options=COptions(params="tunable"),
+    promise=_promise,
+    prepare=_prepare,
+    write=_write,
+    tell=_tell,
+    load=_load,
+)

@@ -1,0 +1,131 @@
+"""Measures how often targets lie inside prediction intervals, in the rollouts of each entry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from compiler.ir.program import Program
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.errors.intervals import no_training_rows, nothing_to_band
+from msnn.model.covariance_file import Covariance
+from msnn.simulation.engines.engine import Advance, Engine
+from msnn.simulation.engines.open_rollouts import open_rollouts
+from msnn.simulation.intervals import Intervals, uncertain_program
+from msnn.simulation.rollout_plan import free_rollout
+from msnn.validation.counting import Counted
+from msnn.validation.coverage import LEVELS, Counts, Coverage
+from msnn.validation.judged_errors import TRAINED_ON
+from msnn.validation.measurement import Measurement
+from msnn.validation.outcomes import (
+    Simulator,
+    reduced,
+    rollout_parts,
+    simulated_together,
+)
+from msnn.validation.plan import CheckPlan, plan_checks
+from msnn.validation.ready_check import ReadyCheck, ready_check, with_found_starts
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+
+Weights = Mapping[str, FloatArray]
+
+_STEPS = 1 << 20
+"""That are simulated before they are counted."""
+
+
+def residual_variances(
+    plans: Sequence[CheckPlan],
+    data: Dataset | None,
+    weights: Weights,
+    covariance: Covariance,
+    engine: Engine,
+) -> list[FloatArray]:
+    """σ² of the errors of each plan's rollouts over the training rows, of each element.
+
+    By n − p where p numbers were learned from n values. SpecError where no row was trained on.
+    """
+    findings = Findings()
+    twins: list[ReadyCheck] = []
+    for plan in plans:
+        if data is None or TRAINED_ON not in data.sets or not data.has(TRAINED_ON):
+            findings.report(no_training_rows(plan.of, f"the data have no set `{TRAINED_ON}`"))
+            break
+        there = replace(plan, data=TRAINED_ON, from_files=False)
+        twin = ready_check(there, data, TRAINED_ON, {}, findings)
+        if twin is not None:
+            twins.append(twin)
+    findings.raise_errors()
+    twins = with_found_starts(twins, weights, findings)
+    found: list[FloatArray] = []
+    for outcome in Simulator(engine, weights, lambda _: None).outcomes(twins):
+        assert isinstance(outcome, Measurement), "losses have no interval"
+        scores = outcome.metrics["rmse"]
+        freedom = scores.count - covariance.free
+        if freedom <= 0:
+            why = f"{covariance.free} numbers were learned from {scores.count} values"
+            raise SpecError([no_training_rows(outcome.of, why)])
+        found.append(scores.elements**2 * scores.count / freedom)
+    return found
+
+
+def free_intervals(
+    program: Program,
+    data: Dataset,
+    weights: Weights,
+    covariance: Covariance,
+    level: float,
+    engine: Engine,
+) -> Intervals:
+    """The intervals of a free run over records, of every output that predicts something."""
+    rollout = free_rollout(program)
+    plans = [replace(plan, rollout=rollout) for plan in plan_checks(program, (), Findings())]
+    if not plans:
+        raise SpecError([nothing_to_band([output.name for output in program.outputs])])
+    variances = residual_variances(plans, data, weights, covariance, engine)
+    noise = {plan.of: variance for plan, variance in zip(plans, variances, strict=True)}
+    return Intervals(level=level, covariance=covariance, noise=noise)
+
+
+def coverages(
+    checks: Sequence[ReadyCheck],
+    measured: Sequence[Measurement],
+    variances: Sequence[FloatArray],
+    *,
+    weights: Weights,
+    covariance: Covariance,
+    engine: Engine,
+    advance: Advance,
+) -> list[Coverage]:
+    """How often the targets of each entry, none of them a loss, lie inside its intervals."""
+    found: dict[int, Coverage] = {}
+    for group in simulated_together(checks):
+        first, names = checks[group[0]], {checks[index].plan.of for index in group}
+        program = reduced(
+            first.plan.rollout.program, lambda output, of=names: output.name in of, lambda _: False
+        )
+        # entries of one output that are simulated alike have the same errors in training
+        noise = {checks[index].plan.of: variances[index] for index in group}
+        spread = uncertain_program(
+            program,
+            Intervals(level=LEVELS[-1], covariance=covariance, noise=noise),
+            weights,
+        )
+        opened = open_rollouts(engine, spread.program, spread.weights, first.series, first.runs)
+        counts = {index: Counts(variances[index]) for index in group}
+        for part in rollout_parts(first.runs, _STEPS):
+            outputs = opened.engine.outputs(part, advance)
+            for index, count in counts.items():
+                check = checks[index]
+                assert check.plan.target is not None
+                counting = Counted(check).among(part)
+                count.add(
+                    outputs[check.plan.of][counting.steps],
+                    spread.variance(check.plan.of, outputs)[counting.steps],
+                    check.data.series[check.plan.target.signal][counting.rows],
+                )
+        for index, count in counts.items():
+            residuals = measured[index].judged.residuals
+            found[index] = count.coverage(
+                each.itself.values for each in residuals if each.itself is not None
+            )
+    return [found[index] for index in range(len(checks))]

@@ -1,0 +1,130 @@
+"""E11xx: the optimal control problem of a predictive controller."""
+
+from collections.abc import Iterable
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
+from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
+
+
+def not_a_control(name: str, found: str | None, span: Span, known: Iterable[str]) -> Diagnostic:
+    """E1101: a control that is no open input."""
+    is_what = "which nothing declares" if found is None else f"which is {found}"
+    message = f"`controls` names `{name}`, {is_what}"
+    repair = did_you_mean(nearest(name, known)) if found is None else None
+    repair = repair or "a control is an input that nothing inside the model feeds"
+    return error("E1101", span, message, "the controller cannot decide it", help=repair)
+
+
+def closed_control(name: str, output: str, span: Span, prediction: Span) -> Diagnostic:
+    """E1102: a control that an output of the model predicts, which feeds it back."""
+    message = f"`{name}` cannot be a control: `{output}` predicts it"
+    return error(
+        "E1102",
+        span,
+        message,
+        "fed back along the horizon",
+        secondary=((prediction, "fed back from here"),),
+        help="name the inputs that act on the plant, or remove `predicts`",
+    )
+
+
+def cost_without_control(name: str, span: Span, control: Span) -> Diagnostic:
+    """E1103: a cost that a control does not move."""
+    message = f"the cost does not depend on the control `{name}`"
+    repair = "weigh the control, or what it moves: `((y - r) / y_scale)**2`"
+    return error(
+        "E1103",
+        span,
+        message,
+        "neither directly nor through states",
+        secondary=((control, "any value of it is as good"),),
+        help=repair,
+    )
+
+
+def reversed_bound(name: str, low: str, high: str, span: Span) -> Diagnostic:
+    """E1104: a bound whose lowest value is above its highest."""
+    message = f"`min` of `{name}` is {low}, above its `max`, {high}"
+    return error("E1104", span, message, "no value keeps both", help="exchange the two")
+
+
+def blocks_of_other_length(found: int, horizon: int, span: Span) -> Diagnostic:
+    """E1105: blocks that do not fill the horizon."""
+    message = f"`blocks` sum to {found}, the horizon has {horizon} samples"
+    least = "shorten one by" if found > horizon else "lengthen one by"
+    return error("E1105", span, message, f"{found} samples", help=f"{least} {abs(found - horizon)}")
+
+
+def dropout_in_control(span: Span | None) -> Diagnostic:
+    """E1106: a plant or cost that leaves out elements at random."""
+    message = "the plant of a predictive controller cannot have dropout"
+    repair = "remove it from what the controller computes, or train without it"
+    return error("E1106", span, message, "left out at random while training", help=repair)
+
+
+def bound_of_nothing(span: Span) -> Diagnostic:
+    """E1107: a bound that limits nothing."""
+    message = "a bound needs `min`, `max` or `rate`"
+    return error("E1107", span, message, "says no limit", help="write for example `{max: 2 bar}`")
+
+
+def soft_and_hard(span: Span) -> Diagnostic:
+    """E1108: a bound that may be violated at a cost, and may not."""
+    message = "a bound is either `soft` or `hard`"
+    return error("E1108", span, message, "`hard: true` allows no violation", help="leave one out")
+
+
+def bound_option(name: str, key: str, kind: str, span: Span) -> Diagnostic:
+    """E1109: a rate of what is no control, or a soft or hard bound of a control."""
+    is_rate = key == "rate"
+    message = f"`{key}` in the bound of `{name}`, which is {kind}"
+    label = "only controls have a rate" if is_rate else "bounds of controls always hold"
+    repair = f"bound an equation such as `derivative({name})`" if is_rate else "leave it out"
+    return error("E1109", span, message, label, help=repair)
+
+
+def not_bounded(name: str, reason: str, span: Span, known: Iterable[str]) -> Diagnostic:
+    """E1110: a bound of something that the controller cannot keep within it."""
+    message = f"`bounds` names `{name}`, {reason}"
+    repair = did_you_mean(nearest(name, known))
+    repair = repair or "bounds are of controls, and of states, outputs and equations they move"
+    return error("E1110", span, message, "cannot be bounded", help=repair)
+
+
+def limit_of_model(name: str, key: str, read: str, span: Span) -> Diagnostic:
+    """E1111: a limit that reads a value of the model."""
+    message = f"`{key}` of `{name}` reads `{read}`: a limit is known before the problem is solved"
+    repair = "make it a reference, or bound an equation of the difference"
+    return error("E1111", span, message, "a number, or of references", help=repair)
+
+
+def needless_preview(name: str, found: str, span: Span) -> Diagnostic:
+    """E1112: a preview of what is no measured disturbance."""
+    message = f"`preview` names `{name}`, which is {found}"
+    repair = "a preview is of an input that is neither a control nor fed back"
+    return error("E1112", span, message, "has no samples to come", help=repair)
+
+
+def read_at_other_time(name: str, kind: str, span: Span | None) -> Diagnostic:
+    """E1113: a control that is read ahead of its sample, or a reference at another than its own."""
+    if kind == "control":
+        message = f"the plant reads the control `{name}` after sample t"
+        repair = f"write `between: hold` at `{name}`: a controller holds what it has decided"
+        return error("E1113", span, message, "decided at t+1", help=repair)
+    message = f"the reference `{name}` is read at another time than its own sample"
+    repair = "read it as it is; with `preview: true` each sample of the horizon has its own value"
+    return error("E1113", span, message, "only the sample at t+k is there", help=repair)
+
+
+def terminal_reads_control(name: str, span: Span) -> Diagnostic:
+    """E1114: a terminal cost of a control at t+N, which nobody decides."""
+    message = f"the terminal cost reads the control `{name}` at t+N: the last one acts at t+N-1"
+    repair = "write it of states, or of signals that outputs predict"
+    return error("E1114", span, message, "depends on it in the same step", help=repair)
+
+
+def unused_reference(name: str, span: Span) -> Diagnostic:
+    """W1101: a reference that neither cost nor bounds read."""
+    message = f"the reference `{name}` is not used"
+    return warning("W1101", span, message, "neither cost nor bounds read it", help="remove it")

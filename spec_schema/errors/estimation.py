@@ -1,0 +1,42 @@
+"""E1120-E1123: estimators of states and parameters."""
+
+from collections.abc import Iterable
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
+
+
+def not_measured(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
+    """E1120: a measurement of something that predicts no signal."""
+    message = f"`measured` names `{name}`, which is no output with `predicts`"
+    repair = did_you_mean(nearest(name, known))
+    repair = repair or "`predicts: s[t]` says which signal is measured of an output"
+    return error("E1120", span, message, "nothing says what is measured", help=repair)
+
+
+def measured_too_late(name: str, signal: str, span: Span, prediction: Span) -> Diagnostic:
+    """E1121: a measurement that is not of the state at its own sample."""
+    message = f"what `{name}` predicts of `{signal}` is not of the states at that sample"
+    return error(
+        "E1121",
+        span,
+        message,
+        "cannot be compared when it is measured",
+        secondary=((prediction, "predicted here"),),
+        help="measure an output that predicts `s[t]`, or `s[t+1]` of a state or input s",
+    )
+
+
+def not_estimated(key: str, name: str, span: Span, known: Iterable[str]) -> Diagnostic:
+    """E1122: a deviation of something that is neither a state nor fed back."""
+    message = f"`{key}` names `{name}`, which is neither a state nor a signal that outputs predict"
+    repair = did_you_mean(nearest(name, known))
+    return error("E1122", span, message, "no memory of the model", help=repair)
+
+
+def not_a_read_parameter(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
+    """E1123: an estimated parameter that the model does not read."""
+    message = f"`parameters` names `{name}`, which is no parameter that the model reads"
+    repair = did_you_mean(nearest(name, known))
+    return error("E1123", span, message, "nothing measured depends on it", help=repair)

@@ -1,0 +1,186 @@
+"""E1201-E1229, W1201-W1209: robots, their URDF files and what is asked of them."""
+
+from collections.abc import Iterable, Sequence
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
+from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import did_you_mean, nearest
+
+
+def unreadable_robot(path: str, reason: str, span: Span) -> Diagnostic:
+    """E1201: a URDF file that cannot be read."""
+    message = f"cannot read the robot's URDF {path}: {reason}"
+    notes = ("a path is relative to the folder of the file that it stands in",)
+    return error("E1201", span, message, "used here", notes=notes)
+
+
+def not_xml(problem: str, span: Span) -> Diagnostic:
+    """E1202: a URDF file that is no XML."""
+    return error("E1202", span, f"this is not XML: {problem}", "read up to here")
+
+
+def document_type(span: Span) -> Diagnostic:
+    """E1203: a document type, by which a file can define entities and name other files."""
+    message = "a URDF is read without a document type and its entities"
+    return error("E1203", span, message, "begins here", help="remove `<!DOCTYPE …>`")
+
+
+def not_urdf(found: str, span: Span, repair: str | None) -> Diagnostic:
+    """E1204: XML that is not a URDF."""
+    return error("E1204", span, f"this is not a URDF: {found}", "found this", help=repair)
+
+
+def incomplete_element(element: str, missing: str, span: Span) -> Diagnostic:
+    """E1205: an element of a URDF without something that it needs."""
+    return error("E1205", span, f"{element} has no {missing}", "incomplete")
+
+
+def malformed_number(attribute: str, found: str, wanted: str, span: Span) -> Diagnostic:
+    """E1206: text in a URDF where numbers belong."""
+    message = f"`{attribute}` is {wanted}, not `{found}`"
+    return error("E1206", span, message, f"expected {wanted}")
+
+
+def unknown_link(name: str, of: str, span: Span, known: Iterable[str]) -> Diagnostic:
+    """E1207: a link that the URDF does not have."""
+    meant = did_you_mean(nearest(name, known))
+    return error("E1207", span, f"{of}: there is no link `{name}`", "names it", help=meant)
+
+
+def not_a_tree(problem: str, span: Span, repair: str | None = None) -> Diagnostic:
+    """E1208: links that do not hang together as one tree."""
+    return error("E1208", span, f"the links are no tree: {problem}", "found here", help=repair)
+
+
+def unknown_joint_type(name: str, found: str, span: Span) -> Diagnostic:
+    """E1209: a joint that robots here do not have."""
+    message = f"the joint `{name}` is of the type `{found}`"
+    repair = {
+        "floating": "make its child the root, and write `base: floating` in the spec",
+        "planar": "write two prismatic joints and a revolute one, with links without mass between",
+        "spherical": "write three revolute joints, with links without mass between",
+    }.get(found)
+    known = "one of revolute, continuous, prismatic, fixed"
+    return error("E1209", span, message, known, help=repair)
+
+
+def impossible_inertia(link: str, problem: str, span: Span, repair: str | None) -> Diagnostic:
+    """E1210: a mass or an inertia that no body has."""
+    return error("E1210", span, f"the inertia of `{link}`: {problem}", "given here", help=repair)
+
+
+def twice_in_urdf(what: str, name: str, span: Span, first: Span) -> Diagnostic:
+    """E1211: two links or two joints of one name."""
+    message = f"two {what}s are called `{name}`"
+    return error("E1211", span, message, "again here", secondary=((first, "the first"),))
+
+
+def mimicking_joint(name: str, span: Span) -> Diagnostic:
+    """E1212: a joint that follows another one."""
+    message = f"the joint `{name}` mimics another one, which is not in this version"
+    repair = 'make it `type="fixed"`, or remove `<mimic>` and drive it by a torque of its own'
+    return error("E1212", span, message, "follows a joint", help=repair)
+
+
+def moves_without_mass(joint: str, span: Span) -> Diagnostic:
+    """E1213: a joint behind which nothing has mass, so that no acceleration follows from it."""
+    message = f"nothing that moves with the joint `{joint}` resists it"
+    repair = "give a link behind it mass and inertia, make the joint fixed, or set `armature:`"
+    return error("E1213", span, message, "its acceleration is not determined", help=repair)
+
+
+def unknown_joint(name: str, why: str | None, span: Span, known: Iterable[str]) -> Diagnostic:
+    """E1214: a joint of the spec that the robot does not have, or that does not move."""
+    message = f"the robot has no joint `{name}`" if why is None else f"the joint `{name}` {why}"
+    meant = did_you_mean(nearest(name, known)) if why is None else None
+    return error("E1214", span, message, "listed here", help=meant)
+
+
+def unfit_joints(problem: str, span: Span, labels: Sequence[str]) -> Diagnostic:
+    """E1215: joints of the spec that cannot be those of the robot."""
+    listed = ", ".join(labels)
+    return error("E1215", span, problem, "these joints", help=f"write `[{listed}]`")
+
+
+def unfit_setting_of_robot(key: str, problem: str, span: Span, repair: str | None) -> Diagnostic:
+    """E1216: a setting of a robot that does not fit it."""
+    return error("E1216", span, f"`{key}` {problem}", "this setting", help=repair)
+
+
+def unlearnable_inertia(link: str, span: Span, learned: Span) -> Diagnostic:
+    """E1217: a body from whose inertia learning cannot start, as no body of some size has it."""
+    message = f"learning cannot start from the inertia of `{link}`: it has no extent in a direction"
+    second = ((learned, "to be learned"),)
+    repair = "write an inertia whose principal moments are each below the sum of the others"
+    return error("E1217", span, message, "flat or a point", secondary=second, help=repair)
+
+
+def unknown_robot_member(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
+    """E1218: something after the dot that a robot does not have."""
+    base, _, member = name.rpartition(".")
+    known = tuple(known)
+    notes = (f"it has {', '.join(known)}",)
+    if member in known:
+        message, repair = f"`{name}` is no value by itself", f"call it: `{name}(q)`"
+        return error("E1218", span, message, "of a robot", notes=notes, help=repair)
+    repair = did_you_mean(nearest(member, known))
+    message = f"the robot `{base}` has no `{member}`"
+    return error("E1218", span, message, "no such member", notes=notes, help=repair)
+
+
+def argument_of_robot(
+    member: str, argument: str, wanted: str, found: str, span: Span
+) -> Diagnostic:
+    """E1219: an argument with other axes than the joints."""
+    message = f"`{argument}` of `{member}` is along {wanted}, not {found}"
+    return error("E1219", span, message, f"this is {found}")
+
+
+def spec_or_robot(span: Span) -> Diagnostic:
+    """E1220: a sub-model that is both a spec and a robot."""
+    message = "a sub-model is either a spec or a robot"
+    return error("E1220", span, message, "both", help="use two sub-models")
+
+
+def weights_of_robot(span: Span) -> Diagnostic:
+    """E1221: weights for a robot, which come with those of the model that uses it."""
+    message = "a robot has no weights of its own"
+    repair = "what it learns is in the weights of the model that uses it"
+    return error("E1221", span, message, "for a robot", help=repair)
+
+
+def implicit_of_what(name: str, problem: str, span: Span, repair: str) -> Diagnostic:
+    """E1222: something that `linear_implicit: {of: …}` cannot take implicitly."""
+    message = f"`linear_implicit` of `{name}`: {problem}"
+    return error("E1222", span, message, "of this", help=repair)
+
+
+def held_joints(names: Sequence[str], span: Span, place: Span) -> Diagnostic:
+    """W1201: joints that the spec does not list; they are held at 0."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    plural = "s" if len(names) > 1 else ""
+    message = f"joint{plural} held at 0: {listed}"
+    second = ((span, "not among these"),)
+    repair = 'list it, or make it `type="fixed"` in the URDF'
+    return warning("W1201", place, message, "moves in the URDF", secondary=second, help=repair)
+
+
+def unused_friction(joint: str, span: Span) -> Diagnostic:
+    """W1202: friction in a URDF, which a spec says itself."""
+    message = f"damping and friction of the joint `{joint}` are not used"
+    repair = "subtract them from the torque in the spec, and remove them here"
+    return warning("W1202", span, message, "left out", help=repair)
+
+
+def transmission_ratio(name: str, ratio: str, span: Span) -> Diagnostic:
+    """W1203: a gear in a URDF; a robot here has positions and torques of its joints."""
+    message = f"the transmission `{name}` has a reduction of {ratio}, which is not used"
+    repair = "positions and torques are those of the joints, after the gear: convert them before"
+    return warning("W1203", span, message, "left out", help=repair)
+
+
+def unlikely_inertia(link: str, span: Span) -> Diagnostic:
+    """W1204: principal moments of which one is above the sum of the others."""
+    message = f"no body has the inertia of `{link}`: one principal moment exceeds the others' sum"
+    notes = ("it is used as it stands",)
+    return warning("W1204", span, message, "given here", notes=notes)

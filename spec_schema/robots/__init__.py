@@ -1,0 +1,1 @@
+"""Robots: URDF files, read without trust into a tree of bodies with constant inertias."""

@@ -1,0 +1,195 @@
+"""Makes the tree of moving bodies of a URDF: what does not move is one body with its parent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import robots as errors
+from spec_schema.robots.geometry import (
+    IDENTITY,
+    ZERO,
+    Matrix,
+    Vector,
+    multiple,
+    outer,
+    plus,
+    product,
+    scaled,
+    sum_of,
+    times,
+    to_axis,
+    transposed,
+)
+from spec_schema.robots.robot import WORLD, Body, Inertia, Place
+from spec_schema.robots.urdf import Joint, Urdf
+
+_AXES: Mapping[str, tuple[bool, Vector]] = {
+    "base_x": (True, (1.0, 0.0, 0.0)),
+    "base_y": (True, (0.0, 1.0, 0.0)),
+    "base_z": (True, (0.0, 0.0, 1.0)),
+    "base_yaw": (False, (0.0, 0.0, 1.0)),
+    "base_pitch": (False, (0.0, 1.0, 0.0)),
+    "base_roll": (False, (1.0, 0.0, 0.0)),
+}
+"""From the world to the base: whether each joint slides, and its axis. R is Rz Ry Rx."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """Bodies, parents first, and where each link is in the frame of its body."""
+
+    bodies: tuple[Body, ...]
+    links: Mapping[str, _Frame]
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """x of a link is R x + r of a body."""
+
+    body: int
+    R: Matrix = IDENTITY
+    r: Vector = ZERO
+
+    def joined(self, R: Matrix, r: Vector) -> _Frame:
+        """The frame in which x is R x + r of this one."""
+        return _Frame(self.body, product(self.R, R), plus(times(self.R, r), self.r))
+
+    def place(self) -> Place:
+        return Place(body=self.body, offset=self.r)
+
+
+def tree_of(urdf: Urdf, moving: Sequence[str], *, floats: bool, findings: Findings) -> Tree | None:
+    """The bodies that the joints called `moving` move; None once it is reported why there are none.
+
+    `floats` puts the six joints of a floating base before the root.
+    """
+    root = _root(urdf, findings)
+    if root is None:
+        return None
+    children: dict[str, list[Joint]] = {}
+    for joint in urdf.joints.values():
+        children.setdefault(joint.parent, []).append(joint)
+    growing = _Growing()
+    frame = _Frame(WORLD)
+    if floats:
+        for name, (slides, axis) in _AXES.items():
+            place = urdf.links[root].span
+            frame = growing.moved(frame, root, name, axis, place, slides=slides)
+    growing.add(root, frame, urdf.links[root].inertia)
+    waiting = [(joint, frame) for joint in reversed(children.get(root, []))]
+    while waiting:
+        joint, frame = waiting.pop()
+        link = joint.child
+        frame = frame.joined(joint.rotation, joint.offset)
+        if joint.name in moving:
+            slides = joint.type == "prismatic"
+            frame = growing.moved(frame, link, joint.name, joint.axis, joint.span, slides=slides)
+        growing.add(link, frame, urdf.links[link].inertia)
+        waiting += [(inner, frame) for inner in reversed(children.get(link, []))]
+    return Tree(tuple(growing.bodies), growing.frames)
+
+
+class _Growing:
+    """Bodies and frames of links while a tree is walked from its root."""
+
+    def __init__(self) -> None:
+        self.bodies: list[Body] = []
+        self.frames: dict[str, _Frame] = {}
+
+    def moved(
+        self, frame: _Frame, link: str, joint: str, axis: Vector, place: Span, *, slides: bool
+    ) -> _Frame:
+        """A new body, whose frame has the joint's axis as z; the frame of its link in it."""
+        A = to_axis(axis)
+        body = Body(
+            link=link,
+            joint=joint,
+            parent=frame.body,
+            slides=slides,
+            rotation=product(frame.R, A),
+            offset=frame.r,
+            inertia=Inertia(),
+            axes=A,
+            span=place,
+        )
+        self.bodies.append(body)
+        return _Frame(len(self.bodies) - 1, transposed(A))
+
+    def add(self, link: str, frame: _Frame, inertia: Inertia) -> None:
+        """A link that moves with the body of its frame."""
+        self.frames[link] = frame
+        if frame.body != WORLD and inertia.mass > 0.0:
+            body = self.bodies[frame.body]
+            whole = _together(body.inertia, _in_body(frame, inertia))
+            self.bodies[frame.body] = replace(body, inertia=whole)
+
+
+def _in_body(frame: _Frame, inertia: Inertia) -> Inertia:
+    spread = product(product(frame.R, inertia.spread), transposed(frame.R))
+    com = plus(times(frame.R, inertia.com), frame.r)
+    return Inertia(mass=inertia.mass, com=com, spread=spread)
+
+
+def _together(one: Inertia, other: Inertia) -> Inertia:
+    """Two masses as one body, by Steiner's theorem; an exact copy where there is only one."""
+    if one.mass == 0.0:
+        return other
+    mass = one.mass + other.mass
+    com = scaled(1 / mass, plus(scaled(one.mass, one.com), scaled(other.mass, other.com)))
+    spread = sum_of(one.spread, other.spread)
+    for part in (one, other):
+        away = plus(part.com, scaled(-1.0, com))
+        spread = sum_of(spread, multiple(part.mass, outer(away, away)))
+    return Inertia(mass=mass, com=com, spread=spread)
+
+
+def _root(urdf: Urdf, findings: Findings) -> str | None:
+    """The link that hangs on nothing, where all links hang together on it."""
+    above: dict[str, Joint] = {}
+    failed = False
+    for joint in urdf.joints.values():
+        for name in (joint.parent, joint.child):
+            if name not in urdf.links:
+                failed = True
+                what = f"the joint `{joint.name}`"
+                findings.report(errors.unknown_link(name, what, joint.span, urdf.links))
+        if joint.child in above:
+            failed = True
+            first = above[joint.child].name
+            problem = f"`{joint.child}` is the child of `{first}` and of `{joint.name}`"
+            repair = "closed chains are not in this version: cut it open at one joint"
+            findings.report(errors.not_a_tree(problem, joint.span, repair))
+        above.setdefault(joint.child, joint)
+    if failed:
+        return None
+    roots = [name for name in urdf.links if name not in above]
+    if len(roots) > 1:
+        problem = f"`{roots[0]}` and `{roots[1]}` hang on nothing"
+        place = urdf.links[roots[1]].span
+        repair = 'join it by a joint, for example of `type="fixed"`'
+        findings.report(errors.not_a_tree(problem, place, repair))
+        return None
+    loop = _loop(urdf, above)
+    if loop is not None:
+        problem = f"{' → '.join(loop)} is a loop"
+        findings.report(errors.not_a_tree(problem, above[loop[0]].span))
+        return None
+    return roots[0]
+
+
+def _loop(urdf: Urdf, above: Mapping[str, Joint]) -> list[str] | None:
+    """Links of which each is above the next and the last above the first; None in a tree."""
+    settled: set[str] = set()
+    for name in urdf.links:
+        line: list[str] = []
+        at: str | None = name
+        while at is not None and at not in settled:
+            if at in line:
+                return [*line[line.index(at) :], at][::-1]
+            line.append(at)
+            at = above[at].parent if at in above else None
+        settled.update(line)
+    return None

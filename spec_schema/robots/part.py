@@ -1,0 +1,259 @@
+"""Makes of a URDF and what a spec says of it a robot, and the spec of its dims and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.errors import robots as errors
+from spec_schema.errors import units as unit_errors
+from spec_schema.fields.located import Located
+from spec_schema.robots.bodies import Tree, tree_of
+from spec_schema.robots.geometry import Vector, cholesky, multiple, product, times, transposed
+from spec_schema.robots.robot import BASE_JOINTS, Body, Place, Robot
+from spec_schema.robots.urdf import Urdf, read_urdf
+from spec_schema.sections import robots as sections
+from spec_schema.sections.spec import Spec
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.quantity import Quantity
+from spec_schema.units.unit import Unit
+from spec_schema.yaml_tree.nodes import Listing, Node, Positions, Scalar, Table
+
+_GRAVITY = (0.0, 0.0, -9.81)
+_ACCELERATION = parse_unit("m/s^2")
+_TURNING, _SLIDING = parse_unit("kg*m^2"), parse_unit("kg")
+_SPACE = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPart:
+    """A robot, and the spec of its dims and of the parameters that it learns."""
+
+    robot: Robot
+    spec: Spec
+
+
+def robot_part(
+    entry: sections.Robot,
+    source: SourceText,
+    name: str,
+    around: Spec,
+    findings: Findings,
+) -> RobotPart | None:
+    """The robot of a URDF in a spec around it; None once it is reported what is wrong."""
+    mark = findings.mark()
+    urdf = read_urdf(source, findings)
+    if urdf is None:
+        return None
+    labels = _labels(entry, urdf, around, findings)
+    floats = entry.base is not None and entry.base.value == "floating"
+    tree = tree_of(urdf, labels, floats=floats, findings=findings)
+    if tree is None or any(one.severity == "error" for one in findings.since(mark)):
+        return None
+    held = [j for j in urdf.joints.values() if j.moves and j.name not in labels]
+    if held:
+        place = (entry.joints or entry.urdf).span
+        findings.report(errors.held_joints([j.name for j in held], place, held[0].span))
+    if not tree.bodies:
+        problem = "moves by no joint"
+        findings.report(errors.unfit_setting_of_robot("urdf", problem, entry.urdf.span, None))
+        return None
+    slides = {body.joint: body.slides for body in tree.bodies}
+    positions = tuple(labels.index(body.joint) for body in tree.bodies)
+    armature = _armature(entry, [slides[label] for label in labels], findings)
+    frames = _frames(entry, tree, findings)
+    dimension = entry.joints.dimension if entry.joints is not None else None
+    robot = Robot(
+        bodies=tree.bodies,
+        positions=positions,
+        gravity=_gravity(entry, findings),
+        armature=armature,
+        frames=frames,
+        learned=frozenset(one.value for one in entry.learn),
+        joint=dimension.value if dimension is not None else "joint",
+    )
+    described = _described(robot, labels, name, around, urdf, entry, findings)
+    if any(one.severity == "error" for one in findings.since(mark)):
+        return None
+    return RobotPart(robot, Spec.model_validate(described, context=findings))
+
+
+def _labels(entry: sections.Robot, urdf: Urdf, around: Spec, findings: Findings) -> tuple[str, ...]:
+    """The names of the joints that move, in the order of q."""
+    floats = entry.base is not None and entry.base.value == "floating"
+    base = BASE_JOINTS if floats else ()
+    own = tuple(joint.name for joint in urdf.joints.values() if joint.moves)
+    known = (*base, *own)
+    if entry.joints is None:
+        return known
+    place = entry.joints.span
+    if entry.joints.dimension is not None:
+        dimension = around.dims.get(entry.joints.dimension.value)
+        if dimension is None:
+            problem = f"there is no dimension `{entry.joints.dimension.value}`"
+            findings.report(errors.unfit_joints(problem, place, known))
+            return known
+        if not dimension.labels:
+            if dimension.size != len(known):
+                problem = f"the dimension has {dimension.size} elements, the robot {len(known)}"
+                findings.report(errors.unfit_joints(problem, place, known))
+            return known
+        given = tuple(Located(label, dimension.place.value) for label in dimension.labels)
+    else:
+        given = entry.joints.labels
+    labels = tuple(label.value for label in given)
+    if labels[: len(base)] != base:
+        problem = f"the joints of a floating base come first: {', '.join(base)}"
+        findings.report(errors.unfit_joints(problem, place, known))
+        return known
+    for label in given[len(base) :]:
+        joint = urdf.joints.get(label.value)
+        if joint is None or not joint.moves:
+            why = None if joint is None else f"is of the type `{joint.type}` and does not move"
+            findings.report(errors.unknown_joint(label.value, why, label.span, own))
+    return labels
+
+
+def _gravity(entry: sections.Robot, findings: Findings) -> Vector:
+    x, y, z = _GRAVITY
+    if entry.gravity is not None:
+        x, y, z = (_in(part, _ACCELERATION, findings) for part in entry.gravity)
+    return x, y, z
+
+
+def _armature(
+    entry: sections.Robot, slides: Sequence[bool], findings: Findings
+) -> tuple[float, ...]:
+    """The inertia of the motor of each joint; one number for all but those of the base."""
+    if entry.armature is None:
+        return (0.0,) * len(slides)
+    floats = entry.base is not None and entry.base.value == "floating"
+    free = len(BASE_JOINTS) if floats else 0
+    given = entry.armature
+    if len(given) == 1:
+        given = given * (len(slides) - free)
+    place = entry.armature[0].span
+    if len(given) != len(slides) - free:
+        problem = f"has {len(given)} numbers, one for each joint are {len(slides) - free}"
+        findings.report(errors.unfit_setting_of_robot("armature", problem, place, None))
+        return (0.0,) * len(slides)
+    units = (_SLIDING if sliding else _TURNING for sliding in slides[free:])
+    found = [_in(part, unit, findings) for part, unit in zip(given, units, strict=True)]
+    if any(number < 0.0 for number in found):
+        problem = "must be at least 0"
+        findings.report(errors.unfit_setting_of_robot("armature", problem, place, None))
+    return (*(0.0,) * free, *found)
+
+
+def _in(quantity: Quantity, unit: Unit, findings: Findings) -> float:
+    if quantity.unit is None:
+        return quantity.value
+    if not quantity.unit.same_dimension(unit):
+        wanted, found = unit.text, quantity.unit.text
+        findings.report(unit_errors.incomparable_unit(found, wanted, quantity.span))
+        return quantity.value
+    return quantity.unit.convert(quantity.value, unit)
+
+
+def _frames(entry: sections.Robot, tree: Tree, findings: Findings) -> Mapping[str, Place]:
+    found: dict[str, Place] = {}
+    for name, link in entry.frames.items():
+        if link.value in tree.links:
+            found[name] = tree.links[link.value].place()
+        else:
+            report = errors.unknown_link(link.value, f"`{name}`", link.span, tree.links)
+            findings.report(report)
+    return found
+
+
+def _described(
+    robot: Robot,
+    labels: Sequence[str],
+    name: str,
+    around: Spec,
+    urdf: Urdf,
+    entry: sections.Robot,
+    findings: Findings,
+) -> Node:
+    """The spec of the dims and parameters of a robot, as if it were written in the URDF."""
+    place = urdf.span
+    dims: dict[str, object] = {robot.joint: list(labels), "joint2": list(labels)}
+    dims["xyz"] = list(_SPACE)
+    parameters: dict[str, object] = {}
+    if robot.learned:
+        heavy = [robot.bodies[index] for index in robot.heavy]
+        dims["body"] = [body.link for body in heavy]
+        parameters = _parameters(robot, heavy, urdf, entry, findings)
+    data: dict[str, object] = {
+        "msnn": 1,
+        "name": name,
+        "dims": dims,
+        "inputs": {},
+        "parameters": parameters,
+        "outputs": {},
+    }
+    if around.sample_time is not None:
+        data["sample_time"] = around.sample_time.text
+    return _node(data, place)
+
+
+def _parameters(
+    robot: Robot, heavy: Sequence[Body], urdf: Urdf, entry: sections.Robot, findings: Findings
+) -> dict[str, object]:
+    """Mass, centre and extent of each body along the axes of its link, as they begin."""
+    masses = [body.inertia.mass for body in heavy]
+    centres = [list(times(body.axes, body.inertia.com)) for body in heavy]
+    sizes: list[list[float]] = []
+    shears: list[list[float]] = []
+    for body in heavy if "inertia" in robot.learned else ():
+        spread = multiple(1 / body.inertia.mass, body.inertia.spread)
+        L = cholesky(product(product(body.axes, spread), transposed(body.axes)))
+        if L is None or min(L[i][i] for i in range(3)) < 1e-6:
+            place = next(one.span for one in entry.learn if one.value == "inertia")
+            link = urdf.links[body.link]
+            findings.report(errors.unlearnable_inertia(body.link, link.span, place))
+            continue
+        sizes.append([L[0][0], L[1][1], L[2][2]])
+        shears.append([L[1][0], L[2][0], L[2][1]])
+    found: dict[str, object] = {}
+    if "mass" in robot.learned:
+        found["mass"] = {"init": masses, "min": 0, "unit": "kg", "dims": "body"}
+    if "com" in robot.learned:
+        found["com"] = {"init": centres, "unit": "m", "dims": ["body", "xyz"]}
+    if "inertia" in robot.learned:
+        dims = ["body", "xyz"]
+        found["size"] = {"init": sizes, "min": 0, "unit": "m", "dims": dims}
+        found["shear"] = {"init": shears, "unit": "m", "dims": dims}
+    return found
+
+
+def _node(value: object, span: Span) -> Node:
+    """Data as a tree of one place."""
+    if isinstance(value, dict):
+        table = cast("dict[str, object]", value)
+        entries = {key: _node(item, span) for key, item in table.items()}
+        return Table(entries, dict.fromkeys(entries, span), span, span)
+    if isinstance(value, list):
+        items = cast("list[object]", value)
+        return Listing(tuple(_node(item, span) for item in items), span, span)
+    assert isinstance(value, int | float | str)
+    text = repr(value) if isinstance(value, float) else str(value)
+    positions = _OnePlace(SourceText(span.file, ""), (0,) * (len(text) + 1), span)
+    return Scalar(text=text, value=value, quoted=False, positions=positions, span=span, key=span)
+
+
+@dataclass(frozen=True)
+class _OnePlace(Positions):
+    """Text that stands nowhere: all of it is at the place it was made from."""
+
+    place: Span
+
+    def span(self, first: int, last: int) -> Span:
+        del first, last
+        return self.place
+
+    def part(self, first: int, last: int) -> Positions:
+        return _OnePlace(self.source, self.offsets[first : last + 1], self.place)

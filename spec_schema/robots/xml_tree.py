@@ -1,0 +1,104 @@
+"""Reads XML written by anybody into a tree of elements that know their places.
+
+Nothing outside the text is read and nothing is expanded: a document type, without which there are
+no entities but those of XML itself, ends the reading. The tree is as large as the text at most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.errors import robots as errors
+
+DEEPEST = 64
+_LONGEST_PLACE = 200
+"""Characters of a tag that are underlined at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """A tag with its attributes, its elements, its text and the place of its first line."""
+
+    tag: str
+    attributes: Mapping[str, str]
+    span: Span
+    children: list[Element] = field(default_factory=list["Element"])
+    texts: list[str] = field(default_factory=list[str])
+
+    @property
+    def text(self) -> str:
+        """What stands in it besides elements."""
+        return "".join(self.texts)
+
+    def all(self, tag: str) -> Iterator[Element]:
+        """The elements of one tag in it."""
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, tag: str) -> Element | None:
+        """The first element of a tag in it; None where there is none."""
+        return next(self.all(tag), None)
+
+
+class _Refused(Exception):  # noqa: N818  (a fact about a text, no fault of ours)
+    """Ends the parsing of a text of which it is reported what is wrong."""
+
+
+def read_xml(source: SourceText, findings: Findings) -> Element | None:
+    """The root element of a text; None once it is reported why there is none."""
+    text = source.text
+    content = text.encode()
+    stack: list[Element] = []
+    roots: list[Element] = []
+    parser = expat.ParserCreate("utf-8")
+
+    reached = 0, 0  # bytes and characters: places are asked for from the first to the last
+
+    def offset() -> int:
+        nonlocal reached
+        index = max(parser.CurrentByteIndex, reached[0])
+        reached = index, reached[1] + len(content[reached[0] : index].decode(errors="ignore"))
+        return reached[1]
+
+    def place() -> Span:
+        start = offset()
+        line = text[start : start + _LONGEST_PLACE].split("\n", 1)[0]
+        return source.span(start, start + (line.find(">") + 1 or len(line)))
+
+    def opened(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, place())
+        if len(stack) >= DEEPEST:
+            findings.report(errors.not_urdf(f"elements in {DEEPEST} others", element.span, None))
+            raise _Refused
+        (stack[-1].children if stack else roots).append(element)
+        stack.append(element)
+
+    def closed(tag: str) -> None:
+        del tag
+        stack.pop()
+
+    def written(text: str) -> None:
+        stack[-1].texts.append(text)
+
+    def refuse(*facts: object) -> None:
+        del facts
+        findings.report(errors.document_type(place()))
+        raise _Refused
+
+    parser.StartElementHandler = opened
+    parser.EndElementHandler = closed
+    parser.CharacterDataHandler = written
+    parser.StartDoctypeDeclHandler = refuse
+    parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(content, True)
+    except _Refused:
+        return None
+    except expat.ExpatError as error:
+        at = min(offset(), len(text))
+        findings.report(errors.not_xml(expat.ErrorString(error.code), source.span(at, at)))
+        return None
+    return roots[0]

@@ -1,0 +1,219 @@
+"""Generated controllers keep their limits, never call solved what is not, and are bits alike."""
+
+import itertools
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backends.c.host.build import build_library
+from backends.predictive_control import write_controller
+from backends.predictive_control.library import ControllerLibrary
+from msnn.exports.judged_controller import compare_controller
+from msnn.model.load import load_model
+from tests.conditions import require_tool
+
+HERE = Path(__file__).parent
+SOLVED, CAPPED, INFEASIBLE, INPUT_NOT_FINITE, NOT_INITIALISED = range(5)
+PLANTS = {
+    "rates": """
+inputs: {u: {between: hold}, d: {between: hold}}
+states: {x: {next: 0.9 * x + 0.2 * u + 0.1 * d + 0.05 * sin(x), init: 0}}
+outputs: {y: x}
+mpc:
+  horizon: 12
+  controls: [u]
+  cost: {stage: "(x - r)**2 + 0.1 * (u - u[t-1])**2", terminal: 5 * (x - r)**2}
+  references: {r: {preview: true}, top: {}}
+  preview: [d]
+  bounds: {u: {min: -1, max: 1 + 0.1 * tanh(top), rate: 3 1/s}, y: {max: 0.5}}
+""",
+    "equal_bounds_and_one_sample": """
+inputs: {u: {between: hold}, v: {between: hold}}
+states:
+  x: {next: 0.9 * x + 0.2 * u + 0.1 * w, init: 0, range: [-1, 1]}
+  w: {next: 0.95 * w + 0.3 * v - 0.1 * x, init: 0, range: [-1, 1]}
+outputs: {y: x, power: u * v + x}
+mpc:
+  horizon: 1
+  controls: [u, v]
+  cost: {stage: x**2 + w**2 + 0.1 * u**2 + v**2, terminal: x**2 + w**2}
+  bounds:
+    u: {min: -1, max: 1}
+    v: {min: 0.2, max: 0.2}
+    w: {max: 0.9, hard: true}
+    power: {max: 0.5}
+""",
+    "window_and_no_weight": """
+inputs: {u: {between: hold}}
+layers: {h: {fir: {window: 6}}}
+states: {x: {next: 0.9 * x + 0.02 * tanh(x) + h(u), init: 0}}
+outputs: {y: x}
+mpc:
+  horizon: 15
+  controls: [u]
+  cost: {stage: 0 * x + 1e-3 * u**2, terminal: (x - 0.5)**2}
+  bounds: {u: {min: -1, max: 1}, x: {min: -9, max: 9}}
+""",
+    "unstable": """
+inputs: {u: {between: hold}}
+states:
+  x: {next: x + 0.1 * v, init: 0}
+  v: {next: v + 0.4 * sin(x) + 0.2 * u * cos(x), init: 0}
+outputs: {y: x}
+mpc:
+  horizon: 20
+  controls: [u]
+  cost: {stage: x**2 + 0.1 * v**2 + 0.01 * u**2, terminal: 10 * x**2}
+  bounds: {u: {min: -1, max: 1}}
+""",
+    "steep": """
+inputs: {u: {between: hold, range: [0, 10]}}
+states: {h: {next: "max(h + 0.1 * u - 0.3 * sqrt(max(h, 0)), 0)", init: 1, range: [0, 12]}}
+outputs: {y: h}
+mpc:
+  horizon: 10
+  controls: [u]
+  cost: (h - 1)**2 + 1e-3 * u**2
+  hessian: gauss_newton
+  bounds: {u: {min: 0, max: 10}, h: {max: 6}}
+""",
+}
+HIGHEST = {"rates": 1.1, "steep": 10.0}
+LOWEST = {"steep": 0.0}
+
+
+def _written(plant: str, folder: Path, dtype: str = "float64") -> Path:
+    require_tool("gcc", install="apt install gcc")
+    spec = folder / "plant.msnn.yaml"
+    spec.write_text(f"msnn: 1\nname: plant\nsample_time: 0.1 s\n{PLANTS[plant]}")
+    problem = load_model(spec).control
+    assert problem is not None
+    out = folder / "c"
+    write_controller(problem, {}, out, prefix="plant", dtype=dtype)  # pyright: ignore[reportArgumentType]
+    return out
+
+
+def _library(plant: str, folder: Path, dtype: str = "float64") -> ControllerLibrary:
+    out = _written(plant, folder, dtype)
+    return ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("plant", PLANTS)
+def test_what_is_called_solved_is_optimal_to_the_interpreter(
+    plant: str, dtype: str, tmp_path: Path
+) -> None:
+    out = _written(plant, tmp_path, dtype)
+    build_library(out, out / "controller.so")
+    problem = load_model(tmp_path / "plant.msnn.yaml").control
+    assert problem is not None
+    found = compare_controller(problem, {}, out, dtype, "mpc")  # pyright: ignore[reportArgumentType]
+    assert found.agrees, found.faults
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("plant", PLANTS)
+def test_drawn_numbers_break_nothing(plant: str, dtype: str, tmp_path: Path) -> None:
+    out = _written(plant, tmp_path, dtype)
+    program = tmp_path / "fuzz"
+    tolerance, real = ("1e-6", "double") if dtype == "float64" else ("1.0001e-3f", "float")
+    defined = {
+        "HEADER": '"plant_mpc.h"',
+        "PREFIX": "plant_mpc",
+        "SOLVES": "1000",
+        "OF_TOLERANCE": tolerance,
+        "REAL": real,
+        "OF_LOWEST": LOWEST.get(plant, -1.0),
+        "OF_HIGHEST": HIGHEST.get(plant, 1.0),
+    }
+    command = ["gcc", "-std=c99", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined"]
+    command += ["-fno-sanitize-recover=all", f"-I{out / 'include'}"]
+    command += [f"-D{name}={value}" for name, value in defined.items()]
+    sources = [*sorted((out / "src").glob("*.c")), HERE / "fuzz.c"]
+    subprocess.run([*command, *sources, "-o", program, "-lm"], check=True)
+    done = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, (done.returncode, done.stderr[-2000:])
+    solved, _, _, refused = map(int, done.stdout.split())
+    assert solved > 0
+    assert refused > 0
+
+
+def test_compilers_and_levels_give_the_same_bits(tmp_path: Path) -> None:
+    out = _written("unstable", tmp_path)
+    found = []
+    for compiler, level in itertools.product(("gcc", "clang"), ("-O0", "-O2", "-O3", "-Os")):
+        require_tool(compiler, install=f"apt install {compiler}")
+        path = build_library(out, tmp_path / f"{compiler}{level}.so", [compiler], (level,))
+        library = ControllerLibrary.of_folder(out, path)
+        x = np.array([3.0, -1.0])
+        plans = []
+        for _ in range(5):
+            decision = library.solve({"x": x})
+            plans.append(library.member("z").tobytes())
+            x = library.member("z")[1, :2] + [0.1, -0.2]
+            assert decision.status == SOLVED
+        found.append(plans)
+    assert all(plans == found[0] for plans in found)
+
+
+def test_sources_are_c_plus_plus_without_warnings(tmp_path: Path) -> None:
+    require_tool("g++", install="apt install g++")
+    for plant in PLANTS:
+        folder = tmp_path / plant
+        folder.mkdir()
+        out = _written(plant, folder)
+        strict = ["-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-O2", "-ffp-contract=off"]
+        for source in sorted((out / "src").glob("*.c")):
+            include = [f"-I{out / 'include'}", "-c", source, "-o", "/dev/null"]
+            subprocess.run(["gcc", "-std=c99", "-pedantic", *strict, *include], check=True)
+            subprocess.run(["g++", "-x", "c++", *strict, *include], check=True)
+
+
+def test_nothing_moves_the_control_where_the_state_is_not_a_number(tmp_path: Path) -> None:
+    library = _library("unstable", tmp_path)
+    before = library.solve({"x": [2.0, 0.0]})
+    after = library.solve({"x": [np.nan, 0.0]})
+    assert before.status == SOLVED
+    assert after.status == INPUT_NOT_FINITE
+    assert after.control.tobytes() == before.control.tobytes()
+    assert library.solve({"x": [2.0, 0.0]}).status == SOLVED
+
+
+def test_a_struct_that_nobody_began_is_refused(tmp_path: Path) -> None:
+    library = _library("unstable", tmp_path)
+    library._state[:] = 0  # pyright: ignore[reportPrivateUsage]
+    assert library.solve({"x": [2.0, 0.0]}).status == NOT_INITIALISED
+
+
+def test_feedback_of_the_predicted_state_is_the_planned_control(tmp_path: Path) -> None:
+    library = _library("unstable", tmp_path)
+    library.solve({"x": [0.5, 0.0]})
+    plan = library.member("z")
+    library.prepare()
+    decision = library.feedback({"x": plan[1, :2]})
+    assert decision.control == pytest.approx(plan[1, 2:], abs=1e-3)
+
+
+def test_feedback_follows_the_measured_state(tmp_path: Path) -> None:
+    """To first order it decides what a solve decides."""
+    library = _library("unstable", tmp_path)
+    library.solve({"x": [0.05, 0.0]})
+    x = library.member("z")[1, :2] + [1e-3, -2e-3]
+    library.prepare()
+    fast = library.feedback({"x": x}).control
+    library.init()
+    assert fast == pytest.approx(library.solve({"x": x}).control, abs=5e-3)
+
+
+def test_hard_limits_that_cannot_hold_are_infeasible(tmp_path: Path) -> None:
+    library = _library("equal_bounds_and_one_sample", tmp_path)
+    assert library.solve({"x": [-1.0, 1.0]}).status == INFEASIBLE
+    assert library.solve({"x": [0.1, 0.1]}).status == SOLVED
+
+
+def test_a_plan_is_found_again_after_a_failure(tmp_path: Path) -> None:
+    library = _library("unstable", tmp_path)
+    library.solve({"x": [1e30, 1e30]})
+    assert library.solve({"x": [0.5, 0.0]}).status == SOLVED

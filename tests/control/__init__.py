@@ -1,0 +1,1 @@
+"""Optimal control problems and the predictive controller."""

@@ -1,0 +1,42 @@
+"""Small plants with an `mpc` section, as texts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msnn
+from msnn.control.controller import Controller
+from msnn.model.model import Model
+
+DOUBLE_INTEGRATOR = """
+msnn: 1
+name: double_integrator
+sample_time: 0.1 s
+inputs: {u: {between: hold}}
+states:
+  p: {next: p + 0.1 * v, init: p.meas}
+  v: {next: v + 0.1 * u, init: v.meas}
+outputs: {place: p}
+"""
+
+
+def load(folder: Path, text: str) -> Model:
+    """The model of a text."""
+    path = folder / "spec.msnn.yaml"
+    path.write_text(text, encoding="utf-8")
+    return msnn.load(path)
+
+
+def controller(folder: Path, text: str) -> Controller:
+    """Its controller, at the initial weights."""
+    return msnn.mpc(load(folder, text))
+
+
+def mpc(**keys: str) -> str:
+    """An `mpc` section of the double integrator, with some keys of its own."""
+    known = {
+        "horizon": "15",
+        "controls": "[u]",
+        "cost": "{stage: 4 * p**2 + v**2 + 0.1 * u**2, terminal: 20 * p**2 + 5 * v**2}",
+    }
+    return "mpc:\n" + "".join(f"  {key}: {value}\n" for key, value in (known | keys).items())

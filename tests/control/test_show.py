@@ -1,0 +1,30 @@
+"""What `msnn show` says of a controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from msnn.reports.show_control import control_text
+from tests.control.specs import DOUBLE_INTEGRATOR, load, mpc
+
+
+def test_sizes_limits_and_how_it_is_solved(tmp_path: Path) -> None:
+    section = mpc(
+        bounds="{u: {max: most, rate: 5}, v: {min: -1, hard: true}, "
+        "p: {max: 3, soft: {linear: 7}}}",
+        references="{most: {}}",
+        blocks="[1, 4, 10]",
+        solver="{interior_point: {mode: fixed, iterations: 4}}",
+    )
+    model = load(tmp_path, DOUBLE_INTEGRATOR + section)
+    assert model.control is not None
+    lines = control_text(model.control).splitlines()
+    assert lines[0] == (
+        "predictive controller: 1 control, 3 numbers of memory, horizon of 15 samples (1.5 s)"
+    )
+    assert lines[1:3] == ["shift registers: u.history (of u)", "blocks: 1, 4, 10"]
+    words = [" ".join(line.split()) for line in lines]
+    assert "u by references 0.5 a sample always holds t … t+14" in words
+    assert "v -1 hard t+1 … t+15" in words
+    assert "p 3 soft, 7 · v + as steep as the cost needs · v² t+1 … t+15" in words
+    assert "exact curvature of cost, plant and bounds, always 4 iterations" in lines[-2]

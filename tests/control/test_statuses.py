@@ -1,0 +1,135 @@
+"""What a controller says of a solve, and what it applies whatever it says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msnn.control.solution import Status
+from tests.control.specs import DOUBLE_INTEGRATOR, controller, load, mpc
+
+BOUNDS = "{u: {min: -2, max: 2, rate: 5}}"
+
+
+def test_nan_is_never_solved_and_keeps_the_last_control(tmp_path: Path) -> None:
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + mpc(bounds=BOUNDS))
+    before = own.solve({"p": 1.0, "v": 0.0})
+    assert before.status is Status.SOLVED
+    found = own.solve({"p": np.nan})
+    assert found.status is Status.INPUT_NOT_FINITE
+    assert found.control == before.control
+    assert not found.residual <= 1e30
+    again = own.solve({"p": 0.9, "v": -0.1})
+    assert again.status is Status.SOLVED
+
+
+def test_references_and_disturbances_that_are_not_finite(tmp_path: Path) -> None:
+    text = DOUBLE_INTEGRATOR.replace("0.1 * u,", "0.1 * u + w,").replace("hold}}", "hold}, w: {}}")
+    section = mpc(cost="(p - r)**2 + u**2", references="{r: {preview: true}}", preview="[w]")
+    own = controller(tmp_path, text + section)
+    good = {"references": {"r": np.ones(16)}, "disturbances": {"w": np.zeros(15)}}
+    assert own.solve({"p": 0.0, "v": 0.0}, **good).status is Status.SOLVED
+    for key, name, size in (("references", "r", 16), ("disturbances", "w", 15)):
+        bad = np.zeros(size)
+        bad[-1] = np.inf
+        found = own.solve(**(good | {key: {name: bad}}))
+        assert found.status is Status.INPUT_NOT_FINITE
+
+
+def test_a_state_that_was_never_given(tmp_path: Path) -> None:
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + mpc(bounds="{u: {min: 1, max: 2}}"))
+    found = own.solve({"p": 1.0})
+    assert found.status is Status.NOT_INITIALISED
+    assert found.control == {"u": 1.0}  # 0 is not among what it may be
+    assert own.solve({"v": 0.0}).status is Status.SOLVED
+
+
+def test_a_hard_bound_that_cannot_be_kept(tmp_path: Path) -> None:
+    bounds = "{u: {min: -2, max: 2}, p: {max: 0.5, hard: true}}"
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + mpc(bounds=bounds))
+    found = own.solve({"p": 2.0, "v": 1.0})
+    assert found.status is Status.INFEASIBLE
+    assert found.violation > 0.5
+    assert np.abs(found.control["u"]) <= 2
+    soft = controller(tmp_path, DOUBLE_INTEGRATOR + mpc(bounds=bounds.replace(", hard: true", "")))
+    told = soft.solve({"p": 2.0, "v": 1.0})
+    assert told.status is Status.SOLVED
+    assert told.excess > 1
+    assert told.control["u"] == pytest.approx(-2, abs=1e-6)
+
+
+def test_limits_of_references_that_contradict_each_other(tmp_path: Path) -> None:
+    bounds = "{u: {min: low, max: 1}}"
+    section = mpc(bounds=bounds, references="{low: {}}")
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + section)
+    found = own.solve({"p": 1.0, "v": 0.0}, references={"low": 2.0})
+    assert found.status is Status.INFEASIBLE
+
+
+def test_a_rate_that_cannot_reach_the_limits(tmp_path: Path) -> None:
+    section = mpc(bounds="{u: {min: 1, max: 2, rate: 1}}")
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + section)
+    found = own.solve({"p": 1.0, "v": 0.0, "u.history": [0.0]})
+    assert found.status is Status.INFEASIBLE
+
+
+def test_iterations_that_run_out(tmp_path: Path) -> None:
+    bounds = "{u: {min: -2, max: 2}}"
+    section = mpc(bounds=bounds, solver="{interior_point: {iterations: 2}}")
+    found = controller(tmp_path, DOUBLE_INTEGRATOR + section).solve({"p": 3.0, "v": 0.0})
+    assert found.status is Status.CAPPED
+    assert found.residual > 1e-6
+    assert found.iterations == 2
+
+
+def test_fixed_iterations_are_neither_more_nor_fewer(tmp_path: Path) -> None:
+    section = mpc(bounds=BOUNDS, solver="{interior_point: {mode: fixed, iterations: 7}}")
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + section)
+    counts = {own.solve({"p": 1.0, "v": 0.1 * k}).iterations for k in range(4)}
+    assert counts == {7}
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"horizon": "1"},
+        {"bounds": "{u: {min: 0.5, max: 0.5}}"},
+        {"cost": "p**2 + 0 * u**2"},
+        {"bounds": "{p: {min: -0.1, max: -0.1}}"},
+        {"blocks": "[1, 2, 12]", "bounds": BOUNDS},
+        {"hessian": "gauss_newton", "bounds": BOUNDS},
+    ],
+    ids=lambda keys: next(iter(keys)),
+)
+def test_odd_problems_are_solved(keys: dict[str, str], tmp_path: Path) -> None:
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + mpc(**keys))
+    found = own.solve({"p": 1.0, "v": 0.0})
+    assert found.status is Status.SOLVED
+    assert own.residuals(found).largest <= 1.001e-6
+    if "blocks" in keys:
+        assert len(set(found.controls["u"].tolist())) == 3
+
+
+def test_control_starts_from_what_is_applied(tmp_path: Path) -> None:
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + mpc(bounds=BOUNDS))
+    own.reset({"p": 1.0, "v": 0.0}, control={"u": 2.0})
+    assert own.solve().control["u"] == pytest.approx(1.5, abs=1e-7)  # 5/s over 0.1 s
+
+
+def test_wrong_names_and_shapes(tmp_path: Path) -> None:
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + mpc())
+    with pytest.raises(ValueError, match="no state or fed-back signal `q`"):
+        own.solve({"q": 1.0})
+    with pytest.raises(ValueError, match="`p` has shape"):
+        own.solve({"p": [1.0, 2.0]})
+    with pytest.raises(ValueError, match="references wanted for"):
+        own.solve({"p": 1.0, "v": 0.0}, references={"r": 1.0})
+
+
+def test_a_model_without_the_section(tmp_path: Path) -> None:
+    import msnn
+
+    with pytest.raises(ValueError, match="has no `mpc` section"):
+        msnn.mpc(load(tmp_path, DOUBLE_INTEGRATOR))

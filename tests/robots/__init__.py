@@ -1,0 +1,1 @@
+"""Robots: rigid-body dynamics out of URDF files."""

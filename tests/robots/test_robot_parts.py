@@ -1,0 +1,164 @@
+"""What a spec says of a robot: its joints, units, sizes, and its place among other sub-models."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compiler.ir import ops
+from compiler.ir.liveness import needed
+from spec_schema.diagnostics.diagnostic import SpecError
+from tests.robots.robots import URDF, Z1, model_of, outputs_at
+
+PLANAR = f"urdf: {URDF}/planar.urdf"
+TREE = f"urdf: {URDF}/tree.urdf"
+
+
+def codes(folder: Path, text: str) -> list[str]:
+    try:
+        return [found.code for found in model_of(folder, text).warnings]
+    except SpecError as error:
+        return [found.code for found in error.diagnostics]
+
+
+def test_joints_stand_in_the_order_of_the_spec(tmp_path: Path) -> None:
+    text = """
+    dims: {{axis: [{0}]}}
+    use: {{arm: {{robot: {{{1}, joints: axis}}}}}}
+    inputs: {{q: {{dims: axis}}, dq: {{dims: axis}}, u: {{dims: axis}}}}
+    outputs: {{a: "arm.forward_dynamics(q, dq, u)", M: arm.mass_matrix(q)}}
+    """
+    rng = np.random.default_rng(3)
+    log = {name: rng.normal(size=(4, 2)) for name in ("q", "dq", "u")}
+    forward = outputs_at(model_of(tmp_path, text.format("shoulder, elbow", PLANAR)).program, log)
+    turned = {name: values[:, ::-1] for name, values in log.items()}
+    back = outputs_at(model_of(tmp_path, text.format("elbow, shoulder", PLANAR)).program, turned)
+    np.testing.assert_array_equal(back["a"], forward["a"][:, ::-1])
+    np.testing.assert_array_equal(back["M"], forward["M"][:, ::-1, ::-1])
+
+
+def test_a_joint_that_is_not_listed_is_held_at_zero(tmp_path: Path) -> None:
+    text = f"""
+    use: {{arm: {{robot: {{{PLANAR}, joints: [elbow]}}}}}}
+    inputs: {{q: {{dims: arm.joint}}}}
+    outputs: {{g: arm.gravity_torque(q)}}
+    """
+    assert codes(tmp_path, text) == ["W1201"]
+    found = outputs_at(model_of(tmp_path, text).program, {"q": [[0.4]]})
+    np.testing.assert_allclose(found["g"], [[0.2 * 9.81 * np.cos(0.4)]], rtol=1e-14)
+
+
+def test_units_follow_from_the_joints(tmp_path: Path) -> None:
+    text = """
+    use: {{arm: {{robot: {{{0}}}}}}}
+    inputs: {{q: {{dims: arm.joint}}, u: {{dims: arm.joint}}}}
+    outputs: {{a: "arm.forward_dynamics(q, 0, u)", M: arm.mass_matrix(q)}}
+    """
+    turning = model_of(tmp_path, text.format(PLANAR)).program
+    units = [turning.step[output.node].type.unit for output in turning.outputs]
+    assert [unit.text for unit in units if unit] == ["rad/s^2", "kg*m^2"]
+    mixed = model_of(tmp_path, text.format(TREE)).program
+    assert [mixed.step[output.node].type.unit for output in mixed.outputs] == [None, None]
+
+
+def test_a_window_of_configurations_is_computed_at_each_sample(tmp_path: Path) -> None:
+    model = model_of(
+        tmp_path,
+        f"""
+        use: {{arm: {{robot: {{{PLANAR}}}}}}}
+        inputs: {{q: {{dims: arm.joint}}}}
+        outputs: {{now: arm.mass_matrix(q), three: "arm.mass_matrix(q.past(3))"}}
+        """,
+    )
+    from compiler.interpreter.interpreter import Interpreter
+
+    q = np.random.default_rng(0).normal(size=(5, 2))
+    interpreter = Interpreter(model.program)
+    rows = np.arange(2, 5)
+    found = interpreter.step({"q": q}, rows, interpreter.start({"q": q}, rows)).outputs
+    np.testing.assert_array_equal(found["three"][1:, :, :, 1], found["now"][:-1])
+
+
+def test_gravity_and_armature_have_units(tmp_path: Path) -> None:
+    model = model_of(
+        tmp_path,
+        f"""
+        use:
+          moon:
+            robot:
+              {PLANAR}
+              gravity: [0, 0, -162 cm/s^2]
+              armature: [0.1, 2000 kg*cm^2]
+        inputs: {{q: {{dims: moon.joint}}}}
+        outputs: {{g: moon.gravity_torque(q), M: moon.mass_matrix(q)}}
+        """,
+    )
+    found = outputs_at(model.program, {"q": [[0.0, 0.0]]})
+    np.testing.assert_allclose(found["g"], [[1.62 * 1.2, 1.62 * 0.2]], rtol=1e-14)
+    np.testing.assert_allclose(found["M"][0, 1, 1], 0.02 + 0.04 + 0.2, rtol=1e-14)
+
+
+def test_a_robot_may_be_in_a_sub_model(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text(
+        f"""
+msnn: 1
+name: arm
+sample_time: 10 ms
+dims: {{joint: [shoulder, elbow]}}
+use: {{body: {{robot: {{{PLANAR}, joints: joint, frames: {{tip: hand}}, learn: [mass]}}}}}}
+inputs: {{q: {{dims: joint}}}}
+outputs: {{g: body.gravity_torque(q), tip: body.tip.position(q)}}
+""",
+        encoding="utf-8",
+    )
+    model = model_of(
+        tmp_path,
+        """
+        dims: {joint: [shoulder, elbow]}
+        use: {left: {spec: arm.yaml, freeze: all}, right: arm.yaml}
+        inputs: {q: {dims: joint}}
+        connect: {left.q: q, right.q: -q}
+        outputs: {g: left.g + right.g, tip: left.tip}
+        """,
+    )
+    assert [parameter.name for parameter in model.program.parameters] == ["right.body.mass"]
+    found = outputs_at(model.program, {"q": [[0.5, 0.2]]})
+    right = outputs_at(model.program, {"q": [[0.5, 0.2]]}, {"right.body.mass": [4.0, 2.0]})
+    np.testing.assert_allclose(right["g"], 1.5 * found["g"], rtol=1e-13)
+
+
+def test_a_file_of_more_than_a_megabyte_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "large.urdf").write_text("<robot>" + " " * 1_000_000 + "</robot>")
+    text = """
+    use: {arm: {robot: large.urdf}}
+    inputs: {q: 1}
+    outputs: {y: q}
+    """
+    assert codes(tmp_path, text) == ["E1201"]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "<robot>", "<robot/>", "<robot><link/></robot>", "\0", "<a/>"]
+)
+def test_what_is_no_robot_is_a_message(text: str, tmp_path: Path) -> None:
+    (tmp_path / "odd.urdf").write_text(text)
+    said = codes(tmp_path, "use: {arm: {robot: odd.urdf}}\ninputs: {q: 1}\noutputs: {y: q}\n")
+    assert said
+    assert all(code.startswith("E12") for code in said)
+
+
+def test_the_arm_of_six_joints_is_a_short_program(tmp_path: Path) -> None:
+    model = model_of(
+        tmp_path,
+        f"""
+        use: {{arm: {{robot: {{urdf: {Z1}, armature: 0.02}}}}}}
+        inputs: {{q: {{dims: arm.joint}}, dq: {{dims: arm.joint}}, u: {{dims: arm.joint}}}}
+        outputs: {{a: "arm.forward_dynamics(q, dq, u)"}}
+        """,
+    )
+    graph = model.program.step
+    used = needed(graph, [model.program.output("a").node])
+    kinds = ops.Add | ops.Subtract | ops.Multiply | ops.Divide | ops.Negate | ops.Apply
+    count = sum(1 for index, node in graph if used[index] and isinstance(node.op, kinds))
+    # 1,500 are allowed; what is reached is kept
+    assert count <= 1085
