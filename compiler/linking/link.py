@@ -68,7 +68,7 @@ def link(
     linking.connect(whole.sections)
     sections = {**whole.sections, "dims": linking.dims, "use": linking.use}
     linked = spec.model_copy(update=sections)
-    return Linked(linked, linking.integrators, linking.files, weights, linking.robots)
+    return Linked(linked, linking.integrators, linking.files, weights, robots=linking.robots)
 
 
 MODEL_SECTIONS = (
