@@ -72,6 +72,7 @@ def compile_spec(
     *,
     used: Mapping[str, ReadResult] | None = None,
     weights: WeightsByPart | None = None,
+    numbers: Mapping[str, str] | None = None,
     strict_units: bool = False,
     spec_hash: str = "",
     draw: int = 0,
@@ -79,19 +80,20 @@ def compile_spec(
     """The program of a spec, in window form.
 
     `used` is what was read for its sub-models and `weights` the arrays of those with `weights:`, by
-    their full names; without them a sub-model has its initial values.
+    their full names; without them a sub-model has its initial values. `numbers` has the texts of
+    files of initial values, by path; those that are not there are read.
     Raises SpecError with every mistake found; with `strict_units` units that do not fit are errors.
     Another `draw` has other initial values where they are drawn.
     """
     problems = Findings()
     try:
-        linked = link(spec, used or {}, weights or {}, problems)
+        linked = replace(link(spec, used or {}, weights or {}, problems), numbers=numbers or {})
         problems.raise_errors()
         compile_it = partial(compile_linked, strict_units=strict_units, draw=draw)
         compiled = compile_it(linked, spec_hash=spec_hash)
         return _with_problems(linked, compiled, compile_it)
     except SpecError as error:
-        raise SpecError(in_own_files(error.diagnostics, spec, used or {})) from None
+        raise SpecError(in_own_files(error.diagnostics, spec, used or {}, numbers)) from None
 
 
 def compile_linked(
@@ -154,7 +156,10 @@ def _with_problems(
 
 
 def in_own_files(
-    diagnostics: Iterable[Diagnostic], spec: Spec, used: Mapping[str, ReadResult]
+    diagnostics: Iterable[Diagnostic],
+    spec: Spec,
+    used: Mapping[str, ReadResult],
+    numbers: Mapping[str, str] | None = None,
 ) -> tuple[Diagnostic, ...]:
     """The diagnostics with those of a broken sub-model as its own file alone brings them.
 
@@ -166,7 +171,7 @@ def in_own_files(
         if path in broken:
             continue
         try:
-            compile_spec(file.spec, used=file.used)
+            compile_spec(file.spec, used=file.used, numbers=numbers)
         except SpecError as error:
             place, label = spec.use[name].file.span, f"used here as `{name}`"
             broken[path] = tuple(d.seen_from(place, label) for d in error.diagnostics)

@@ -62,6 +62,7 @@ class Elaboration:
             given=GivenWeights(linked, findings),
             names=self,
             draw=draw,
+            numbers=linked.numbers,
         )
         self.constants = Constants(self.context)
         self.arrays = Arrays(self.context)

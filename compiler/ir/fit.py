@@ -2,43 +2,57 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from compiler.ir.types import Prediction
+from compiler.ir.graph import Graph
+from compiler.ir.types import Axis, Prediction, Type
 
 FilterKind: TypeAlias = Literal["iir", "state_space"]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A layer that starts at the filter of its input nearest to a target's training rows."""
+    """A layer that starts at the linear system of its argument nearest to a target's rows."""
 
     kind: FilterKind
     layer: str
-    input: str
+    argument: Graph
+    """Its last node is what the layer is called with, of inputs and parameters alone."""
     target: Prediction
-    """What the input leads to."""
+    """What the argument leads to."""
     num: int
     """Order of the numerator."""
     den: int
     """Order of the denominator."""
     feedthrough: bool
-    """Whether the input reaches the result in the same step."""
+    """Whether the argument reaches the result in the same step."""
     radius: float
     """Largest magnitude of the poles."""
 
     @property
-    def arrays(self) -> dict[str, int]:
-        """The arrays of the layer that it sets, and how many elements each has."""
-        return filter_arrays(self.kind, self.num, self.den, self.feedthrough)
+    def array_names(self) -> tuple[str, ...]:
+        """The arrays of the layer that it sets."""
+        return filter_arrays(self.kind, self.feedthrough)
+
+    def sizes(self, target: tuple[Axis, ...]) -> Mapping[str, int]:
+        """How many elements each array has, for a target with these axes."""
+        outputs = Type(target).size
+        match self.kind:
+            case "iir":
+                return {"num": outputs * (self.num + 1), "reflection": outputs * self.den}
+            case "state_space":
+                inputs = self.argument.nodes[-1].type.size
+                direct = {"D": outputs * inputs} if self.feedthrough else {}
+                sizes = {"B": self.den * inputs, "C": outputs * self.den, "reflection": self.den}
+                return {**sizes, **direct}
 
 
-def filter_arrays(kind: FilterKind, num: int, den: int, feedthrough: bool) -> dict[str, int]:
-    """The arrays of a filter layer from one scalar to another, and how many elements each has."""
+def filter_arrays(kind: FilterKind, feedthrough: bool) -> tuple[str, ...]:
+    """The arrays of a filter layer."""
     match kind:
         case "iir":
-            return {"num": num + 1, "reflection": den}
+            return ("num", "reflection")
         case "state_space":
-            direct = {"D": 1} if feedthrough else {}
-            return {"B": den, "C": den, "reflection": den, **direct}
+            return ("B", "C", "reflection", *(("D",) if feedthrough else ()))

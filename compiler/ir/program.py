@@ -2,57 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Literal
 
 from compiler.ir.fit import Fit
+from compiler.ir.graph import Graph as Graph
+from compiler.ir.graph import Node as Node
+from compiler.ir.graph import NodeId as NodeId
 from compiler.ir.known import Penalty, Prior, Statistic
-from compiler.ir.ops import Broadcast, Op
 from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
 
-NodeId = int
-"""Position of a node in its graph; operands always stand before the node that uses them."""
-
 InvalidPolicy = Literal["clamp", "hold", "flag", "trust"]
 RangePolicy = Literal["flag", "saturate", "reset"]
-
-
-@dataclass(frozen=True, slots=True)
-class Node:
-    """One operation: its operands, the static type of its value and its place in the spec."""
-
-    op: Op
-    args: tuple[NodeId, ...]
-    type: Type
-    span: Span | None = field(default=None, compare=False)
-    label: str | None = field(default=None, compare=False)
-    """Name of the equation, output or layer that this value is, for comments and reports."""
-
-
-@dataclass(frozen=True, slots=True)
-class Graph:
-    """Nodes in an order in which they can be evaluated."""
-
-    nodes: tuple[Node, ...] = ()
-
-    def __getitem__(self, node: NodeId) -> Node:
-        return self.nodes[node]
-
-    def __len__(self) -> int:
-        return len(self.nodes)
-
-    def __iter__(self) -> Iterator[tuple[NodeId, Node]]:
-        return iter(enumerate(self.nodes))
-
-    def unrepeated(self, node: NodeId) -> NodeId:
-        """The node that this one repeats along more axes; itself where it is no `Broadcast`."""
-        while isinstance(self.nodes[node].op, Broadcast):
-            (node,) = self.nodes[node].args
-        return node
 
 
 class Role(Enum):

@@ -20,16 +20,17 @@ def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:
     has |rᵢ| < 1 and the other way round (Schur and Cohn), and training keeps those bounds. Each
     element of a vector has its own filter. Arrays: `num`, b from k = 0, initially uniform in
     ±1/(2 (num + 1)); `reflection`, r, initially 0. The state `state`, w[t−1] first, starts at 0;
-    with `init: e` as if x had been e for ever. `fit: "y[t+k]"`, where x is an input and y a logged
-    signal, both scalars, sets the arrays before the first stage to the filter whose response to x
-    is nearest to y[t+k] in the rows of `train` (Steiglitz and McBride 1965).
+    with `init: e` as if x had been e for ever. `fit: "y[t+k]"`, where x is an expression of inputs
+    and y a logged signal with the axes of x, sets the arrays before the first stage to the filter
+    whose response to x is nearest to y[t+k] in the rows of `train` (Steiglitz and McBride 1965).
     """
     (signal,) = arguments
-    if settings.fit is not None:
-        declare_fit(context, settings.fit, Orders("iir", settings.num, settings.den))
     builder = context.builder
     unit = builder.type(signal).unit
     elements = context.elements(signal)
+    if settings.fit is not None:
+        orders = Orders(kind="iir", num=settings.num, den=settings.den, out=elements)
+        declare_fit(context, settings.fit, signal, orders)
     depth = max(settings.num, settings.den)
     delays = context.own_axis("delay", depth)
     memory = CallMemory.of(context, arguments, (*elements, delays), unit)

@@ -9,7 +9,6 @@ from compiler.layers.rules.fit import Orders, declare_fit
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.layers.rules.memory import CallMemory, initial_value, read_vector, starting
-from spec_schema.errors import names
 from spec_schema.sections.layers.filters import StateSpace
 
 
@@ -21,19 +20,20 @@ def state_space(context: LayerContext, settings: StateSpace, arguments: Argument
     coefficients r (Gray and Markel 1975): every set of poles inside that radius has |rᵢ| < 1 and
     the other way round, and ‖A x‖ ≤ radius ‖x‖. Arrays: `reflection`, r, initially 0 (then A is a
     delay line); `B`, `C`, `D`, initially uniform in ±1/n for n summed elements. The state starts
-    at 0 or at `init:`, one number or a list of `order`. `fit: "y[t+k]"`, where u is an input and y
-    a logged signal, both scalars, sets the arrays before the first stage to the system whose
-    response to u is nearest to y[t+k] in the rows of `train` (Steiglitz and McBride 1965).
+    at 0 or at `init:`, one number or a list of `order`. `fit: "y[t+k]"`, where u is made of inputs
+    and y is a logged signal with the axes of the result, sets the arrays before the first stage to
+    the system whose response to u is nearest to y[t+k] in the rows of `train`: from one u to one y
+    by Steiglitz and McBride 1965, else by a subspace (Verhaegen 1994).
     """
     (value,) = arguments
+    out = context.out(settings.out)
     if settings.fit is not None:
-        declare_fit(context, settings.fit, _orders(context, settings))
+        declare_fit(context, settings.fit, value, _orders(settings, out))
     builder = context.builder
     order = context.own_axis("order", settings.order)
     memory = CallMemory.of(context, arguments, (order,), None)
     state = memory.value()
     (source,) = context.elements(value)
-    out = context.out(settings.out)
     result = Affine("C", None, out, None, 1.0 / order.size).of(context, state, order)
     if settings.feedthrough:
         direct = Affine("D", None, out, None, 1.0 / source.size).of(context, value, source)
@@ -71,13 +71,16 @@ def _turned(context: LayerContext, settings: StateSpace, state: NodeId, order: A
     return builder.multiply(builder.constant(settings.radius), joined)
 
 
-def _orders(context: LayerContext, settings: StateSpace) -> Orders:
-    """Those of the transfer function, of one result."""
-    if settings.out is not None:
-        problem = "`fit` is for one result, without `out`"
-        context.refuse(names.unfit_setting(f"`{context.name}`", problem, settings.out.span))
+def _orders(settings: StateSpace, out: tuple[Axis, ...]) -> Orders:
     order = settings.order
-    return Orders("state_space", order, order, settings.feedthrough, settings.radius)
+    return Orders(
+        kind="state_space",
+        num=order,
+        den=order,
+        feedthrough=settings.feedthrough,
+        radius=settings.radius,
+        out=out,
+    )
 
 
 STATE_SPACE = LayerRule(StateSpace, read_vector, state_space, is_black_box=True)

@@ -45,6 +45,8 @@ class Linked:
     files: Mapping[str, ReadResult] = field(default_factory=dict[str, ReadResult])
     """What was read for each sub-model."""
     weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, Array]])
+    numbers: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Texts of files of initial values that were read before, by path."""
     robots: Mapping[str, RobotPart] = field(default_factory=dict[str, RobotPart])
 
 
@@ -66,7 +68,7 @@ def link(
     linking.connect(whole.sections)
     sections = {**whole.sections, "dims": linking.dims, "use": linking.use}
     linked = spec.model_copy(update=sections)
-    return Linked(linked, linking.integrators, linking.files, weights, linking.robots)
+    return Linked(linked, linking.integrators, linking.files, weights, robots=linking.robots)
 
 
 MODEL_SECTIONS = (

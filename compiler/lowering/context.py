@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -87,6 +87,8 @@ class Context:
     names: Names
     draw: int = 0
     """Which initial values are drawn, where they are."""
+    numbers: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Texts of files of initial values, by path; others are read."""
     graphs: Graphs = field(default_factory=Graphs)
     memories: Memories = field(default_factory=Memories)
     gradients: GradientSources = field(default_factory=GradientSources)

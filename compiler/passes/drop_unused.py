@@ -32,12 +32,13 @@ def drop_unused(program: Program) -> Program:
         read |= {out.predicts.signal for out in program.outputs if out.predicts}
         read |= {signal.name for signal in program.signals if signal.role is Role.TARGET}
     used = parameters_read(step) | parameters_read(start)
+    fits = [fit for fit in program.fits if program.losses and _sets_only(fit, used)]
+    for fit in fits:
+        read |= {*_signals_read(fit.argument), fit.target.signal}
+        used |= parameters_read(fit.argument)
     if program.losses:
         statistics = [p.statistic for p in program.parameters if p.name in used]
         read |= {statistic.signal for statistic in statistics if statistic is not None}
-    fits = [fit for fit in program.fits if program.losses and _sets_only(fit, used)]
-    for fit in fits:
-        read |= {fit.input, fit.target.signal}
     return replace(
         program,
         signals=tuple(signal for signal in program.signals if signal.name in read),
@@ -58,7 +59,7 @@ def drop_unused(program: Program) -> Program:
 
 def _sets_only(fit: Fit, used: frozenset[str]) -> bool:
     """Whether all arrays of the layer are still there."""
-    return all(f"{fit.layer}.{array}" in used for array in fit.arrays)
+    return all(f"{fit.layer}.{array}" in used for array in fit.array_names)
 
 
 def _live(program: Program) -> tuple[list[bool], set[str]]:

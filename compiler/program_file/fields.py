@@ -20,9 +20,11 @@ from compiler.ir.ops import Op, ReadTraining
 from compiler.ir.program import (
     Declared,
     Dimension,
+    Graph,
     History,
     LayerMemory,
     Loss,
+    Node,
     Origin,
     Parameter,
     Tape,
@@ -256,6 +258,10 @@ def _read_op(record: PlainRecord, key: str, shared: Shared) -> Op:
     return _read_fields(_chosen(record.text(key), record.place, _OPS), record, shared)
 
 
+def _read_graph(record: PlainRecord, key: str, shared: Shared) -> Graph:
+    return Graph(record.items(key, lambda data, place: read(Node, data, place, shared)))
+
+
 _EMPTY: dict[Any, Any] = {tuple[Axis, ...]: (), tuple[int, ...]: (), Unit | None: None}
 """Left out although there is no default."""
 
@@ -280,5 +286,8 @@ _FORMS: dict[Any, _Form] = {
     Prediction: _Form(_read_prediction, lambda one, _: [one.signal, one.ahead]),
     Origin: _Form(_read_origin, _origin_to_data, has_own_keys=True),
     Op: _Form(_read_op, lambda op, shared: {"op": type(op).__name__, **to_data(op, shared)}, True),
+    Graph: _Form(
+        _read_graph, lambda graph, shared: [to_data(node, shared) for node in graph.nodes]
+    ),
     Type: _Form(lambda record, _, shared: _read_fields(Type, record, shared), to_data, True),
 }

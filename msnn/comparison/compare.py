@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 from msnn.comparison.cost import missing_tools
-from msnn.comparison.ranking import Criterion, Ranked, Way, chosen_criterion, common_ways, ranked
-from msnn.comparison.trial import Outcome, Setup, Trial
+from msnn.comparison.planned import planned
+from msnn.comparison.ranking import (
+    Criterion,
+    Ranked,
+    Way,
+    chosen_criterion,
+    common_ways,
+    named_criterion,
+    ranked,
+)
+from msnn.comparison.trial import Outcome, Setup, Trial, run_trial
 from msnn.comparison.variants import GridAxis, Variant, variants
 from msnn.comparison.workers import outcomes
 from msnn.data.reading.frames import Frames
@@ -89,8 +98,8 @@ def compare(
     """Trains every variant by seed and fold, and ranks them by what all were measured of.
 
     A training that the log has with the same model, data, seed and fold is not repeated, and one
-    that was killed goes on. Raises SpecError before any training for mistakes in specs and grid,
-    and where nothing alike was measured.
+    that was killed goes on. Raises SpecError before any training for mistakes in specs and grid and
+    for a criterion that no spec measures, and after them where nothing alike was measured.
     """
     heard = listener or Unheard()
     compared = variants(specs, grid, options.settings)
@@ -100,6 +109,11 @@ def compare(
         else:
             stages = read_spec(variant.spec, settings=variant.settings).spec.train
         require_what_trains(stages)
+    if options.criterion is not None:
+        first = {variant.spec: variant for variant in reversed(compared)}
+        for variant in first.values():
+            model = load_model(variant.spec, variant.settings)
+            named_criterion(planned(model), options.criterion)
     missing = missing_tools() if options.counts_cost else ()
     setup = Setup(
         data=options.data,
@@ -112,6 +126,7 @@ def compare(
     log = None if options.runs is None else options.runs / LOG
     known = {} if log is None else {line.key: line for line in read(log)}
     lines: dict[Variant, list[RunLine]] = {variant: [] for variant in compared}
+    ran: dict[str, Trial] = {}
     heard.began(len(trials))
     with closing(outcomes(trials, setup, known, options.jobs)) as ended:
         for trial, outcome in ended:
@@ -121,7 +136,26 @@ def compare(
                 _forget_checkpoint(log, line)
             lines[trial.variant].append(line)
             heard.ended(trial, outcome)
+            ran[line.key] = trial
+    for found in lines.values() if setup.counts_cost else ():
+        _cost_another(found, ran, setup, log)
     return _judged(lines, options, tuple(tool.package for tool in missing))
+
+
+def _cost_another(
+    lines: list[RunLine], ran: Mapping[str, Trial], setup: Setup, log: Path | None
+) -> None:
+    """Counts the C of another training of a model where that of the first did not end."""
+    ended = [line for line in lines if line.state == "finished"]
+    if not ended or any(line.cost is not None for line in ended):
+        return
+    first = ended[0]
+    trial = replace(ran[first.key], is_costed=True)
+    line = run_trial(trial, setup, {first.key: first}).line
+    if line != first:
+        lines[lines.index(first)] = line
+        if log is not None:
+            append(log, line)
 
 
 def _forget_checkpoint(log: Path, line: RunLine) -> None:
@@ -159,7 +193,7 @@ def _trials(compared: Sequence[Variant], options: ComparisonOptions) -> list[Tri
         return range(1, counts[key] + 1)
 
     return [
-        Trial(variant, seed, fold)
+        Trial(variant, seed, fold, is_costed=seed == 0 and fold in (None, 1))
         for seed in range(options.seeds)
         for variant in compared
         for fold in folds(variant)

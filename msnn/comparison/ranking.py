@@ -153,6 +153,11 @@ def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:
     shared = [each for way in ways for each in lines[0].held_out if each.way == way]
     if wanted is None:
         return Criterion(shared[0].way, shared[0].asked) if shared else Criterion(None, "monitor")
+    return named_criterion(shared, wanted)
+
+
+def named_criterion(shared: Sequence[Measured], wanted: str) -> Criterion:
+    """The metric that `wanted` names among those that are measured. Raises SpecError."""
     measured, _, rollout = wanted.partition(":")
     of, _, metric = measured.rpartition(".")
     for each in shared:

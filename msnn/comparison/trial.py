@@ -43,6 +43,8 @@ class Trial:
     seed: int
     """0 is what the spec says; others draw initial values and orders anew."""
     fold: int | None
+    is_costed: bool = True
+    """Whether its C is counted: that of other seeds and folds has the same operations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +76,7 @@ def run_trial(trial: Trial, setup: Setup, known: Mapping[str, RunLine]) -> Outco
     outcomes. Raises TrainingInterruptedError.
     """
     line = _unknown(trial)
+    setup = replace(setup, counts_cost=setup.counts_cost and trial.is_costed)
     try:
         model = _model(trial)
         data = measured(model, setup.data, setup.data_root, "a comparison")

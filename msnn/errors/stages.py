@@ -75,11 +75,10 @@ def no_folds(span: Span | None) -> Diagnostic:
     return error("E0947", span, message, "" if span is None else "another split", help=repair)
 
 
-def no_fit(layer: str, input: str, target: str, span: Span | None) -> Diagnostic:
+def no_fit(layer: str, target: str, span: Span | None) -> Diagnostic:
     """E0948: a filter to fit to data that do not determine it."""
-    message = (
-        f"`{layer}` cannot be fitted: the set `train` has too few rows of `{input}` and `{target}`"
-    )
+    few = f"too few rows of its argument and `{target}`"
+    message = f"`{layer}` cannot be fitted: the set `train` has {few}"
     label = "`fit` needs more samples in a row than the layer has coefficients"
     repair = "give more data, a lower order, or leave `fit` out"
     return error("E0948", span, message, label, help=repair)

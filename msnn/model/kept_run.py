@@ -34,7 +34,7 @@ class KeptSpec:
     """Of the spec: where it was, if there is such a folder here, else in the run."""
     text: str
     texts: Mapping[str, str]
-    """Of sub-models, by path."""
+    """Of sub-models and of files of initial values, by path: where it is, and as the run has it."""
     weights: Mapping[str, Path]
     """Files of sub-models' weights, by full name."""
     settings: tuple[str, ...]
@@ -70,7 +70,7 @@ def kept_spec(run: Path) -> KeptSpec:
         for name, part in parts.items():
             file = run / PARTS / kept_name(name, part)
             seen = os.path.relpath(part["path"], Path(record["spec"]).parent)
-            texts[os.path.normpath(path.parent / seen)] = _text(file)
+            texts[os.path.normpath(path.parent / seen)] = texts[part["path"]] = _text(file)
             weights[name] = file.with_name(f"{Path(name).name}.safetensors")
         settings = tuple(str(text) for text in record.get("settings", []))
         sha256 = str(record["spec_sha256"])

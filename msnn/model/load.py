@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from compiler.elaboration.compile import compile_spec
 from msnn.errors.run_ends import nothing_kept
-from msnn.model.kept_run import kept_spec, run_of
+from msnn.model.kept_run import KeptSpec, kept_spec, run_of
 from msnn.model.model import PROGRAM_SUFFIX, Model
+from msnn.model.number_files import number_parts, number_texts
 from msnn.model.spec_hash import hash_of, parts_of, with_files
 from msnn.model.submodel_weights import read_submodel_weights
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
@@ -68,7 +69,7 @@ def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
     kept = kept_spec(run)
     settings = (*kept.settings, *settings)
     read = read_spec(kept.path, kept.text, settings, texts=kept.texts)
-    model = _compiled(read, kept.path, settings, strict_units, kept.weights)
+    model = _compiled(read, kept.path, settings, strict_units, kept)
     if hash_of(model.text, model.parts, model_settings(kept.settings)) != kept.sha256:
         raise SpecError((nothing_kept(str(run)),))
     return replace(model, settings=settings, run=run, trained_in=kept.trained_in)
@@ -79,19 +80,22 @@ def _compiled(
     path: Path,
     settings: Sequence[str],
     strict_units: bool,
-    kept: Mapping[str, Path] | None = None,
+    kept: KeptSpec | None = None,
 ) -> Model:
     sources = (*read.sources, settings_source(settings))
     text, findings = read.source.text, Findings()
     findings.report(*read.warnings)
-    weights = read_submodel_weights(read, findings, kept)
-    parts = with_files(parts_of(read, weights.digests), weights.files)
+    weights = read_submodel_weights(read, findings, None if kept is None else kept.weights)
+    numbers = number_texts(read, None if kept is None else kept.texts)
+    specs = with_files(parts_of(read, weights.digests), weights.files)
+    parts = (*specs, *number_parts(numbers))
     try:
         findings.raise_errors()
         compiled = compile_spec(
             read.spec,
             used=read.used,
             weights=weights.arrays,
+            numbers=numbers,
             strict_units=strict_units,
             spec_hash=hash_of(text, parts, model_settings(settings)),
         )

@@ -32,7 +32,10 @@ class ChosenWeights:
 def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
     """Initial values of another draw; what a sub-model has from `weights:` stays."""
     read = model.read
-    program = compile_spec(read.spec, used=read.used, weights=model.part_weights, draw=draw).program
+    numbers = {part.path: part.text for part in model.parts if part.is_numbers}
+    program = compile_spec(
+        read.spec, used=read.used, weights=model.part_weights, numbers=numbers, draw=draw
+    ).program
     given = tuple(f"{part.name}." for part in model.parts if part.weights)
     kept = initial_weights(model.program)
     return {

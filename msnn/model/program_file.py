@@ -19,6 +19,7 @@ from compiler.program_file.file import (
 )
 from msnn.errors.commands import foreign_spec, no_program_name
 from msnn.model.model import PROGRAM_SUFFIX, Model
+from msnn.model.number_files import number_parts, number_texts
 from msnn.model.spec_hash import hash_of, parts_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.errors.files import unreadable_file
@@ -48,6 +49,9 @@ def write_program_file(model: Model, out: Path) -> Path:
     if model.parts:
         texts = {part.path: part.text for part in model.parts}
         spec["texts"] = {_seen_from(folder, path): text for path, text in texts.items()}
+        # a file of numbers may be named by its whole path, and then is so on any machine
+        named = {p.path: p.text for p in model.parts if p.is_numbers and Path(p.path).is_absolute()}
+        spec["texts"] |= named
         spec["weights"] = {part.name: part.weights for part in model.parts if part.weights}
     return write_text(file, data_to_json(program_to_data(model.program) | {"spec": spec}))
 
@@ -77,7 +81,8 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     own = embedded.settings
     settings = (*own, *settings)
     read = read_spec(embedded.path, embedded.text, settings, texts=embedded.texts)
-    parts, text = parts_of(read, embedded.weights), read.source.text
+    numbers = number_texts(read, embedded.texts)
+    parts, text = (*parts_of(read, embedded.weights), *number_parts(numbers)), read.source.text
     if (
         program.spec_hash != hash_of(text, parts, model_settings(own))
         or program.name != read.spec.name.value

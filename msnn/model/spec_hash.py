@@ -16,7 +16,7 @@ class SubmodelFile:
     """A sub-model: its full name, the path and text of its spec, sha256 of its weights or "".
 
     Of a robot the text is its URDF. `file` has these weights; None where there are none, or only a
-    program has them.
+    program has them. A file of initial values is a part too, whose text is its numbers.
     """
 
     name: str
@@ -25,9 +25,13 @@ class SubmodelFile:
     weights: str
     file: Path | None = None
     is_robot: bool = False
+    is_numbers: bool = False
 
     def record(self) -> dict[str, str]:
         """What a run was made of, as data."""
+        if self.is_numbers:
+            digest = _sha256(self.text)
+            return {"path": self.path, "numbers_sha256": digest, "kind": NUMBERS}
         return {
             "path": self.path,
             "spec_sha256": _sha256(self.text),
@@ -42,13 +46,14 @@ class SubmodelFile:
 
 
 ROBOT = "robot"
-"""What the record of a robot says under `kind`."""
+NUMBERS = "numbers"
+"""What the record of a robot, and that of a file of initial values, says under `kind`."""
 
 
 def kept_name(name: str, record: Mapping[str, str]) -> str:
     """The name of the file in which a run keeps the text of a part, by what its record says."""
-    suffix = ".urdf" if record.get("kind") == ROBOT else ".msnn.yaml"
-    return f"{Path(name).name}{suffix}"
+    suffixes = {ROBOT: ".urdf", NUMBERS: ""}
+    return f"{Path(name).name}{suffixes.get(record.get('kind', ''), '.msnn.yaml')}"
 
 
 def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[SubmodelFile, ...]:

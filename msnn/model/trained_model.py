@@ -41,10 +41,16 @@ def is_of_this_model(read: ReadResult, parts: Sequence[SubmodelFile], weights: P
     trained = _trained(weights.parent)
     if trained is None or _differing(trained, read):
         return False
-    kept = read_json(weights.parent / DESCRIPTION).get("parts", {})
-    if not isinstance(kept, dict) or cast("dict[str, Any]", kept).keys() != {p.name for p in parts}:
+    found = read_json(weights.parent / DESCRIPTION).get("parts", {})
+    if not isinstance(found, dict):
         return False
-    return all(_is_kept(part, cast("dict[str, Any]", kept)[part.name], weights) for part in parts)
+    # files of initial values count for nothing: the weights stand in their place
+    each = cast("dict[str, Any]", found).items()
+    kept = {name: part for name, part in each if "numbers_sha256" not in part}
+    specs = [part for part in parts if not part.is_numbers]
+    if kept.keys() != {part.name for part in specs}:
+        return False
+    return all(_is_kept(part, kept[part.name], weights) for part in specs)
 
 
 def _is_kept(part: SubmodelFile, kept: object, weights: Path) -> bool:

@@ -323,3 +323,21 @@ def test_frames_are_compared_as_files_are(msnn: CommandLine):
     assert not Path("runs").exists()
     with pytest.raises(SpecError):
         api.compare(SPEC, data=frame, runs=None, on="other", cost=False, grid=["train.0.epochs="])
+
+
+@pytest.mark.parametrize("by", ["nope", "x_next.nope", "y.rmse", "rmse:20 steps"])
+def test_a_criterion_that_nothing_measures_is_told_before_anything_is_trained(
+    msnn: CommandLine, by: str
+):
+    said = msnn("compare", SPEC, "--by", by, *SHORT)
+    assert said.code == 1
+    assert "E0976" in said.err
+    assert "x_next.rmse:one step" in said.err
+    assert not (Path("runs") / LOG).exists()
+
+
+@pytest.mark.skipif(bool(missing_tools()), reason="instructions cannot be counted here")
+def test_the_c_of_a_model_is_counted_once_however_often_it_is_trained(msnn: CommandLine):
+    words = ["compare", SPEC, "--set", "train.0.epochs=2", "--seeds", "2", "--jobs", "1"]
+    assert msnn(*words).code == 0
+    assert [line.cost is not None for line in read(Path("runs") / LOG)] == [True, False]

@@ -136,7 +136,7 @@ def test_every_declaration_comes_back_with_all_it_can_say() -> None:
             Fit(
                 kind="iir",
                 layer="f",
-                input="x",
+                argument=b.graph(),
                 target=Prediction("y", 2),
                 num=1,
                 den=2,

@@ -215,14 +215,24 @@ def _check_expected(step: Graph, entry: Expected) -> None:
 
 def _check_fit(fit: Fit, sources: Sources) -> None:
     what = f"the fit of `{fit.layer}`"
-    for signal in (fit.input, fit.target.signal):
-        _require(sources.signals.get(signal) == (), f"{what} has no such signal: `{signal}`")
+    _require(len(fit.argument) > 0, f"{what} has no argument")
+    _check_graph(fit.argument, sources)
+    for _, node in fit.argument:
+        if isinstance(node.op, ReadState | ReadLog | Window):
+            raise InvalidProgram(f"{what} reads more than inputs", node)
+    last = len(fit.argument) - 1
+    axes = fit.argument[last].type.axes
+    _require(_real(fit.argument, last) and WINDOW not in {axis.name for axis in axes}, what)
+    signal = fit.target.signal
+    _require(signal in sources.signals, f"{what} has no such signal: `{signal}`")
     orders = fit.target.ahead >= 0 <= fit.num <= MOST_SECTIONS and 1 <= fit.den <= MOST_SECTIONS
     _require(orders and 0 < fit.radius <= 1, f"{what} is of no stable filter")
-    for array, size in fit.arrays.items():
-        axes = sources.parameters.get(f"{fit.layer}.{array}", ())
-        known = math.prod(axis.size for axis in axes) == size
-        known = known and f"{fit.layer}.{array}" in sources.parameters
+    target = sources.signals[signal]
+    alike = fit.kind == "state_space" or Type(axes).size == Type(target).size
+    _require(alike, f"{what} has not one argument for each element of `{signal}`")
+    for array, size in fit.sizes(target).items():
+        name = f"{fit.layer}.{array}"
+        known = name in sources.parameters and Type(sources.parameters[name]).size == size
         _require(known, f"{what} has no array `{array}` of {size} elements")
 
 

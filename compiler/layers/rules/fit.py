@@ -1,44 +1,53 @@
-"""Declares what `fit:` makes a linear filter follow before training begins."""
+"""Declares what `fit:` makes a linear system follow before training begins."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from compiler.ir.builder import GraphBuilder
 from compiler.ir.fit import FilterKind, Fit, filter_arrays
+from compiler.ir.graph import Graph, NodeId
+from compiler.ir.graph_copy import copy_node
+from compiler.ir.liveness import needed
+from compiler.ir.ops import ReadState, Window
+from compiler.ir.types import Axis, describe_axes
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.linking.connected import Connected
 from compiler.lowering.predictions import prediction_of
-from compiler.lowering.scope import Kind, owner_of
+from compiler.lowering.scope import owner_of
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
-from spec_schema.expressions.tree import Name
 from spec_schema.fields.formulas import Prediction
+from spec_schema.sections.references import names_in
 from spec_schema.sections.signals import Signal, State
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Orders:
-    """What kind of filter a layer is."""
+    """What kind of linear system a layer is."""
 
     kind: FilterKind
     num: int
     den: int
     feedthrough: bool = True
     radius: float = 1.0
+    out: tuple[Axis, ...]
+    """The axes of its value."""
 
 
-def declare_fit(context: LayerContext, wanted: Prediction, orders: Orders) -> None:
-    """Notes what the layer starts at; refuses what is no filter from one scalar to another.
+def declare_fit(
+    context: LayerContext, wanted: Prediction, argument: NodeId, orders: Orders
+) -> None:
+    """Notes what the layer starts at; refuses what is no system from inputs to a signal.
 
     A layer of a sub-model whose input is connected has no input of the data to follow, and one
     with given or frozen weights has nothing to find: they start as they would without `fit`.
     """
     lowering, name = context.lowering, context.name
-    argument = lowering.scope.get(_name(context))
-    if owner_of(name) and argument is not None and isinstance(argument.entry, Connected):
+    if owner_of(name) and _is_connected(context):
         return
-    arrays = filter_arrays(orders.kind, orders.num, orders.den, orders.feedthrough)
+    arrays = filter_arrays(orders.kind, orders.feedthrough)
     if any(lowering.given.settles(f"{name}.{array}") for array in arrays):
         return
     if context.cells:
@@ -46,12 +55,15 @@ def declare_fit(context: LayerContext, wanted: Prediction, orders: Orders) -> No
     target = prediction_of(lowering, wanted, "fit")
     entry = lowering.scope[target.signal].entry
     assert isinstance(entry, Signal | State)
-    if lowering.axes_of(entry):
-        _refuse(context, f"`fit` needs a scalar, and `{target.signal}` is none", wanted.span)
+    axes = lowering.axes_of(entry)
+    if set(axes) != set(orders.out):
+        value, found = describe_axes(orders.out), describe_axes(axes)
+        problem = f"its value is {value}, and `{target.signal}`, which `fit` names, is {found}"
+        _refuse(context, problem, wanted.span)
     fit = Fit(
         kind=orders.kind,
         layer=name,
-        input=_input(context),
+        argument=_graph_of(context, argument),
         target=target,
         num=orders.num,
         den=orders.den,
@@ -59,34 +71,44 @@ def declare_fit(context: LayerContext, wanted: Prediction, orders: Orders) -> No
         radius=orders.radius,
     )
     if context.stores.fits.setdefault(name, fit) != fit:
-        problem = f"`fit` is for one input, and `{name}` is called with two"
+        problem = f"`fit` is for one argument, and `{name}` is called with two"
         _refuse(context, problem, context.call.arguments[0].span, "this argument")
 
 
-def _input(context: LayerContext) -> str:
-    """The scalar input that the layer is called with."""
-    arguments, lowering = context.call.arguments, context.lowering
-    name = _name(context)
-    declared = lowering.scope.get(name)
-    entry = declared.entry if declared and declared.kind is Kind.INPUT else None
-    if not isinstance(entry, Signal) or lowering.axes_of(entry):
-        problem = "`fit` needs one scalar input as the argument"
-        _refuse(context, problem, arguments[0].span, "this argument")
-    return name
+def _graph_of(context: LayerContext, argument: NodeId) -> Graph:
+    """What the layer is called with, in a graph of its own."""
+    graph, own = context.builder.graph(), GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index, is_needed in enumerate(needed(graph, [argument])[: argument + 1]):
+        if not is_needed:
+            continue
+        node = graph[index]
+        if isinstance(node.op, ReadState | Window):
+            problem = "`fit` needs an argument of inputs alone, and this one depends on a state"
+            _refuse(context, problem, context.call.arguments[0].span, "this argument")
+        copies[index] = copy_node(own, node, tuple(copies[arg] for arg in node.args))
+    return own.graph()
 
 
-def _name(context: LayerContext) -> str:
-    """The only argument where it is a name of the spec; empty for any other."""
-    match context.call.arguments:
-        case (Name(name=name),) if name not in context.environment.arguments:
-            return name
-        case _:
-            return ""
+def _is_connected(context: LayerContext) -> bool:
+    """Whether the arguments read what a parent feeds, through anything."""
+    seen: set[str] = set()
+    waiting: list[Any] = list(context.call.arguments)
+    while waiting:
+        for name in names_in(waiting.pop()):
+            declared = context.lowering.scope.get(name)
+            if declared is None or name in seen:
+                continue
+            if isinstance(declared.entry, Connected):
+                return True
+            seen.add(name)
+            waiting.append(declared.entry)
+    return False
 
 
 def _refuse(
     context: LayerContext, problem: str, span: Span, label: str = "this setting"
 ) -> NoReturn:
-    called = f"`{context.name}(u)` with a scalar input u and `fit:` of a scalar signal"
-    repair = f"leave `fit` out, or write {called}"
+    called = f"`{context.name}(e)` with an expression e of inputs"
+    repair = f"leave `fit` out, or write {called}, and `fit:` of a signal that has its value's axes"
     context.refuse(names.unfit_setting(f"`{context.name}`", problem, span, repair, label))

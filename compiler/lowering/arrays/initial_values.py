@@ -112,7 +112,7 @@ def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Sp
 def _from_file(context: Context, file: Located[str], axes: tuple[Axis, ...]) -> Array:
     """The numbers of a file: one row for each index of the axes before the last."""
     try:
-        numbers = read_numbers(file.value, file.span.file)
+        numbers = read_numbers(file.value, file.span.file, context.numbers)
     except UnusableFileError as error:
         context.findings.report(names.unusable_numbers(file.value, str(error), file.span))
         raise LoweringFailed from None

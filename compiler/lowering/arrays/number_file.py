@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +22,16 @@ class UnusableFileError(Exception):
     """Why a file gives no numbers, as the end of a sentence."""
 
 
-def read_numbers(path: str, beside: str) -> Array:
+def read_numbers(path: str, beside: str, texts: Mapping[str, str]) -> Array:
     """The numbers of a file as (rows, columns); a relative path starts at the folder of `beside`.
 
     Numbers of a row are separated by commas, semicolons or blanks; empty lines and what follows a
-    `#` are left out. Raises UnusableFileError.
+    `#` are left out. `texts` has what was read before, by path. Raises UnusableFileError.
     """
     rows: list[list[float]] = []
-    for number, line in enumerate(_text(path, beside).splitlines(), 1):
+    file = number_path(path, beside)
+    text = texts[file] if file in texts else number_text(file)
+    for number, line in enumerate(text.splitlines(), 1):
         content = line.split("#", 1)[0].strip()
         if not content:
             continue
@@ -41,10 +45,16 @@ def read_numbers(path: str, beside: str) -> Array:
     return np.array(rows)
 
 
-def _text(path: str, beside: str) -> str:
+def number_path(path: str, beside: str) -> str:
+    """The file that a spec means, seen from where `beside` is."""
+    return os.path.normpath(Path(beside).parent / path)
+
+
+def number_text(path: str) -> str:
+    """What a file of numbers holds. Raises UnusableFileError."""
     if "\0" in path:
         raise UnusableFileError("that is no path")
-    file = Path(beside).parent / path
+    file = Path(path)
     try:
         if not file.is_file():  # a pipe or a device would never end
             raise UnusableFileError("it is a folder" if file.is_dir() else "there is no such file")

@@ -13,7 +13,7 @@ from msnn.data_check.dynamics.impulse_response import Responses, responses
 from msnn.data_check.dynamics.pieces import Piece, pieces_of
 from msnn.data_check.dynamics.time_constants import time_constants
 from msnn.project.from_data.columns import FoundColumn
-from msnn.training.starts.linear_fit import filtered
+from msnn.training.starts.linear_system import filtered
 
 _ORDERS = (1, 2, 3, 4)
 _AS_GOOD = 1.02

@@ -72,6 +72,7 @@ def _changed_parts(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[st
     old, new = (dict(_leaves(each.get("parts", {}), "")) for each in (before, now))
     changed = [path for path in dict.fromkeys((*old, *new)) if old.get(path) != new.get(path)]
     what = {"spec_sha256": "the spec", "weights_sha256": "the weights"}
+    what["numbers_sha256"] = "the numbers"
     leaves = (path[1:].rpartition(".") for path in changed)
     return [f"{what[key]} of `{part}` changed" for part, _, key in leaves if key in what]
 

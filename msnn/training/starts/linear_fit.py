@@ -2,7 +2,7 @@
 
 Least squares of the equation error (Ljung, System Identification, 2nd ed. 1999, §4.2), then the
 iterations of Steiglitz and McBride (IEEE Trans. Automatic Control 10, 1965), which weigh it towards
-the error of the output.
+the error of the output, at last those of Gauss and Newton, which find the least one.
 """
 
 from __future__ import annotations
@@ -13,47 +13,43 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray
+from msnn.training.starts.filter_equations import Piece, Response, Structure, equations_of
+from msnn.training.starts.lattice import (
+    backward_polynomials,
+    denominator_of,
+    lattice_of,
+    reflections_of,
+    reflections_that_round,
+    stable,
+)
+from msnn.training.starts.tall_least_squares import least_squares
 
-ITERATIONS = 10
-_BLOCK = 128
-"""Rows that a filter computes at once."""
-MARGIN = 1e-6
-"""What keeps poles off the limit, where a filter is no longer stable."""
-
-
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """Input and output at rows without gap."""
-
-    input: FloatArray
-    output: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Structure:
-    """Which filters there are: taps `first` … `num`, `den` poles within `radius`."""
-
-    first: int
-    num: int
-    den: int
-    radius: float
-
-    @property
-    def depth(self) -> int:
-        """How many rows the unknown past of a piece reaches into."""
-        return max(self.num, self.den)
-
-    @property
-    def taps(self) -> int:
-        return self.num + 1 - self.first
+MOST_ITERATIONS = 40
+MOST_STEPS = 20
+"""Of Gauss and Newton."""
+_PATIENCE = 3
+"""Iterations that may bring nothing: those of Steiglitz and McBride do not always descend."""
+_WORTH = 1e-3
+_LEAST = 1e-5
+"""Shares of the error by which an iteration, and a step, must make it less."""
+_SHARES = (1.0, 0.5, 0.25, 0.0625)
+"""Of a step that goes too far."""
+_ENOUGH = 1 << 17
+"""Rows for iterations, of records that have more; steps have all."""
+_PART = 1 << 13
 
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """B(z⁻¹)/A(z⁻¹), both from z⁰; A begins with 1."""
+    """B(z⁻¹)/A(z⁻¹): B from z⁰, A by its reflection coefficients."""
 
     numerator: FloatArray
-    denominator: FloatArray
+    reflection: FloatArray
+
+    @property
+    def denominator(self) -> FloatArray:
+        """A from z⁰; it begins with 1."""
+        return denominator_of(self.reflection)
 
 
 def fitted_filter(pieces: Sequence[Piece], structure: Structure) -> Filter | None:
@@ -62,119 +58,100 @@ def fitted_filter(pieces: Sequence[Piece], structure: Structure) -> Filter | Non
     rows = sum(len(piece.input) - structure.depth for piece in long)
     if rows < structure.den + structure.taps:
         return None
-    poles = np.concatenate(([1.0], np.zeros(structure.den)))
-    best, least = Filter(np.zeros(structure.num + 1), poles), np.inf
-    for _ in range(ITERATIONS + 1):
-        poles = _stable(_denominator(long, structure, poles), structure.radius)
-        numerator, error = _numerator(long, structure, poles)
-        if error < least:
-            best, least = Filter(numerator, poles), error
+    gain = size_of([piece.output for piece in long]), size_of([piece.input for piece in long])
+    scaled = [Piece(piece.input / gain[1], piece.output / gain[0]) for piece in long]
+    begun = _iterated(_spread(scaled, structure), structure)
+    found = _descended(scaled, structure, begun)
+    taps = (
+        found.response.gains
+        @ backward_polynomials(structure.padded(found.reflection))[: structure.taps]
+    )
+    numerator = np.concatenate((np.zeros(structure.first), taps))[: structure.num + 1]
+    return Filter(numerator * (gain[0] / gain[1]), found.reflection)
+
+
+def size_of(parts: Sequence[FloatArray]) -> float:
+    """The root of the mean square of all numbers, 1 where they are all 0."""
+    squares = sum(float(np.vdot(part, part)) for part in parts)
+    return float(np.sqrt(squares / sum(part.size for part in parts))) or 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """The best B for an A, and how A should turn."""
+
+    reflection: FloatArray
+    response: Response
+    error: float
+    turn: FloatArray
+    """c: A over the A before is 1 + c (zI − A)⁻¹ b."""
+
+
+def _spread(pieces: Sequence[Piece], structure: Structure) -> list[Piece]:
+    """Parts of long records, evenly from first to last: enough for where steps begin."""
+    long = max(_PART, 100 * structure.depth)
+    parts = [
+        Piece(piece.input[begin : begin + long], piece.output[begin : begin + long])
+        for piece in pieces
+        for begin in range(0, len(piece.input), long)
+    ]
+    rows = sum(len(part.input) for part in parts)
+    count = len(parts) * _ENOUGH // rows
+    if count >= len(parts):
+        return list(pieces)
+    chosen = np.unique(np.linspace(0, len(parts) - 1, max(count, 1)).round().astype(int))
+    return [part for i in chosen if len((part := parts[i]).input) > structure.depth]
+
+
+def _iterated(pieces: Sequence[Piece], structure: Structure) -> FloatArray:
+    """The poles of least error on the way of Steiglitz and McBride, which begins at 0."""
+    now = _fit(pieces, structure, np.zeros(structure.den))
+    best, waited = now, 0
+    for _ in range(MOST_ITERATIONS):
+        now = _fit(pieces, structure, _turned(structure, now.reflection, now.turn))
+        waited = 0 if now.error < best.error * (1 - _WORTH) else waited + 1
+        best = now if now.error < best.error else best
+        if waited == _PATIENCE:
+            break
+    return best.reflection
+
+
+def _descended(pieces: Sequence[Piece], structure: Structure, first: FloatArray) -> _Fit:
+    """The same equations with x behind g b(u) in place of y: slopes of the error of the output."""
+    best = _fit(pieces, structure, first)
+    for _ in range(MOST_STEPS):
+        turn = _fit(pieces, structure, best.reflection, best.response).turn
+        before = best.error
+        for share in _SHARES:
+            tried = _fit(pieces, structure, _turned(structure, best.reflection, share * turn))
+            if tried.error < best.error:
+                best = tried
+                break
+        if best.error >= before * (1 - _LEAST):
+            break
     return best
 
 
-def power_series(denominator: FloatArray, count: int) -> FloatArray:
-    """The first elements of 1/A."""
-    return filtered(np.concatenate(([1.0], np.zeros(count - 1))), denominator)
-
-
-def filtered(signal: FloatArray, denominator: FloatArray) -> FloatArray:
-    """The signal through 1/A: x[n] = u[n] − Σ aⱼ x[n−j], as many rows at once as a block has.
-
-    Within a block x = S (u − past), where S has the first elements of 1/A below its diagonal. The
-    recursion forgets roundings as the filter forgets its input; a division of power series by
-    transforms lets them grow with the length.
-    """
-    order, rows = len(denominator) - 1, min(_BLOCK, len(signal))
-    response = np.zeros(rows)
-    for n in range(rows):
-        reached = min(order, n)
-        last = response[n - reached : n][::-1]
-        response[n] = (n == 0) - denominator[1 : reached + 1] @ last
-    distance = np.subtract.outer(np.arange(rows), np.arange(rows))
-    solution = np.where(distance >= 0, response[np.maximum(distance, 0)], 0.0)
-    # the share of x[n−j], which lies j − row places before the block, in each row of the block
-    reach = min(order, rows)
-    past = np.zeros((rows, order))
-    for row in range(reach):
-        past[row, row:] = denominator[row + 1 :][::-1][: order - row]
-    found = np.zeros(order + len(signal))
-    for begin in range(0, len(signal), rows):
-        block = signal[begin : begin + rows]
-        size = len(block)
-        free = block - past[:size] @ found[begin : begin + order]
-        found[order + begin : order + begin + size] = solution[:size, :size] @ free
-    return found[order:]
-
-
-def convolved(first: FloatArray, second: FloatArray, count: int) -> FloatArray:
-    """The first elements of the product of two series."""
-    return np.convolve(first, second)[:count]
-
-
-def _denominator(pieces: Sequence[Piece], structure: Structure, poles: FloatArray) -> FloatArray:
-    """A of A y = B u, with both sides filtered by 1/A of the iteration before."""
-    rows: list[FloatArray] = []
-    for piece in pieces:
-        output = filtered(piece.output, poles)
-        columns = [-_later(output, delay) for delay in range(1, structure.den + 1)]
-        rows.append(_reduced(piece, structure, poles, columns, output))
-    found, _ = _solved(rows)
-    return np.concatenate(([1.0], found[structure.taps :]))
-
-
-def _numerator(
-    pieces: Sequence[Piece], structure: Structure, poles: FloatArray
-) -> tuple[FloatArray, float]:
-    """B of y = B/A u, and the error that is left."""
-    rows = [_reduced(piece, structure, poles, [], piece.output) for piece in pieces]
-    found, error = _solved(rows)
-    return np.concatenate((np.zeros(structure.first), found)), error
-
-
-def _reduced(
-    piece: Piece,
+def _fit(
+    pieces: Sequence[Piece],
     structure: Structure,
-    poles: FloatArray,
-    columns: Sequence[FloatArray],
-    wanted: FloatArray,
-) -> FloatArray:
-    """The equations of a piece as a triangle, without what its unknown past explains.
-
-    The past acts through the first rows only, as impulses filtered by 1/A: any multiple of them
-    is free. An orthogonal transformation leaves the sum of squares as it is.
-    """
-    signal, series = filtered(piece.input, poles), power_series(poles, len(piece.input))
-    past = [_later(series, delay) for delay in range(structure.depth)]
-    taps = [_later(signal, delay) for delay in range(structure.first, structure.num + 1)]
-    table = np.stack([*past, *taps, *columns, wanted], axis=1)
-    triangle = np.asarray(np.linalg.qr(table, mode="r"), dtype=np.float64)
-    return triangle[structure.depth :, structure.depth :]
+    reflection: FloatArray,
+    driving: Response | None = None,
+) -> _Fit:
+    """Least squares at these poles, with and without c x."""
+    equations = equations_of(pieces, structure, reflection, driving)
+    both = np.concatenate((equations.signals, -equations.behind), axis=1)
+    turn = least_squares(both, equations.output)[structure.taps :]
+    response = equations.response()
+    error = float(np.linalg.norm(equations.output - equations.signals @ response.gains))
+    return _Fit(reflection, response, error, turn)
 
 
-def _solved(rows: Sequence[FloatArray]) -> tuple[FloatArray, float]:
-    """Least squares, and the length of the error; of many solutions the smallest."""
-    table = np.concatenate(rows)
-    left, right = table[:, :-1], table[:, -1]
-    found = np.asarray(np.linalg.lstsq(left, right, rcond=None)[0], dtype=np.float64)
-    return found, float(np.linalg.norm(right - left @ found))
-
-
-def _later(series: FloatArray, delay: int) -> FloatArray:
-    return np.concatenate((np.zeros(delay), series[: len(series) - delay]))
-
-
-def _stable(denominator: FloatArray, radius: float) -> FloatArray:
-    """The poles reflected into the unit circle and drawn into the radius."""
-    poles = np.roots(denominator)
-    limit = radius * (1 - MARGIN)
-    if np.all(np.abs(poles) <= limit):
-        return denominator  # untouched, for roots of equal value are found roughly
-    sizes = np.abs(poles)
-    inside = np.where(sizes > 1, poles / np.maximum(sizes, 1) ** 2, poles)
-    sizes = np.abs(inside)
-    inside = np.where(sizes > limit, inside * limit / np.maximum(sizes, limit), inside)
-    found = np.asarray(np.real(np.poly(inside)), dtype=np.float64)
-    # many poles in one place are those of rounded coefficients: some can lie outside again
-    while (largest := float(np.max(np.abs(np.roots(found)), initial=0.0))) >= radius:
-        found *= (limit / largest) ** np.arange(len(found))
-    return np.concatenate((found, np.zeros(len(denominator) - len(found))))
+def _turned(structure: Structure, reflection: FloatArray, turn: FloatArray) -> FloatArray:
+    """The reflection coefficients of the stable filter with the zeros of 1 + c (zI − A)⁻¹ b."""
+    lattice = lattice_of(reflection)
+    zeros = np.linalg.eigvals(lattice.matrix - np.outer(lattice.drive, turn))
+    poles = stable(np.asarray(zeros, complex), structure.radius)
+    if structure.is_direct:
+        return reflections_that_round(poles, structure.radius)
+    return reflections_of(poles)

@@ -1,0 +1,106 @@
+"""Compares msnn with jax-sysid, sysidentpy and torch by hand: time and error in one run.
+
+    python benchmarks/identification/against.py [--rounds 3] [--systems duffing bouc_wen]
+
+Data are made of published equations with fixed seeds. Every contender has the same records, first
+guesses and integration steps, one after the other in a process of its own; the toolboxes live in an
+environment that the first run makes with pip. "First" is a fit in a fresh process, with what is
+compiled for it, "again" the same fit once more. Prints a table in Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarks.identification.systems import SYSTEMS, records
+from benchmarks.training.environments import peer_python
+from benchmarks.training.machine import load, processor
+
+PEERS = Path(__file__).parent / "peers"
+CONTENDERS = ("msnn", "jax_sysid", "sysidentpy", "torch")
+NAMES = {"jax_sysid": "jax-sysid, L-BFGS", "torch": "torch by hand, L-BFGS"}
+NAMES |= {"msnn": "msnn, Levenberg-Marquardt", "sysidentpy": "sysidentpy, polynomial NARX"}
+ONCE = {"torch"}
+"""Takes minutes: its time is of one round."""
+
+
+def main() -> None:
+    """Prints a line a contender and system."""
+    parser = argparse.ArgumentParser(description="Toolboxes of identification, side by side.")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--systems", nargs="*", default=list(SYSTEMS))
+    chosen = parser.parse_args()
+    peers = peer_python("toolboxes", PEERS)
+    print(f"{processor()}, load {load():.1f} at the start\n")
+    print("| system | contender | first s | again s | / msnn | loss / noise | test rms / output |")
+    print("|---|---|---|---|---|---|---|")
+    for name in chosen.systems:
+        with tempfile.TemporaryDirectory(prefix="msnn-against-") as folder:
+            data = records(SYSTEMS[name], 1)
+            file = Path(folder) / "data.npz"
+            np.savez(file, **data)
+            for line in table(name, file, data, peers, chosen.rounds, Path(folder)):
+                print(line, flush=True)
+    print(f"\nload {load():.1f} at the end")
+
+
+def table(
+    name: str, file: Path, data: dict[str, Any], peers: Path, rounds: int, folder: Path
+) -> list[str]:
+    """The lines of a system, of rounds in which the contenders take turns."""
+    found: dict[str, list[dict[str, Any]]] = {contender: [] for contender in CONTENDERS}
+    for number in range(rounds):
+        for contender in CONTENDERS:
+            if contender in ONCE and number:
+                continue
+            is_peer = contender in ("jax_sysid", "sysidentpy")
+            python = str(peers) if is_peer else sys.executable
+            cache = {"MSNN_CACHE": str(folder / f"kernels_{number}")}
+            found[contender].append(fitted(python, contender, name, file, cache))
+    noise = float(np.mean((data["train_y"] - data["train_clean"]) ** 2))
+    size = float(np.std(data["test_clean"]))
+    lines: list[str] = []
+    ours = statistics.median(each["seconds"][-1] for each in found["msnn"])
+    for contender in CONTENDERS:
+        results = found[contender]
+        first = statistics.median(each["seconds"][0] for each in results)
+        again = statistics.median(each["seconds"][-1] for each in results)
+        last = results[-1]
+        lines.append(
+            f"| {name} | {NAMES[contender]} | {first:.2f} | {again:.3f} | {again / ours:.1f} "
+            f"| {last['loss'] / noise:.3f} | {last['test'] / size:.2%} |"
+        )
+    return lines
+
+
+def fitted(
+    python: str, contender: str, name: str, file: Path, more: dict[str, str]
+) -> dict[str, Any]:
+    """What one contender says of one system."""
+    script = Path(__file__).parent / "contenders" / f"{contender}_contender.py"
+    done = subprocess.run(
+        [python, script, name, file],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **more},
+    )
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+if __name__ == "__main__":
+    main()

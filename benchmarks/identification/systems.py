@@ -1,0 +1,137 @@
+"""Describes the systems that toolboxes identify, in plain arithmetic that every one of them takes.
+
+The peers run this file in environments of their own: it needs numpy and nothing of the project.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+ROWS = 400
+NOISE = 0.01
+"""Deviation of the noise of what is measured, as a share of that of the output."""
+
+
+@dataclass(frozen=True)
+class System:
+    """Right-hand sides, true values, and how far the first guesses are off."""
+
+    derivatives: Callable[[Any, Sequence[Any], Any, Sequence[Any]], list[Any]]
+    """Of a module with abs, sqrt and maximum, the states, the input and the parameters."""
+    states: int
+    output: int
+    """Which state is measured."""
+    true: dict[str, float]
+    guesses: tuple[float, ...]
+    """Times the true values."""
+    sample_time: float
+    amplitude: float
+    offset: float = 0.0
+    spec: str = ""
+    """The states of the spec of msnn; parameters and the rest follow from the above."""
+
+
+def duffing(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
+    """A mass on a hardening spring."""
+    damping, stiffness, hardening = p
+    del m
+    return [x[1], u - damping * x[1] - stiffness * x[0] - hardening * x[0] ** 3]
+
+
+def van_der_pol(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
+    """An oscillator whose damping is negative near 0."""
+    growth, limit, stiffness = p
+    del m
+    return [x[1], u + growth * (1 - limit * x[0] ** 2) * x[1] - stiffness * x[0]]
+
+
+def two_tanks(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
+    """A tank above another; what overflows the upper one is lost in part."""
+    pump, upper, lower, overflow = p
+    first, second = m.sqrt(m.maximum(x[0], 1e-3)), m.sqrt(m.maximum(x[1], 1e-3))
+    over = m.maximum(x[0] - 1.0, 0.0)
+    return [
+        pump * u - upper * first - 5.0 * over,
+        upper * first - lower * second + overflow * over,
+    ]
+
+
+def bouc_wen(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
+    """A mass on a hysteretic spring, in units in which its frequency is near 1."""
+    damping, stiffness, hysteresis, dissipation, hardening = p
+    z = hysteresis * x[1] - dissipation * m.abs(x[1]) * x[2] - hardening * x[1] * m.abs(x[2])
+    return [x[1], u - damping * x[1] - stiffness * x[0] - x[2], z]
+
+
+SYSTEMS = {
+    "duffing": System(
+        duffing, 2, 0, {"damping": 0.3, "stiffness": 1.0, "hardening": 1.5}, (2.0, 0.7, 0.5),
+        0.1, 1.5,
+        spec="x: {der: v, init: 0}\n"
+        "  v: {der: u - damping*v - stiffness*x - hardening*x**3, init: 0}",
+    ),
+    "van_der_pol": System(
+        van_der_pol, 2, 0, {"growth": 1.0, "limit": 1.0, "stiffness": 1.0}, (0.7, 1.4, 0.8),
+        0.1, 2.0,
+        spec="x: {der: v, init: 0}\n"
+        "  v: {der: u + growth*(1 - limit*x**2)*v - stiffness*x, init: 0}",
+    ),
+    "two_tanks": System(
+        two_tanks, 2, 1, {"pump": 0.5, "upper": 0.4, "lower": 0.35, "overflow": 2.0},
+        (0.7, 1.4, 1.3, 0.5), 0.1, 1.0, offset=0.8,
+        spec="x: {der: 'pump*u - upper*sqrt(max(x, 0.001)) - 5*max(x - 1, 0)', init: 0}\n"
+        "  w: {der: 'upper*sqrt(max(x, 0.001)) - lower*sqrt(max(w, 0.001))"
+        " + overflow*max(x - 1, 0)', init: 0}",
+    ),
+    "bouc_wen": System(
+        bouc_wen, 3, 0,
+        {"damping": 0.1, "stiffness": 0.5, "hysteresis": 0.6, "dissipation": 0.8,
+         "hardening": -0.5},
+        (2.0, 0.8, 1.3, 0.7, 1.3), 0.1, 1.5,
+        spec="x: {der: v, init: 0}\n  v: {der: u - damping*v - stiffness*x - z, init: 0}\n"
+        "  z: {der: hysteresis*v - dissipation*abs(v)*z - hardening*v*abs(z), init: 0}",
+    ),
+}  # fmt: skip
+
+
+def step(
+    system: System, m: Any, x: Sequence[Any], u: Any, p: Sequence[Any], dt: float
+) -> list[Any]:
+    """One step of Runge and Kutta with the input held, as every contender takes it."""
+    first = system.derivatives(m, x, u, p)
+    second = system.derivatives(m, [a + dt / 2 * b for a, b in zip(x, first, strict=True)], u, p)
+    third = system.derivatives(m, [a + dt / 2 * b for a, b in zip(x, second, strict=True)], u, p)
+    last = system.derivatives(m, [a + dt * b for a, b in zip(x, third, strict=True)], u, p)
+    return [
+        a + dt / 6 * (b + 2 * c + 2 * d + e)
+        for a, b, c, d, e in zip(x, first, second, third, last, strict=True)
+    ]
+
+
+def records(system: System, seed: int) -> dict[str, np.ndarray]:
+    """Input, measured output and output without noise of a record to train on and one to test on.
+
+    From rest, with 16 steps a sample, under steps of random height and length.
+    """
+    random = np.random.default_rng(seed)
+    found: dict[str, np.ndarray] = {}
+    for name in ("train", "test"):
+        u = np.repeat(random.uniform(-1, 1, ROWS), random.integers(3, 15, ROWS))[:ROWS]
+        u = system.offset + system.amplitude * u
+        x, outputs = [0.0] * system.states, np.empty(ROWS)
+        for t in range(ROWS):
+            outputs[t] = x[system.output]
+            for _ in range(16):
+                x = step(system, np, x, u[t], list(system.true.values()), system.sample_time / 16)
+        noise = NOISE * np.std(outputs) * random.normal(size=ROWS)
+        found |= {f"{name}_u": u, f"{name}_y": outputs + noise, f"{name}_clean": outputs}
+    return found
+
+
+def first_values(system: System) -> np.ndarray:
+    """The guesses that every contender begins at."""
+    return np.array(list(system.true.values())) * np.array(system.guesses)

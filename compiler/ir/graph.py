@@ -1,0 +1,47 @@
+"""Defines nodes and graphs: operations on typed values in static single assignment form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from compiler.ir.ops import Broadcast, Op
+from compiler.ir.types import Type
+from spec_schema.diagnostics.source import Span
+
+NodeId = int
+"""Position of a node in its graph; operands always stand before the node that uses them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One operation: its operands, the static type of its value and its place in the spec."""
+
+    op: Op
+    args: tuple[NodeId, ...]
+    type: Type
+    span: Span | None = field(default=None, compare=False)
+    label: str | None = field(default=None, compare=False)
+    """Name of the equation, output or layer that this value is, for comments and reports."""
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """Nodes in an order in which they can be evaluated."""
+
+    nodes: tuple[Node, ...] = ()
+
+    def __getitem__(self, node: NodeId) -> Node:
+        return self.nodes[node]
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def __iter__(self) -> Iterator[tuple[NodeId, Node]]:
+        return iter(enumerate(self.nodes))
+
+    def unrepeated(self, node: NodeId) -> NodeId:
+        """The node that this one repeats along more axes; itself where it is no `Broadcast`."""
+        while isinstance(self.nodes[node].op, Broadcast):
+            (node,) = self.nodes[node].args
+        return node

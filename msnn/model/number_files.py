@@ -1,0 +1,77 @@
+"""Finds the files of numbers that initial values name (`init: {file: taps.csv}`), and their texts.
+
+A run and a program file keep them like the specs of sub-models: what a model was made of does not
+change when a file does, and does not go with it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from compiler.lowering.arrays.number_file import UnusableFileError, number_path, number_text
+from msnn.model.spec_hash import SubmodelFile
+from spec_schema.fields.entry import Entry
+from spec_schema.fields.located import Located
+from spec_schema.reading.reader import ReadResult
+from spec_schema.sections.values import Initializer
+
+
+def number_texts(read: ReadResult, kept: Mapping[str, str] | None = None) -> dict[str, str]:
+    """The texts by path: those that are kept, else of the files.
+
+    A file that cannot be read is left out: compiling says so, if anything uses it.
+    """
+    found: dict[str, str] = {}
+    for file in _named(read):
+        path = number_path(file.value, file.span.file)
+        if kept is not None and path in kept:
+            found[path] = kept[path]
+            continue
+        try:
+            found[path] = number_text(path)
+        except UnusableFileError:
+            continue
+    return found
+
+
+def number_parts(texts: Mapping[str, str]) -> tuple[SubmodelFile, ...]:
+    """The files as parts of a model, numbered as the spec names them, wherever they are.
+
+    No sub-model has a name that begins with a digit.
+    """
+    return tuple(
+        SubmodelFile(
+            name=f"{number}-{Path(path).name}",
+            path=os.path.normpath(path),
+            text=text,
+            weights="",
+            is_numbers=True,
+        )
+        for number, (path, text) in enumerate(texts.items(), 1)
+    )
+
+
+def _named(read: ReadResult) -> Iterator[Located[str]]:
+    yield from _in(read.spec)
+    for file in read.used.values():
+        yield from _named(file)
+
+
+def _in(value: Any) -> Iterator[Located[str]]:
+    match value:
+        case Initializer(file=Located() as file):
+            yield file
+        case Entry():
+            for field in type(value).model_fields:
+                yield from _in(getattr(value, field))
+        case tuple() | list():
+            for part in cast("tuple[Any, ...]", value):
+                yield from _in(part)
+        case Mapping():
+            for part in cast("Mapping[str, Any]", value).values():
+                yield from _in(part)
+        case _:
+            return

@@ -1,0 +1,162 @@
+"""Writes B/A u = y as linear equations in the signals of the lattice with given poles.
+
+A over the A of these poles is 1 + c (zI − A)⁻¹ b for some row c, and B over it g b(u), where x and
+b(u) are signals of the lattice: y + c x = g b(u). Powers of 1/z over the denominator would span the
+same, but from a handful of poles near each other on they are as good as dependent (Van den Hof,
+Heuberger and Bokor, Automatica 31, 1995, take such bases for the same reason).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.training.starts.lattice import Lattice, lattice_of
+from msnn.training.starts.linear_system import LinearSystem
+from msnn.training.starts.tall_least_squares import ROWS_AT_ONCE, Triangle, least_squares
+
+FORGOTTEN = 1e-18
+"""Share of a past that no row can tell from 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Input and output at rows without gap."""
+
+    input: FloatArray
+    output: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """Which filters there are: taps `first` … `num`, `den` poles within `radius`."""
+
+    first: int
+    num: int
+    den: int
+    radius: float
+    is_direct: bool = False
+    """Whether the layer computes with the coefficients of A and B, which round."""
+
+    @property
+    def depth(self) -> int:
+        """How many rows the unknown past of a piece reaches into."""
+        return max(self.num, self.den)
+
+    @property
+    def taps(self) -> int:
+        return self.num + 1 - self.first
+
+    def padded(self, reflection: FloatArray) -> FloatArray:
+        """The coefficients with poles at 0 where the numerator has the higher order."""
+        return np.concatenate((reflection, np.zeros(self.depth - self.den)))
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What a filter makes of the input and of the past of each piece."""
+
+    gains: FloatArray
+    """Of b₀ … of the input."""
+    pasts: tuple[FloatArray, ...]
+    """Of the free responses of the lattice, a row of gains for each piece."""
+
+
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """The triangle of b(u), y, and x, as columns, without what the pasts explain.
+
+    The unknown past of a piece acts as free responses of the lattice, and any multiple of them is
+    free. An orthogonal transformation leaves sums of squares as they are.
+    """
+
+    structure: Structure
+    triangle: FloatArray
+    heads: tuple[FloatArray, ...]
+    """Of each piece the rows that its past explains, with the columns of the past before."""
+
+    @property
+    def signals(self) -> FloatArray:
+        return self.triangle[:, : self.structure.taps]
+
+    @property
+    def output(self) -> FloatArray:
+        return self.triangle[:, self.structure.taps]
+
+    @property
+    def behind(self) -> FloatArray:
+        """x."""
+        return self.triangle[:, self.structure.taps + 1 :]
+
+    def response(self) -> Response:
+        """The gains of least squares."""
+        gains = least_squares(self.signals, self.output)
+        depth, end = self.structure.depth, self.structure.depth + self.structure.taps
+        pasts = [
+            least_squares(head[:, :depth], head[:, end] - head[:, depth:end] @ gains)
+            for head in self.heads
+        ]
+        return Response(gains, tuple(pasts))
+
+
+def equations_of(
+    pieces: Sequence[Piece],
+    structure: Structure,
+    reflection: FloatArray,
+    response: Response | None = None,
+) -> Equations:
+    """The equations at these poles; x is driven by y, or by the response instead."""
+    seen = lattice_of(structure.padded(reflection))
+    systems = _system(seen), _system(lattice_of(reflection))
+    columns = structure.taps + 1 + structure.den
+    triangle = Triangle(columns)
+    heads: list[FloatArray] = []
+    for number, piece in enumerate(pieces):
+        head = Triangle(structure.depth + columns)
+        driven = None if response is None else (response.gains, response.pasts[number])
+        for free, table in _tables(piece, structure, seen, systems, driven):
+            if free is None:
+                triangle.add(table)
+            else:
+                head.add(np.concatenate((free, table), axis=1))
+        heads.append(head.above(structure.depth))
+        triangle.add(head.below(structure.depth))
+    return Equations(structure, triangle.below(0), tuple(heads))
+
+
+def _system(lattice: Lattice) -> LinearSystem:
+    return LinearSystem(lattice.matrix, lattice.drive[:, None])
+
+
+def _tables(
+    piece: Piece,
+    structure: Structure,
+    lattice: Lattice,
+    systems: tuple[LinearSystem, LinearSystem],
+    driven: tuple[FloatArray, FloatArray] | None,
+) -> Iterator[tuple[FloatArray | None, FloatArray]]:
+    """So many rows at once: free responses of the past, None once they are over, and the rest."""
+    seen, behind = np.zeros(structure.depth), np.zeros(structure.den)
+    past = lattice.drive
+    for begin in range(0, len(piece.input), ROWS_AT_ONCE):
+        signal = piece.input[begin : begin + ROWS_AT_ONCE]
+        output = piece.output[begin : begin + ROWS_AT_ONCE]
+        x = systems[0].states(signal[:, None], seen)
+        if structure.first:
+            taps = x[:-1, : structure.taps]
+        else:
+            last = x[:-1] @ lattice.last[:-1] + signal * lattice.last[-1]
+            taps = np.concatenate((x[1:], last[:, None]), axis=1)[:, : structure.taps]
+        free: FloatArray | None = None
+        if begin == 0 or np.max(np.abs(past)) > FORGOTTEN:
+            responses = systems[0].states(np.zeros((len(signal), 1)), past)
+            free, past = responses[:-1], responses[-1]
+        driving = output
+        if driven is not None:
+            driving = taps @ driven[0] + (0.0 if free is None else free @ driven[1])
+        y = systems[1].states(driving[:, None], behind)
+        seen, behind = x[-1], y[-1]
+        yield free, np.concatenate((taps, output[:, None], y[:-1]), axis=1)

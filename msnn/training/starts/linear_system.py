@@ -1,0 +1,70 @@
+"""Simulates a linear system over many rows, as many at once as a block has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+
+_BLOCK = 32
+"""Rows that one product of matrices computes."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinearSystem:
+    """x[t+1] = A x[t] + B u[t], stable.
+
+    Within a block x[t] = Aᵗ x[0] + Σ Aᵗ⁻¹⁻ˢ B u[s]: one matrix has the responses to the inputs of a
+    block, one those to the state before it. Roundings are forgotten as the system forgets inputs.
+    """
+
+    matrix: FloatArray
+    """A: (states, states)."""
+    drive: FloatArray
+    """B: (states, inputs)."""
+    _driven: FloatArray = field(init=False, repr=False)
+    _free: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        order, inputs = self.drive.shape
+        powers = [np.eye(order)]
+        for _ in range(_BLOCK):
+            powers.append(self.matrix @ powers[-1])
+        driven = np.zeros((_BLOCK, inputs, _BLOCK + 1, order))
+        for s in range(_BLOCK):
+            for t in range(s + 1, _BLOCK + 1):
+                driven[s, :, t] = (powers[t - 1 - s] @ self.drive).T
+        free = np.stack([power.T for power in powers], axis=1)
+        shape = (_BLOCK + 1) * order
+        object.__setattr__(self, "_driven", driven.reshape(_BLOCK * inputs, shape))
+        object.__setattr__(self, "_free", free.reshape(order, shape))
+
+    def states(self, inputs: FloatArray, start: FloatArray) -> FloatArray:
+        """x[0] … x[rows], one row each, from `start` under inputs (rows, inputs)."""
+        rows, order = len(inputs), len(start)
+        blocks = -(-rows // _BLOCK)
+        padded = np.zeros((blocks * _BLOCK, inputs.shape[1]))
+        padded[:rows] = inputs
+        found = padded.reshape(blocks, -1) @ self._driven
+        starts = np.empty((blocks, order))
+        ends, reach = found[:, -order:], self._free[:, -order:]
+        state = start
+        for block in range(blocks):
+            starts[block] = state
+            state = state @ reach + ends[block]
+        found += starts @ self._free
+        within = found.reshape(blocks, _BLOCK + 1, order)[:, :_BLOCK].reshape(-1, order)
+        return np.concatenate((within, state[None]))[: rows + 1]
+
+
+def filtered(signal: FloatArray, denominator: FloatArray) -> FloatArray:
+    """The signal through 1/A, from rest: y[t] = u[t] − Σ aⱼ y[t−j]."""
+    order = len(denominator) - 1
+    if not order:
+        return signal
+    companion = np.eye(order, k=-1)
+    companion[0] = -denominator[1:]
+    system = LinearSystem(companion, np.eye(order)[:, :1])
+    return system.states(signal[:, None], np.zeros(order))[1:, 0]

@@ -1,0 +1,109 @@
+"""Fits a stable linear system with several inputs or outputs, by its subspace.
+
+PO-MOESP (Verhaegen, Automatica 30, 1994): what the rows before add to outputs that the inputs do
+not explain spans the responses of the states, from which follow the poles and the outputs of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.training.starts.lattice import ComplexArray, lattice_of, reflections_of, stable
+from msnn.training.starts.linear_fit import size_of
+from msnn.training.starts.state_space_fit import (
+    Series,
+    StateSpaceArrays,
+    driven_by_all,
+    with_drive,
+    with_read,
+)
+from msnn.training.starts.tall_least_squares import ROWS_AT_ONCE, Triangle, least_squares
+
+
+def fitted_system(
+    series: Sequence[Series], order: int, *, radius: float, feedthrough: bool
+) -> StateSpaceArrays | None:
+    """The system near the least error of the outputs; None where the data do not determine one."""
+    inputs, outputs = series[0].inputs.shape[1], series[0].outputs.shape[1]
+    depth = _depth(series, order, inputs + outputs, outputs)
+    if depth is None:
+        return None
+    gains = _sizes([each.inputs for each in series]), _sizes([each.outputs for each in series])
+    scaled = [Series(each.inputs / gains[0], each.outputs / gains[1]) for each in series]
+    poles, read = _poles_and_read(scaled, order, depth, radius)
+    reflection = reflections_of(poles / radius)
+    found = with_drive(scaled, reflection, read, radius=radius, feedthrough=feedthrough)
+    drive = found.drive if np.any(found.drive) else driven_by_all(reflection, inputs)
+    found = with_read(scaled, reflection, drive, radius=radius, feedthrough=feedthrough)
+    return replace(
+        found,
+        drive=found.drive / gains[0],
+        read=found.read * gains[1][:, None],
+        direct=found.direct * gains[1][:, None] / gains[0],
+    )
+
+
+def _sizes(parts: Sequence[FloatArray]) -> FloatArray:
+    return np.array([size_of([part[:, i] for part in parts]) for i in range(parts[0].shape[1])])
+
+
+def _depth(series: Sequence[Series], order: int, signals: int, outputs: int) -> int | None:
+    """How many rows before and after each are looked at; None where there are too few rows."""
+    least = -(-order // outputs) + 1
+    for depth in range(least + -(-least // 2), least - 1, -1):
+        windows = sum(max(len(each.inputs) - 2 * depth + 1, 0) for each in series)
+        if windows >= 2 * depth * signals:
+            return depth
+    return None
+
+
+def _poles_and_read(
+    series: Sequence[Series], order: int, depth: int, radius: float
+) -> tuple[ComplexArray, FloatArray]:
+    """The poles, and C in the coordinates of the lattice that has them."""
+    outputs = series[0].outputs.shape[1]
+    responses = _responses(series, order, depth)
+    read = responses[:outputs]
+    matrix = least_squares(responses[:-outputs], responses[outputs:])
+    values, vectors = np.linalg.eig(matrix)
+    poles = stable(np.asarray(values, complex), radius)
+    lattice = radius * lattice_of(reflections_of(poles / radius)).matrix
+    modes = np.stack([_mode(lattice, pole) for pole in poles], axis=1)
+    # C V of both is the same, and V of the lattice is known
+    turned = np.linalg.lstsq(modes.T, (read @ vectors).T, rcond=None)[0].T
+    return poles, np.asarray(np.real(turned), dtype=np.float64)
+
+
+def _mode(matrix: FloatArray, pole: complex) -> ComplexArray:
+    """The eigenvector of a pole, of length 1, by inverse iteration."""
+    order = len(matrix)
+    shifted = matrix - (pole + 1e-10 * (1 + abs(pole))) * np.eye(order)
+    vector = np.linspace(1.0, 2.0, order).astype(np.complex128)
+    for _ in range(3):
+        turned = np.asarray(np.linalg.solve(shifted, vector), np.complex128)
+        vector = turned / np.linalg.norm(turned)
+    return vector
+
+
+def _responses(series: Sequence[Series], order: int, depth: int) -> FloatArray:
+    """C, C A, C A² …, below each other, in some coordinates of the state."""
+    inputs, outputs = series[0].inputs.shape[1], series[0].outputs.shape[1]
+    explained, before = depth * inputs, depth * (inputs + outputs)
+    triangle = Triangle(explained + before + depth * outputs)
+    for each in series:
+        windows = len(each.inputs) - 2 * depth + 1
+        for begin in range(0, windows, ROWS_AT_ONCE):
+            stop = min(begin + ROWS_AT_ONCE, windows)
+            u, y = (
+                [part[begin + lag : stop + lag] for lag in range(2 * depth)]
+                for part in (each.inputs, each.outputs)
+            )
+            columns = [*u[depth:], *u[:depth], *y[:depth], *y[depth:]]
+            triangle.add(np.concatenate(columns, axis=1))
+    reached = triangle.below(explained)[:before, before:].T
+    left, sizes, _ = np.linalg.svd(reached, full_matrices=False)
+    return np.asarray(left[:, :order] * np.sqrt(sizes[:order]), dtype=np.float64)
