@@ -9,7 +9,7 @@ from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import quotient_unit
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.environment import START, Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.unit_conflicts import report_unit_conflicts
@@ -18,7 +18,6 @@ from spec_schema.expressions.tree import Call, Name
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
-_START = Environment(EnvironmentPart.START)
 _METHODS = ("backward", "trapezoidal", "central", "forward")
 
 
@@ -65,7 +64,7 @@ def lower_derivative(context: Context, call: Call, environment: Environment) -> 
 
 def _trapezoidal(context: Context, call: Call, environment: Environment, seconds: float) -> NodeId:
     """The inverse of the trapezoidal integral: a disturbance at t0 rings for ever, ±, undamped."""
-    start = context.builder(_START)
+    start = context.builder(START)
     if environment.part is EnvironmentPart.START and environment.time == (-1, None):
         return start.constant(0.0, unit=None)
     is_last = environment.time == (-1, None)

@@ -6,14 +6,12 @@ from compiler.ir.ops import Relation
 from compiler.ir.program import LayerMemory, NodeId, State
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.environment import START, Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import calculus, names
 from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call
-
-_START = Environment(EnvironmentPart.START)
 
 
 def earlier(context: Context, call: Call, environment: Environment) -> NodeId:
@@ -94,7 +92,7 @@ def _remembered(context: Context, call: Call, environment: Environment) -> NodeI
     """The value of the last step; at t0, as a state that is 1 there tells, the one of this step."""
     environment = in_the_step(context, call, environment)
     now = one_sample(context, call, environment)
-    builder, start = context.builder(environment), context.builder(_START)
+    builder, start = context.builder(environment), context.builder(START)
     type = builder.type(now)
     name = context.memories.name("previous", (now,))
     zero = start.broadcast(start.constant(0.0, unit=type.unit), type.axes)

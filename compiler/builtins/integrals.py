@@ -8,7 +8,7 @@ from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import product_unit
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.environment import START, Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.fitted import fitted
 from compiler.lowering.unit_conflicts import report_unit_conflicts
@@ -16,7 +16,6 @@ from spec_schema.expressions.tree import Call
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
-_START = Environment(EnvironmentPart.START)
 _METHODS = ("euler", "trapezoidal")
 
 
@@ -33,7 +32,7 @@ def lower_integral(context: Context, call: Call, environment: Environment) -> No
     type = Type(builder.type(rate).axes, unit)
     start = _start(context, call, type)
     if option(call, "init") is not None and unit is None:
-        type = type.with_unit(context.builder(_START).type(start).unit)
+        type = type.with_unit(context.builder(START).type(start).unit)
     name = context.memories.name("integral", (method, rate, start))
     last = builder.state(name, type)
     if method == "trapezoidal":
@@ -56,12 +55,12 @@ def _seconds(context: Context, call: Call, environment: Environment, share: floa
 
 def _start(context: Context, call: Call, type: Type | None) -> NodeId:
     """The node of I[t0−1] in the start graph, with the axes of the type where that is known."""
-    builder = context.builder(_START)
+    builder = context.builder(START)
     init = option(call, "init")
     if init is None:
         node = builder.constant(0.0, unit=type.unit if type else None)
         return builder.broadcast(node, type.axes) if type else node
-    node = lower(context, init, _START)
+    node = lower(context, init, START)
     if type is None:
         return node
-    return fitted(context, "`init` of `integral`", node, type, init, _START)
+    return fitted(context, "`init` of `integral`", node, type, init, START)

@@ -10,7 +10,7 @@ from compiler.ir.program import History, NodeId
 from compiler.ir.program import State as ProgramState
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.environment import START, STEP, Environment
 from compiler.lowering.expressions import lower, window_of
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
@@ -20,9 +20,6 @@ from spec_schema.expressions.tree import Member, Name
 from spec_schema.fields.formulas import Prediction
 from spec_schema.sections.references import references
 from spec_schema.sections.signals import Equation, Output, State
-
-_STEP = Environment(EnvironmentPart.STEP)
-_START = Environment(EnvironmentPart.START)
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ class Histories:
         self._places.setdefault(name, span)
         known = self._known.get(name, Remembered(0))
         length = max(known.length, self._lengths[name])
-        builder = self._context.builder(_STEP)
+        builder = self._context.builder(STEP)
         if last < 0:
             unit = entry.unit.value if entry.unit else None
             type = Type((*known.axes, Axis(WINDOW, length)), unit)
@@ -80,13 +77,13 @@ class Histories:
 
     def before(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
         """Past samples of a state in the start graph: its `history:`, else its log (R5)."""
-        builder = self._context.builder(_START)
+        builder = self._context.builder(START)
         window = environment.window
         length = window[1] - window[0] + 1 if window is not None else 0
         axes = self._context.axes_of(entry)
         wanted = (*axes, Axis(WINDOW, length)) if length else axes
         if entry.history is not None:
-            there = _START.shifted(environment.shift)
+            there = START.shifted(environment.shift)
             if window is not None:
                 node = window_of(self._context, entry.history, there, *window)
                 there = there.over(*window)
@@ -103,7 +100,7 @@ class Histories:
 
     def found(self) -> Buffers:
         """What this lowering needs: lengths, and the axes that the values turned out to have."""
-        builder = self._context.builder(_STEP)
+        builder = self._context.builder(STEP)
         found: dict[str, Remembered] = {}
         for name, length in self._lengths.items():
             try:
@@ -120,7 +117,7 @@ class Histories:
 
     def states(self) -> list[ProgramState]:
         """A buffer state for everything whose past is read."""
-        builder = self._context.builder(_STEP)
+        builder = self._context.builder(STEP)
         made: list[ProgramState] = []
         for name, remembered in self._known.items():
             if name in self._refused:
@@ -164,7 +161,7 @@ class Histories:
 
     def _newest(self, name: str, span: Span) -> NodeId:
         """The window of one sample: it holds what is there now, and nothing is remembered."""
-        builder = self._context.builder(_STEP)
+        builder = self._context.builder(STEP)
         now = self._now(name, span)
         axes = builder.type(now).axes
         if any(axis.name == WINDOW for axis in axes):
@@ -178,15 +175,15 @@ class Histories:
         return entry
 
     def _now(self, name: str, span: Span) -> NodeId:
-        return self._context.names.value(Name(name, span), _STEP)
+        return self._context.names.value(Name(name, span), STEP)
 
     def _start(self, name: str, entry: State | Equation | Output, remembered: Remembered) -> NodeId:
         """Samples before t0, from the first that exists: `history:`, the log, inputs alone (R5)."""
         context, length = self._context, remembered.length
-        builder, before = context.builder(_START), _START.over(-length, -1)
+        builder, before = context.builder(START), START.over(-length, -1)
         wanted = (*remembered.axes, Axis(WINDOW, length))
         if entry.history is not None:
-            node = window_of(context, entry.history, _START, -length, -1)
+            node = window_of(context, entry.history, START, -length, -1)
             what = f"`history` of `{name}`"
             return fitted(context, what, node, Type(wanted), entry.history, before)
         if isinstance(entry, State):
@@ -198,7 +195,7 @@ class Histories:
             ahead = context.sampling.samples(entry.predicts.ahead)
             signal = entry.predicts.signal.value
             return builder.log(signal, ahead - length, ahead - 1, Type(wanted))
-        node = context.names.tried(lambda: window_of(context, entry.expr, _START, -length, -1))
+        node = context.names.tried(lambda: window_of(context, entry.expr, START, -length, -1))
         if node is None:
             return self._missing(name)
         return fitted(context, f"the past of `{name}`", node, Type(wanted), entry.expr, before)

@@ -14,7 +14,7 @@ from compiler.ir.ops import Add
 from compiler.ir.program import NodeId
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart, IntegratorStage
+from compiler.lowering.environment import STEP, Environment, EnvironmentPart, IntegratorStage
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
@@ -37,7 +37,6 @@ from spec_schema.sections.signals import Equation
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
-_STEP = Environment(EnvironmentPart.STEP)
 
 Values = dict[str, NodeId]
 
@@ -68,7 +67,7 @@ def integrated(context: Context, owner: str, integrator: Integrator | None) -> M
         first = next(iter(vector_field.values())).expression
         context.findings.report(time.needs_sample_time("`der:`", first.span))
         raise LoweringFailed
-    builder = context.builder(_STEP)
+    builder = context.builder(STEP)
     values = {name: builder.state(name, law.type) for name, law in vector_field.items()}
     method = integrator.choice if integrator else None
     if integrator is not None and isinstance(method, LinearImplicit) and method.of is None:
@@ -130,7 +129,7 @@ class _Steps:
 
         A name that the spec has, or that is one of the spec's as an identifier, gives way.
         """
-        builder = self.context.builder(_STEP)
+        builder = self.context.builder(STEP)
         of_spec = {name.replace(".", "_") for name in self.context.scope}
         for name, node in values.items():
             label = f"{name}_{suffix}"
@@ -157,7 +156,7 @@ class _Steps:
         II, 1996, IV.7, s = 1 and γ = 1). What moves with time counts at the end of the step, as in
         the implicit Euler method: (7.4a) adds h² ∂f/∂t there, and a stiff state follows its input.
         """
-        builder = self.context.builder(_STEP)
+        builder = self.context.builder(STEP)
         slopes = self._slopes(values, self.end)
         moved: Values = {}
         for name, increment in increments(builder, values, slopes, self.step_length).items():
@@ -169,7 +168,7 @@ class _Steps:
         """The state that feels the equation, implicit in it, first; then the others, as
         semi-implicit Euler does, at its new value: a position moves with the new velocity.
         """
-        builder = self.context.builder(_STEP)
+        builder = self.context.builder(STEP)
         # how the equation varies with one state alone: after a substep others depend on it
         apart = {name: builder.named(node, name) for name, node in values.items()}
         stage = self._stage(apart, self.end)
@@ -189,7 +188,7 @@ class _Steps:
 
     def _felt(self, of: Located[str], values: Values, stage: Environment) -> tuple[str, NodeId]:
         """The state whose derivative reads the equation, and the equation's value."""
-        builder = self.context.builder(_STEP)
+        builder = self.context.builder(STEP)
         full = f"{self.owner}.{of.value}" if self.owner else of.value
         entry = self.context.names.declared(full, of.span).entry
         if not isinstance(entry, Equation):
@@ -218,7 +217,7 @@ class _Steps:
 
     def _runge_kutta(self, values: Values) -> Values:
         """x + h/6 · (k₁ + 2(k₂ + k₃) + k₄), the classical method (Kutta 1901)."""
-        builder = self.context.builder(_STEP)
+        builder = self.context.builder(STEP)
         h = self.step_length
         k1 = self._slopes(values, self.begin)
         k2 = self._slopes(self._point("k2", values, k1, h / 2), self._middle)
@@ -268,7 +267,7 @@ class _Steps:
 
     def _moved(self, values: Values, slopes: Values, length: float) -> Values:
         """values + length · slopes."""
-        builder = self.context.builder(_STEP)
+        builder = self.context.builder(STEP)
         moved: Values = {}
         for name, value in values.items():
             expression = self.vector_field[name].expression

@@ -10,7 +10,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.saturation import saturated
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.environment import START, STEP, Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.fitted import fitted
@@ -22,8 +22,6 @@ from spec_schema.errors import states as errors
 from spec_schema.expressions.tree import Call, Name
 from spec_schema.sections.integrators import Integrator
 from spec_schema.sections.signals import State
-
-_STEP = Environment(EnvironmentPart.STEP)
 
 
 class States:
@@ -125,7 +123,7 @@ class States:
         type = self._context.type_of(entry)
         if entry.start is None:
             return builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
-        at_start = Environment(EnvironmentPart.START)
+        at_start = START
         node = lower(self._context, entry.start, at_start)
         return fitted(self._context, f"`init` of `{name}`", node, type, entry.start, at_start)
 
@@ -143,13 +141,13 @@ class States:
         limits = range_in(self._context, entry.range, type.unit)
         if entry.on_range is None or entry.on_range.value != "saturate" or limits is None:
             return following
-        builder = self._context.builder(_STEP)
+        builder = self._context.builder(STEP)
         with builder.at(entry.on_range.span):
             return saturated(builder, following, builder.state(name, type), limits)
 
     def _lower_law(self, name: str, entry: State) -> NodeId:
         if entry.next is None:
             return self.flow(owner_of(name))[name]
-        node = lower(self._context, entry.next, _STEP)
+        node = lower(self._context, entry.next, STEP)
         what = f"`next` of `{name}`"
-        return fitted(self._context, what, node, self._context.type_of(entry), entry.next, _STEP)
+        return fitted(self._context, what, node, self._context.type_of(entry), entry.next, STEP)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from compiler.elaboration.found_before import FoundBefore
 from compiler.elaboration.names import Elaboration
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.environment import STEP
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.scope import Kind, owner_of
@@ -17,7 +17,6 @@ from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Name, Number
 from spec_schema.sections.layers.layer import Layer
 
-_STEP = Environment(EnvironmentPart.STEP)
 _EXPECTED_IN_USE = frozenset(
     {Kind.INPUT, Kind.CONSTANT, Kind.PARAMETER, Kind.LAYER, Kind.FUNCTION, Kind.EQUATION}
 )
@@ -31,7 +30,7 @@ def lower_unused(elaborated: Elaboration) -> None:
     context = elaborated.context
     for name, entry in context.spec.equations.items():
         with suppress(LoweringFailed):
-            elaborated.entries.value(name, entry, _STEP, entry.place.key)
+            elaborated.entries.value(name, entry, STEP, entry.place.key)
     for name, layer in context.spec.layers.items():
         if name not in context.used and not owner_of(name):
             _report_layer(elaborated, name, layer)
@@ -84,7 +83,7 @@ def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Di
 def _lowered_alone(elaborated: Elaboration, call: Call, known: FoundBefore) -> Elaboration:
     attempt = elaborated.afresh(known)
     with suppress(LoweringFailed):
-        lower(attempt.context, call, _STEP)
+        lower(attempt.context, call, STEP)
     return attempt
 
 

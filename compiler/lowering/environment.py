@@ -107,3 +107,9 @@ class Environment:
     def time(self) -> Time:
         """The time part, for remembering what was lowered already."""
         return self.shift, self.window
+
+
+STEP = Environment(EnvironmentPart.STEP)
+"""At t, in the step of a program."""
+START = Environment(EnvironmentPart.START)
+"""At t0, where a run starts."""

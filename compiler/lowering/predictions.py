@@ -5,7 +5,7 @@ from __future__ import annotations
 from compiler.ir.rules.unit_rules import same_unit
 from compiler.ir.types import Prediction
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.environment import STEP
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.scope import Kind
 from compiler.lowering.surplus_axes import report_surplus
@@ -15,7 +15,6 @@ from spec_schema.sections.signals import Output as OutputEntry
 from spec_schema.sections.signals import Signal as SignalEntry
 from spec_schema.sections.signals import State as StateEntry
 
-_STEP = Environment(EnvironmentPart.STEP)
 _LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)
 
 
@@ -42,13 +41,13 @@ def as_predicted(
     context: Context, name: str, entry: OutputEntry, node: int, predicts: Prediction
 ) -> int:
     """The output's node with the axes and, where it had none, the unit of what it predicts."""
-    builder = context.builder(_STEP)
+    builder = context.builder(STEP)
     signal = context.scope[predicts.signal].entry
     assert isinstance(signal, SignalEntry | StateEntry)
     wanted = context.axes_of(signal)
     if not set(builder.type(node).axes) <= set(wanted):
         what = f"`{name}`, which predicts `{predicts.signal}`,"
-        report_surplus(context, what, node, wanted, entry.expr, _STEP)
+        report_surplus(context, what, node, wanted, entry.expr, STEP)
         return node
     unit = signal.unit.value if signal.unit else None
     own = builder.type(node).unit

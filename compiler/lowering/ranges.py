@@ -5,14 +5,12 @@ from __future__ import annotations
 from compiler.ir.program import Expected
 from compiler.linking.connected import Connected
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.environment import STEP
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import schema, units
 from spec_schema.sections.signals import Equation
 from spec_schema.units.quantity import Quantity, Range
 from spec_schema.units.unit import Unit
-
-_STEP = Environment(EnvironmentPart.STEP)
 
 
 def range_in(
@@ -66,11 +64,11 @@ def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
 
 def expected_values(context: Context) -> list[Expected]:
     """What is expected of equations with a range, and of what is connected to inputs with one."""
-    builder = context.builder(_STEP)
+    builder = context.builder(STEP)
     found: list[Expected] = []
     for name, entry in context.spec.equations.items():
         declared = _range_of(entry)
-        nodes = list(dict.fromkeys(node for _, node in context.names.lowerings(name, _STEP)))
+        nodes = list(dict.fromkeys(node for _, node in context.names.lowerings(name, STEP)))
         if declared is None or not nodes:
             continue
         try:

@@ -107,6 +107,7 @@ _NOT_WHOLE = {
         "kept_run",
         "load",
         "model",
+        "number_files",
         "safetensors_file",
         "spec_hash",
         "submodel_weights",

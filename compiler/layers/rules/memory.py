@@ -9,7 +9,7 @@ from compiler.ir.types import Axis, Type, describe_axes
 from compiler.layers.rules.arguments import read_elements, read_value
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.lowering.environment import START, EnvironmentPart
 from compiler.lowering.expressions import lower
 from spec_schema.errors import names, shapes, time
 from spec_schema.expressions.tree import Expression
@@ -71,7 +71,7 @@ class CallMemory:
 
 def starting(context: LayerContext) -> LayerContext:
     """The context in which a state's start is computed, over the log at t0."""
-    return replace(context, environment=Environment(EnvironmentPart.START))
+    return replace(context, environment=START)
 
 
 def initial_value(
