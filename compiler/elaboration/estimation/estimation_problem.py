@@ -187,7 +187,8 @@ def _parameters(
         unit = program.parameter(name).unit
         low, high = _limit(entry.min, unit, findings), _limit(entry.max, unit, findings)
         if low is not None and high is not None and low > high:
-            ends = (f"{end:g}" if unit is None else f"{end:g} {unit.text}" for end in (low, high))
+            suffix = "" if unit is None else f" {unit.text}"
+            ends = f"{low:g}{suffix}", f"{high:g}{suffix}"
             findings.report(reversed_bound(name, *ends, entry.place.key))
         found[name] = EstimatedNumbers(
             initial=_in_unit(entry.std, unit, findings),
