@@ -124,7 +124,8 @@ def _with_problems(
         asked = asked_control(linked, spec.mpc)
         whole = compile_it(asked.linked)
         more = [found for found in whole.warnings if found not in compiled.warnings]
-        control, said = control_problem(asked, whole.program, more)
+        program = replace(whole.program, spec_hash=compiled.program.spec_hash)
+        control, said = control_problem(asked, program, more)
         compiled = replace(compiled, control=control, warnings=(*compiled.warnings, *said))
     if spec.estimator is not None:
         estimation = estimation_problem(spec, spec.estimator, compiled.program)

@@ -29,6 +29,8 @@ class BarrierLimits:
         self._judged_ends = np.where(is_control, self.ends, np.where(self.active, whole, 0.0))
         linear, quadratic = (np.tile(w, 2) for w in (limits.linear, limits.quadratic))
         self.soft = self.active & np.isfinite(linear)
+        is_path = np.arange(2 * size) % size >= 2 * nu
+        self.has_hard = bool(np.any(self.active & ~self.soft & is_path))
         self.linear = np.where(self.soft, linear, 0.0)
         self.quadratic = np.where(self.soft, quadratic, 0.0)
 

@@ -71,7 +71,7 @@ class Controller:
         or with a preview (N+1, *shape) and (N, *shape). Raises ValueError for names and shapes that
         the problem does not have.
         """
-        problem = self.problem
+        problem, before = self.problem, self._memory.known
         self._memory.measure(x or {})
         coming = self._coming(problem.disturbances, disturbances or {}, problem.horizon)
         wanted = self._coming(problem.references, references or {}, problem.horizon + 1)
@@ -81,6 +81,7 @@ class Controller:
             return self._kept(Status.NOT_INITIALISED)
         given = Given(self._memory.vector(), coming, wanted)
         if not _is_finite(given):
+            self._memory.restore(before)
             return self._kept(Status.INPUT_NOT_FINITE)
         limits = self._functions.limits(given)
         if np.any(np.isnan(limits.low)) or np.any(np.isnan(limits.high)):

@@ -83,15 +83,25 @@ class InteriorPoint:
             residual = self._residual(point)
             is_over = not np.isfinite(residual) or (stops and residual <= tolerance)
             if is_over or count == iterations:
-                return Outcome(now, residual, self._limits.violation(values), count)
+                return self._ended(now, values, residual, count)
             while barrier > tolerance / 10 and self._error(point, barrier) < 10 * barrier:
                 faster = min(0.1, (barrier / first) ** 0.5)
                 barrier = max(tolerance / 10, barrier * faster)
             moved = self._moved(point, barrier)
             if moved is None:
-                return Outcome(now, residual, self._limits.violation(values), count)
+                return self._ended(now, values, residual, count)
             now, values = moved
         raise AssertionError("the last pass returns")
+
+    def _ended(self, now: Iterate, values: Values, residual: float, count: int) -> Outcome:
+        """Judges hard limits along what the plant does, which is not the plan while gaps are open.
+
+        A plan within the tolerance has no gaps to speak of.
+        """
+        if not residual <= self._f.problem.tolerance and self._limits.has_hard:
+            states = self._f.rollout(self._given, now.controls)
+            values = self._f.values(self._given, states, now.controls)
+        return Outcome(now, residual, self._limits.violation(values), count)
 
     # ---- where it begins
 

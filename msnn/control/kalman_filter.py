@@ -119,11 +119,11 @@ class KalmanFilter:
         if unknown:
             raise ValueError(f"measured signals are {sorted(known)}, given are {unknown} too")
         log = self._log(inputs or {}, wanted=False)
-        if not self._is_complete:
-            return self._told(FilterStatus.NOT_INITIALISED, {})
         given = {name: np.asarray(value, float) for name, value in measured.items()}
         if any(np.any(np.isinf(v)) for v in given.values()) or _is_not_finite(log):
             return self._told(FilterStatus.INPUT_NOT_FINITE, {})
+        if not self._is_complete:
+            return self._told(FilterStatus.NOT_INITIALISED, {})
         vector, covariance = self._vector.copy(), self.covariance.copy()
         innovations: dict[str, Array] = {}
         for name, value in given.items():
@@ -225,7 +225,7 @@ class KalmanFilter:
         for name, origin in problem.registers.items():
             if name in self._known or not isinstance(origin, History):
                 continue
-            if origin.source in inputs:
+            if origin.source in inputs and np.all(np.isfinite(log[origin.source][0])):
                 self._give(
                     name, np.repeat(log[origin.source][0][..., None], self._length(name), -1)
                 )

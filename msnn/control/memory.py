@@ -38,6 +38,20 @@ class Memory:
     def is_complete(self) -> bool:
         return self._known.keys() == self._shapes.keys()
 
+    @property
+    def known(self) -> Mapping[str, Array]:
+        """What is known, by name; a later sample changes none of these arrays."""
+        return dict(self._known)
+
+    def restore(self, known: Mapping[str, Array]) -> None:
+        """Goes back to what was known of all that is not finite now."""
+        for name, value in tuple(self._known.items()):
+            if np.all(np.isfinite(value)):
+                continue
+            del self._known[name]
+            if name in known:
+                self._known[name] = known[name]
+
     def measure(self, values: Mapping[str, ArrayLike]) -> None:
         """Takes states, and signals that outputs predict, as measured at t.
 

@@ -85,8 +85,9 @@ def _compiled(
     sources = (*read.sources, settings_source(settings))
     text, findings = read.source.text, Findings()
     findings.report(*read.warnings)
-    weights = read_submodel_weights(read, findings, None if kept is None else kept.weights)
-    numbers = number_texts(read, None if kept is None else kept.texts)
+    texts = None if kept is None else kept.texts
+    weights = read_submodel_weights(read, findings, None if kept is None else kept.weights, texts)
+    numbers = number_texts(read, texts)
     specs = with_files(parts_of(read, weights.digests), weights.files)
     parts = (*specs, *number_parts(numbers))
     try:

@@ -93,7 +93,10 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
     online = spec.mpc is not None or spec.estimator is not None
-    compiled = compile_spec(read.spec, used=read.used) if online else None
+    compiled = None
+    if online:
+        hashed = program.spec_hash
+        compiled = compile_spec(read.spec, used=read.used, numbers=numbers, spec_hash=hashed)
     return Model(
         program=program,
         spec=spec,

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from msnn.data.dataset import FloatArray
+from msnn.model.number_files import number_parts, number_texts
 from msnn.model.safetensors_file import arrays_in
 from msnn.model.spec_hash import hash_of, parts_of
 from spec_schema.diagnostics.diagnostic import Findings
@@ -35,18 +36,22 @@ class SubmodelWeights:
 
 
 def read_submodel_weights(
-    read: ReadResult, findings: Findings, kept: Mapping[str, Path] | None = None
+    read: ReadResult,
+    findings: Findings,
+    kept: Mapping[str, Path] | None = None,
+    texts: Mapping[str, str] | None = None,
 ) -> SubmodelWeights:
     """What the files hold that the uses in a spec, and in those that it uses, name.
 
-    `kept` are files that hold the same, by the full names of sub-models.
+    `kept` are files that hold the same, by the full names of sub-models, and `texts` what a run
+    keeps of files of initial values.
     """
     found = SubmodelWeights()
     for name, use, file, parent in _uses(read, ""):
         if use.weights is not None:
             path = Path(parent.source.path).parent / use.weights.value
             path = path if kept is None else kept[name]
-            _read(name, use, file, path, found, findings)
+            _read(name, use, _File(file, path, texts), found, findings)
     return found
 
 
@@ -58,11 +63,18 @@ def _uses(read: ReadResult, prefix: str) -> Iterator[tuple[str, Use, ReadResult,
         yield prefix + name, use, file, read
 
 
-def _read(
-    name: str, use: Use, file: ReadResult, path: Path, found: SubmodelWeights, findings: Findings
-) -> None:
+@dataclass(frozen=True, slots=True)
+class _File:
+    """A sub-model, its weights, and the texts that are kept of files of initial values."""
+
+    spec: ReadResult
+    weights: Path
+    texts: Mapping[str, str] | None
+
+
+def _read(name: str, use: Use, of: _File, found: SubmodelWeights, findings: Findings) -> None:
     assert use.weights is not None
-    place = use.weights.span
+    place, file, path = use.weights.span, of.spec, of.weights
     try:
         content = _content(path)
     except (OSError, ValueError) as error:
@@ -97,7 +109,7 @@ def _read(
         for inner, digest in found.digests.items()
         if inner.startswith(f"{name}.")
     }
-    parts = parts_of(file, inner)
+    parts = (*parts_of(file, inner), *number_parts(number_texts(file, of.texts)))
     if written_for in (None, hash_of(file.source.text, parts)):
         return
     from msnn.model.trained_model import is_of_this_model  # only texts that differ need it

@@ -251,7 +251,8 @@ def _numbers(
         findings.report(errors.incomplete_element(what, f"`{name}=…`", element.span))
         return None
     try:
-        numbers = tuple(float(part) for part in text.split())
+        # Python would read 1_0, which no reader of XML takes for a number
+        numbers = () if "_" in text else tuple(float(part) for part in text.split())
     except ValueError:
         numbers = ()
     if len(numbers) == count and all(math.isfinite(number) for number in numbers):

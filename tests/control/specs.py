@@ -19,6 +19,23 @@ states:
 outputs: {place: p}
 """
 
+DELAYED = """
+msnn: 1
+name: delayed
+sample_time: 1 s
+inputs: {u: {range: [-2, 2], between: hold}, d: {between: hold}, y: {}}
+parameters: {a: 0.9, b: 0.5}
+outputs: {y1: {expr: "a*y + 0.05*y[t-2] + b*u[t-2] + d[t-1]", predicts: "y[t+1]"}}
+mpc:
+  horizon: 10
+  controls: [u]
+  references: {r: {}}
+  cost: {stage: "(y - r)**2 + 0.01*u**2", terminal: "(y - r)**2"}
+  bounds: {u: {min: -2, max: 2}, y1: {max: 1.5, hard: true}}
+estimator: {ekf: {measured: {y1: 0.1}, process: {y: 0.1}, initial: {y: 1}}}
+"""
+"""A plant that remembers past samples of its control, of a disturbance and of what is fed back."""
+
 
 def load(folder: Path, text: str) -> Model:
     """The model of a text."""

@@ -9,7 +9,7 @@ import pytest
 
 import msnn
 from msnn.control.kalman_filter import FilterStatus, KalmanFilter
-from tests.control.specs import load
+from tests.control.specs import DELAYED, load
 
 LINEAR = """
 msnn: 1
@@ -61,6 +61,16 @@ def test_nan_is_not_measured(tmp_path: Path) -> None:
     nothing = kalman.correct({"p": np.nan})
     np.testing.assert_array_equal(kalman.covariance, before)
     assert nothing.status is FilterStatus.FILTERED
+
+
+def test_past_samples_do_not_begin_with_what_is_not_finite(tmp_path: Path) -> None:
+    kalman = msnn.estimator(load(tmp_path, DELAYED))
+    kalman.reset({"y": 1.0})
+    found = kalman.correct({"y": 1.1}, {"u": 0.0, "d": np.nan})
+    assert found.status is FilterStatus.INPUT_NOT_FINITE
+    assert kalman.predict({"u": np.inf, "d": 0.0}) is FilterStatus.INPUT_NOT_FINITE
+    assert kalman.correct({"y": 1.1}, {"u": 0.0, "d": 0.0}).status is FilterStatus.FILTERED
+    assert kalman.predict({"u": 0.0, "d": 0.0}) is FilterStatus.FILTERED
 
 
 def test_what_is_not_finite_changes_nothing(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msnn.control.solution import Status
-from tests.control.specs import DOUBLE_INTEGRATOR, controller, load, mpc
+from tests.control.specs import DELAYED, DOUBLE_INTEGRATOR, controller, load, mpc
 
 BOUNDS = "{u: {min: -2, max: 2, rate: 5}}"
 
@@ -36,6 +36,36 @@ def test_references_and_disturbances_that_are_not_finite(tmp_path: Path) -> None
         bad[-1] = np.inf
         found = own.solve(**(good | {key: {name: bad}}))
         assert found.status is Status.INPUT_NOT_FINITE
+
+
+def test_a_first_sample_that_is_not_finite_is_forgotten(tmp_path: Path) -> None:
+    own = controller(tmp_path, DELAYED)
+    for y, d, r in ((0.0, np.nan, 1.0), (np.nan, 0.0, 1.0), (0.0, 0.0, np.inf)):
+        found = own.solve({"y": y}, references={"r": r}, disturbances={"d": d})
+        assert found.status is Status.INPUT_NOT_FINITE
+    again = own.solve({"y": 0.0}, references={"r": 1.0}, disturbances={"d": 0.0})
+    assert again.status is Status.SOLVED
+    own.reset()
+    fresh = own.solve({"y": 0.0}, references={"r": 1.0}, disturbances={"d": 0.0})
+    assert fresh.control == again.control
+
+
+def test_what_is_not_measured_is_as_predicted_after_a_sample_that_is_none(tmp_path: Path) -> None:
+    own, other = (controller(tmp_path, DOUBLE_INTEGRATOR + mpc()) for _ in range(2))
+    for each in (own, other):
+        each.solve({"p": 1.0, "v": 0.0})
+    assert own.solve({"p": np.nan}).status is Status.INPUT_NOT_FINITE
+    assert own.solve().states["p"][0] == other.solve().states["p"][0]
+
+
+def test_a_plan_that_the_plant_does_not_follow_keeps_no_hard_limit(tmp_path: Path) -> None:
+    own = controller(tmp_path, DELAYED)
+    for y in (0.0, 0.3):
+        own.solve({"y": y}, references={"r": 1.0}, disturbances={"d": 0.0})
+    own.solve(references={"r": 1.0}, disturbances={"d": 0.0})
+    found = own.solve({"y": 5.0}, references={"r": 1.0}, disturbances={"d": 0.0})
+    assert found.status is Status.INFEASIBLE  # 0.9 * 5 + 0.05 * 5 - 1 is beyond 1.5 whatever u is
+    assert found.violation > 1
 
 
 def test_a_state_that_was_never_given(tmp_path: Path) -> None:

@@ -109,3 +109,53 @@ def test_numbers_of_a_run_that_were_changed_are_refused(project: Path) -> None:
     with pytest.raises(SpecError) as caught:
         msnn.load(run)
     assert [found.code for found in caught.value.diagnostics] == ["E0929"]
+
+
+def test_a_copy_of_weights_belongs_to_the_part_whose_initial_values_stand_in_a_file(
+    project: Path,
+) -> None:
+    trained = PART + "data: {source: {train: part.csv}}\n"
+    trained = trained.replace("unit: m}}", 'unit: m, predicts: "w_log[t]"}}\ntargets: {w_log: m}')
+    trained += "train: [{epochs: 1}]\n"
+    (project / "parts" / "scale.yaml").write_text(trained)
+    table = np.arange(40.0).reshape(20, 2)
+    np.savetxt(project / "parts/part.csv", table, delimiter=",", header="v,w_log", comments="")
+    assert command(["train", "parts/scale.yaml"]) == 0
+    weights = project / "runs" / "scale" / "latest" / "weights.safetensors"
+    shutil.copy(weights, project / "parts" / "scale.safetensors")
+    whole = project / "models" / "whole.yaml"
+    named = "scale.yaml, weights: ../parts/scale.safetensors}"
+    whole.write_text(whole.read_text().replace("scale.yaml}", named))
+    assert [found.code for found in msnn.load(whole).warnings] == []
+    assert command(["train", "models/whole.yaml"]) == 0
+    for name in FILES:
+        (project / name).unlink()
+    run = msnn.load(project / "runs" / "whole" / "latest")
+    assert [found.code for found in run.warnings] == []
+
+
+CONTROLLED = """
+msnn: 1
+name: controlled
+sample_time: 1 s
+inputs: {u: {between: hold}}
+parameters: {a: {init: {file: a.txt}}}
+states: {x: {next: a * x + u, init: x.meas}}
+outputs: {x_next: {expr: next(x), predicts: "x[t+1]"}}
+mpc:
+  horizon: 3
+  controls: [u]
+  cost: {stage: x**2 + u**2}
+"""
+
+
+def test_the_controller_of_a_program_file_does_without_files_of_numbers(project: Path) -> None:
+    spec = project / "models" / "controlled.yaml"
+    spec.write_text(CONTROLLED)
+    assert command(["compile", str(spec)]) == 0
+    before = msnn.mpc(msnn.load(spec)).solve({"x": 1.0})
+    (project / "models" / "a.txt").unlink()
+    model = msnn.load(project / "build" / "controlled.program.json")
+    assert model.control is not None
+    assert model.control.program.spec_hash == model.program.spec_hash
+    assert msnn.mpc(model).solve({"x": 1.0}).control == before.control

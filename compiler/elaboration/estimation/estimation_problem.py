@@ -19,6 +19,7 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.errors import estimation as errors
 from spec_schema.errors import time as times
 from spec_schema.errors import units
+from spec_schema.errors.control import reversed_bound
 from spec_schema.errors.states import not_closable
 from spec_schema.sections.estimation import Estimator, KalmanFilter
 from spec_schema.sections.spec import Spec
@@ -184,11 +185,16 @@ def _parameters(
             findings.report(errors.not_a_read_parameter(name, entry.place.key, read))
             continue
         unit = program.parameter(name).unit
+        low, high = _limit(entry.min, unit, findings), _limit(entry.max, unit, findings)
+        if low is not None and high is not None and low > high:
+            suffix = "" if unit is None else f" {unit.text}"
+            ends = f"{low:g}{suffix}", f"{high:g}{suffix}"
+            findings.report(reversed_bound(name, *ends, entry.place.key))
         found[name] = EstimatedNumbers(
             initial=_in_unit(entry.std, unit, findings),
             drift=0.0 if entry.walk is None else _in_unit(entry.walk, unit, findings),
-            minimum=_limit(entry.min, unit, findings),
-            maximum=_limit(entry.max, unit, findings),
+            minimum=low,
+            maximum=high,
         )
     return found
 

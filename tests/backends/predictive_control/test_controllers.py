@@ -13,6 +13,7 @@ from backends.predictive_control.library import ControllerLibrary
 from msnn.exports.judged_controller import compare_controller
 from msnn.model.load import load_model
 from tests.conditions import require_tool
+from tests.control.specs import DELAYED, load
 
 HERE = Path(__file__).parent
 SOLVED, CAPPED, INFEASIBLE, INPUT_NOT_FINITE, NOT_INITIALISED = range(5)
@@ -187,6 +188,12 @@ def test_a_struct_that_nobody_began_is_refused(tmp_path: Path) -> None:
     assert library.solve({"x": [2.0, 0.0]}).status == NOT_INITIALISED
 
 
+def test_the_header_says_which_spec_it_belongs_to(tmp_path: Path) -> None:
+    model = load(tmp_path, DELAYED)
+    assert model.control is not None
+    assert model.program.spec_hash == model.control.program.spec_hash != ""
+
+
 def test_feedback_of_the_predicted_state_is_the_planned_control(tmp_path: Path) -> None:
     library = _library("unstable", tmp_path)
     library.solve({"x": [0.5, 0.0]})
@@ -211,6 +218,21 @@ def test_hard_limits_that_cannot_hold_are_infeasible(tmp_path: Path) -> None:
     library = _library("equal_bounds_and_one_sample", tmp_path)
     assert library.solve({"x": [-1.0, 1.0]}).status == INFEASIBLE
     assert library.solve({"x": [0.1, 0.1]}).status == SOLVED
+
+
+def test_a_capped_plan_that_breaks_a_hard_limit_is_infeasible(tmp_path: Path) -> None:
+    require_tool("gcc", install="apt install gcc")
+    problem = load(tmp_path, DELAYED).control
+    assert problem is not None
+    out = tmp_path / "c"
+    write_controller(
+        problem, {"a": np.array(0.9), "b": np.array(0.5)}, out, prefix="plant", dtype="float64"
+    )
+    library = ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+    state = [0.82260818, -1.59768709, 2.74264536, 2.02007337, -1.06477104, 0.07456302]
+    found = library.solve({"x": state, "d": 0.0, "r": 1.0})
+    assert found.iterations == problem.iterations
+    assert found.status == INFEASIBLE
 
 
 def test_a_plan_is_found_again_after_a_failure(tmp_path: Path) -> None:
