@@ -29,6 +29,7 @@ from tests.cli.conftest import msnn as msnn
 from tests.conditions import require_package, require_tool
 from tests.examples.gallery import GALLERY, NAMES, spec_of
 from tests.exports.a2l_grammar import Block, read_a2l, string
+from tests.exports.gdb_stub import cortex_m4
 from tests.golden import assert_golden
 
 GOLDEN = Path(__file__).parent.parent / "golden"
@@ -245,14 +246,18 @@ def test_a_parameter_written_at_its_address_changes_the_running_model(
     assert links.sub("", new) == links.sub("", kept)
 
 
+def compiled_for_arm(exported: Written, msnn: CommandLine) -> Path:
+    flags = "-g -Os -mcpu=cortex-m4 -mthumb --specs=nosys.specs"
+    program = msnn.folder / "plant.elf"
+    return compiled("arm-none-eabi-gcc", flags, exported.folder, program)
+
+
 def test_addresses_for_a_microcontroller_are_those_of_its_linker(
     exported: Written, msnn: CommandLine
 ) -> None:
     require_tool("arm-none-eabi-gcc", install="apt install gcc-arm-none-eabi")
     require_package("elftools", install="pip install 'msnn[a2l]'")
-    program = msnn.folder / "plant.elf"
-    flags = "-g -Os -mcpu=cortex-m4 -mthumb --specs=nosys.specs"
-    compiled("arm-none-eabi-gcc", flags, exported.folder, program)
+    program = compiled_for_arm(exported, msnn)
     said = msnn("a2l", program, "--export", exported.folder, "--format", "json")
     assert (said.code, said.err) == (0, "")
     nm = ["arm-none-eabi-nm", str(program)]
@@ -264,6 +269,33 @@ def test_addresses_for_a_microcontroller_are_those_of_its_linker(
     module = read_a2l((msnn.folder / "plant.a2l").read_text(encoding="utf-8"))
     slope = named(module, "plant.slope").keywords["ECU_ADDRESS"][0]
     assert int(slope, 16) == places["in"] + 8
+
+
+def test_a_parameter_written_on_a_board_changes_what_it_computes(
+    exported: Written, msnn: CommandLine
+) -> None:
+    """A Cortex-M4 in QEMU, read and written as a calibration tool does: by address alone."""
+    require_tool("arm-none-eabi-gcc", install="apt install gcc-arm-none-eabi")
+    require_tool("qemu-system-arm", install="apt install qemu-system-arm")
+    require_package("elftools", install="pip install 'msnn[a2l]'")
+    program = compiled_for_arm(exported, msnn)
+    assert msnn("a2l", program, "--export", exported.folder).code == 0
+    module = read_a2l((msnn.folder / "plant.a2l").read_text(encoding="utf-8"))
+    gain, table = (
+        int(named(module, f"plant.{name}").values[3], 16) for name in ("gain", "table.y")
+    )
+    y = int(named(module, "plant.y").keywords["ECU_ADDRESS"][0], 16)
+    nm = ["arm-none-eabi-nm", str(program)]
+    symbols = subprocess.run(nm, check=True, capture_output=True, text=True).stdout
+    places = {name: int(at, 16) for at, _, name in map(str.split, symbols.splitlines())}
+    with cortex_m4(program) as board:
+        board.call(places["begin"])
+        board.call(places["run"])
+        assert (board.read_float(gain), board.read_float(y)) == (1.5, 1.5 * 2 + 1)
+        board.write_float(gain, 3.0)
+        board.write_float(table + 4, 10.0)
+        board.call(places["run"])
+        assert board.read_float(y) == 3 * 10 + 1
 
 
 @pytest.fixture
