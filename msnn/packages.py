@@ -15,10 +15,12 @@ class OptionalPackage:
     """A Python package that an extra of msnn installs."""
 
     name: str
-    """As Python imports it and pip installs it."""
+    """As Python imports it."""
     extra: str
     purpose: str
     """For `msnn doctor`."""
+    distribution: str | None = None
+    """As pip installs it, where that is another name."""
 
     @property
     def is_installed(self) -> bool:
@@ -46,6 +48,9 @@ ONNXRUNTIME = OptionalPackage(
     "onnxruntime", "onnxruntime", "runs ONNX exports for `export --check`"
 )
 FMPY = OptionalPackage("fmpy", "fmu", "validates and runs FMU exports for `export --check`")
+ELFTOOLS = OptionalPackage(
+    "elftools", "a2l", "reads the addresses of variables for `msnn a2l`", distribution="pyelftools"
+)
 MATPLOTLIB = OptionalPackage("matplotlib", "plot", "draws plots")
 PYARROW = OptionalPackage("pyarrow", "parquet", "reads Parquet")
 SCIPY = OptionalPackage("scipy", "mat", "reads MATLAB files")
@@ -61,6 +66,7 @@ OPTIONAL = (
     ONNX,
     ONNXRUNTIME,
     FMPY,
+    ELFTOOLS,
     MATPLOTLIB,
     PYARROW,
     SCIPY,
@@ -81,7 +87,7 @@ def install_line(package: OptionalPackage) -> str:
     """
     origin = _origin()
     if origin is None:
-        return f"pip install {package.name}"
+        return f"pip install {package.distribution or package.name}"
     url = str(origin.get("url"))
     if "dir_info" in origin:
         option = "-e " if origin["dir_info"].get("editable") else ""

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from backends.asap2.text import a2l_text
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, origin
 from backends.c.folder.package_texts import package_texts
@@ -15,6 +16,7 @@ from backends.c_language.layout import comment
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
 from backends.c_language.tree import Function
+from backends.fixed_point.calibrated_model import calibrated_model
 from backends.fixed_point.functions import FixedFunctions
 from backends.fixed_point.golden_text import expected_text, golden_functions
 from backends.fixed_point.names import FixedNames, fixed_names
@@ -55,6 +57,7 @@ def file_texts(
             functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
         ),
         **_test_texts(program, names),
+        f"{prefix}.a2l": a2l_text(calibrated_model(program, names)),
     }
     texts["README.md"] = _readme(program, names, errors, texts)
     texts |= package_texts(names, texts, in_reals=False)

@@ -29,6 +29,7 @@ VERBS = (
     "simulate",
     "export",
     "verify",
+    "a2l",
     "show",
     "explain",
     "schema",

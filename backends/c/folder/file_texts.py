@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from backends.asap2.text import a2l_text
+from backends.c.folder.calibrated_model import calibrated_model
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, header_text
 from backends.c.folder.package_texts import package_texts
@@ -32,6 +34,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
     files |= {
         f"src/{interface.prefix}_selftest.c": selftest_text(program, interface, weights, kernels),
         **test_texts(program, interface, weights),
+        f"{interface.prefix}.a2l": a2l_text(calibrated_model(program, interface)),
     }
     files |= package_texts(interface, files)
     files["README.md"] = _readme(interface, files)

@@ -1,0 +1,87 @@
+"""Writes addresses into an ASAP2 file, token by token, and leaves everything else as it is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeAlias
+
+_TOKEN = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|""|[^"\\])*"|[^\s"]+', re.DOTALL)
+_BLOCKS = ("CHARACTERISTIC", "MEASUREMENT", "AXIS_PTS")
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    """Where an object lies: the name of the variable with its member, and the address."""
+
+    name: str
+    address: int
+
+
+Find: TypeAlias = Callable[[str], Symbol | None]
+"""The symbol for what a `SYMBOL_LINK` names; None leaves the object as it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Token:
+    text: str
+    begin: int
+    end: int
+
+
+def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
+    """The file with addresses and symbols of every object that is found, and the byte order."""
+    changes: list[tuple[_Token, str]] = []
+    tokens = list(_tokens(text))
+    order = "MSB_FIRST" if big_endian else "MSB_LAST"
+    for before, token in pairwise(tokens):
+        if before.text == "BYTE_ORDER":
+            changes.append((token, order))
+    for block in _objects(tokens):
+        place, link = _address(block), _behind(block, "SYMBOL_LINK")
+        symbol = None if link is None else find(link.text[1:-1])
+        if link is not None and place is not None and symbol is not None:
+            changes.append((place, f"0x{symbol.address:X}"))
+            changes.append((link, f'"{symbol.name}"'))
+    for token, new in sorted(changes, key=lambda change: change[0].begin, reverse=True):
+        text = text[: token.begin] + new + text[token.end :]
+    return text
+
+
+def linked(text: str) -> list[str]:
+    """What every object of the file is linked to."""
+    tokens = [token.text for token in _tokens(text)]
+    pairs = pairwise(tokens)
+    return [after[1:-1] for before, after in pairs if before == "SYMBOL_LINK"]
+
+
+def _tokens(text: str) -> Iterator[_Token]:
+    for found in _TOKEN.finditer(text):
+        if not found[0].startswith(("/*", "//")):
+            yield _Token(found[0], found.start(), found.end())
+
+
+def _objects(tokens: list[_Token]) -> Iterator[list[_Token]]:
+    """The tokens of each object, from its keyword to its end."""
+    begin: int | None = None
+    for index, token in enumerate(tokens[:-1]):
+        kind = tokens[index + 1].text
+        if kind in _BLOCKS and token.text == "/begin":
+            begin = index + 1
+        elif kind in _BLOCKS and token.text == "/end" and begin is not None:
+            yield tokens[begin:index]
+            begin = None
+
+
+def _address(block: list[_Token]) -> _Token | None:
+    """Behind keyword, name and text, of characteristics behind their type too."""
+    position = {"CHARACTERISTIC": 4, "AXIS_PTS": 3}.get(block[0].text)
+    if position is None:
+        return _behind(block, "ECU_ADDRESS")
+    return block[position] if position < len(block) else None
+
+
+def _behind(block: list[_Token], keyword: str) -> _Token | None:
+    return next((after for before, after in pairwise(block) if before.text == keyword), None)

@@ -1,0 +1,86 @@
+"""Finds the knots along the axes of parameters: of tables, and of fuzzy sets with fixed centres."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from backends.asap2.objects import Knots
+from compiler.ir import ops
+from compiler.ir.graph import Graph, Node, NodeId
+from compiler.ir.program import Parameter, Program
+from compiler.ir.types import UNNAMED, Type
+
+
+def grids(program: Program) -> dict[str, Knots]:
+    """By axis: ascending numbers that a value without this axis is compared with or reduced by.
+
+    An axis for which there are two different lists has none.
+    """
+    graph = program.step
+    found: dict[str, set[Knots]] = {}
+    for _, node in graph:
+        if not isinstance(node.op, ops.Subtract | ops.Compare):
+            continue
+        value, points = (graph.unrepeated(arg) for arg in node.args)
+        at, kind = graph[points].op, graph[points].type
+        if not isinstance(at, ops.Constant) or len(kind.axes) != 1:
+            continue
+        axis = kind.axes[0]
+        if graph[value].type.axis(axis.name) is not None or not _ascends(at.values):
+            continue
+        unit = graph[value].type.unit
+        knots = Knots(at.values, "" if unit is None else unit.text, _looked_up(graph, value))
+        for name in _names_downstream(graph, points, axis.name):
+            found.setdefault(name, set()).add(knots)
+    return {name: next(iter(all)) for name, all in found.items() if len(all) == 1}
+
+
+def knots_of(parameter: Parameter, grids: dict[str, Knots]) -> tuple[Knots, ...]:
+    """Those of a curve or a map: every axis has them, and there are one or two."""
+    # an axis of one element, as that of a layer's only argument, moves nothing in memory
+    axes = [axis for axis in parameter.axes if axis.size > 1]
+    if not 1 <= len(axes) <= 2 or any(axis.name not in grids for axis in axes):
+        return ()
+    found = tuple(grids[axis.name] for axis in axes)
+    fits = all(len(knots.values) == axis.size for knots, axis in zip(found, axes, strict=True))
+    return found if fits else ()
+
+
+def _ascends(values: tuple[float, ...]) -> bool:
+    return len(values) > 1 and bool(np.all(np.diff(values) > 0)) and bool(np.isfinite(values).all())
+
+
+def _looked_up(graph: Graph, node: NodeId) -> str | None:
+    """The scalar input or state that a value is, whatever its shape and name are."""
+    while isinstance(graph[node].op, ops.Broadcast | ops.Reshape | ops.Identity):
+        (node,) = graph[node].args
+    if graph[node].type.size != 1:
+        return None
+    match graph[node].op:
+        case ops.ReadSignal(name) | ops.ReadState(name):
+            return name
+        case _:
+            return None
+
+
+def _names_downstream(graph: Graph, first: NodeId, name: str) -> set[str]:
+    """The names that the axis has in what is computed along it; unnamed ones say nothing."""
+    along: dict[NodeId, str] = {first: name}
+    for index, node in graph:
+        if index in along:
+            continue
+        for arg in node.args:
+            if arg in along and (new := _renamed(along[arg], graph[arg].type, node)) is not None:
+                along[index] = new
+                break
+    return set(along.values()) - {UNNAMED}
+
+
+def _renamed(name: str, before: Type, node: Node) -> str | None:
+    """The name of the axis in a result, None where it has none."""
+    if isinstance(node.op, ops.Reshape):
+        if before.shape != node.type.shape:
+            return None
+        return node.type.axes[before.position(name)].name
+    kept = node.type.axis(name)
+    return name if kept is not None and kept == before.axis(name) else None

@@ -1,0 +1,76 @@
+"""Defines what an ASAP2 file says of a number or an array in the memory of generated C."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+Struct: TypeAlias = Literal["params", "in", "out", "state"]
+"""A struct of the header, by the middle of its type's name."""
+
+Storage: TypeAlias = Literal["FLOAT32_IEEE", "FLOAT64_IEEE", "SWORD", "SLONG", "A_INT64"]
+"""How a number lies in memory, in ASAP2's words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """The quantity of numbers: physical = factor · stored; stored as they are by None."""
+
+    unit: str
+    """Empty where the spec gives none."""
+    factor: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Knots:
+    """Where the numbers along one axis of a curve or a map stand: they are part of the code."""
+
+    values: tuple[float, ...]
+    unit: str
+    of: str | None
+    """The input or state that is looked up, by its name in the spec; None for what is computed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MemoryObject:
+    """A member of a struct: a parameter, or what can be measured."""
+
+    name: str
+    """In the spec."""
+    member: str
+    struct: Struct
+    doc: str
+    axes: tuple[tuple[str, int], ...]
+    """Names and lengths, in C order."""
+    scale: Scale
+    low: float
+    high: float
+    """Physical; infinite where the storage alone limits it."""
+    storage: Storage
+    knots: tuple[Knots, ...] = ()
+    """One for each axis of a curve or a map that is longer than 1, else none."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(size for _, size in self.axes)
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibratedModel:
+    """One exported model as a calibration tool sees it."""
+
+    name: str
+    prefix: str
+    """Begins the names of its types in C, and of all that stands in the file."""
+    doc: str
+    version: str
+    """Of the spec that it was made of."""
+    objects: Sequence[MemoryObject] = field(default=())
+    remark: str = ""
+    """Said at the head of the file."""

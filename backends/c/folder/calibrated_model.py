@@ -1,0 +1,89 @@
+"""Lists what calibration tools may see of generated C in floating point."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from backends.asap2.grids import grids, knots_of
+from backends.asap2.objects import CalibratedModel, MemoryObject, Scale, Storage, Struct
+from backends.c.interface.interface import Field, Interface
+from backends.c_language.literals import Dtype
+from backends.c_lowering.state_memory import PlainState
+from compiler.ir.program import Declared, Program
+
+_STORAGES: dict[Dtype, Storage] = {"float32": "FLOAT32_IEEE", "float64": "FLOAT64_IEEE"}
+_REMARKS = {
+    "const": "Parameters are constants: change them in the image, or export with params: tunable.",
+    "tunable": "Parameters may change between steps.",
+    "inline": "Parameters are numbers in the code.",
+}
+
+
+def calibrated_model(program: Program, interface: Interface) -> CalibratedModel:
+    """Parameters of the struct, inputs, outputs and declared states; buffers are left out."""
+    remark = _REMARKS[interface.options.params] if interface.parameters else ""
+    return CalibratedModel(
+        name=program.name,
+        prefix=interface.prefix,
+        doc=program.doc,
+        version=program.spec_hash,
+        objects=tuple(_objects(program, interface)),
+        remark=remark,
+    )
+
+
+def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
+    storage = _STORAGES[interface.options.dtype]
+    known = grids(program)
+    if interface.takes_parameters:
+        for field in interface.parameters:
+            parameter = program.parameter(field.name)
+            yield MemoryObject(
+                name=field.name,
+                member=field.identifier,
+                struct="params",
+                doc=parameter.doc,
+                axes=_axes(field),
+                scale=_scale(field),
+                low=-math.inf if parameter.minimum is None else parameter.minimum,
+                high=math.inf if parameter.maximum is None else parameter.maximum,
+                storage=storage,
+                knots=knots_of(parameter, known),
+            )
+    for input in interface.inputs:
+        signal = input.port.signal
+        yield _measured(input.field, "in", signal.doc, signal.range, storage)
+    for field in interface.outputs:
+        doc, limits = program.output(field.name).doc, program.expected_range(field.name)
+        yield _measured(field, "out", doc, limits, storage)
+    for memory in interface.states:
+        state = memory.state
+        if isinstance(memory, PlainState) and isinstance(state.origin, Declared):
+            field = Field(state.name, memory.identifier, state.axes, state.unit, "")
+            yield _measured(field, "state", state.doc, state.range, storage)
+
+
+def _measured(
+    field: Field, struct: Struct, doc: str, limits: tuple[float, float] | None, storage: Storage
+) -> MemoryObject:
+    low, high = limits or (-math.inf, math.inf)
+    return MemoryObject(
+        name=field.name,
+        member=field.identifier,
+        struct=struct,
+        doc=doc,
+        axes=_axes(field),
+        scale=_scale(field),
+        low=low,
+        high=high,
+        storage=storage,
+    )
+
+
+def _axes(field: Field) -> tuple[tuple[str, int], ...]:
+    return tuple((axis.name, axis.size) for axis in field.axes)
+
+
+def _scale(field: Field) -> Scale:
+    return Scale("" if field.unit is None else field.unit.text)

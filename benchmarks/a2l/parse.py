@@ -1,0 +1,74 @@
+"""Reads the ASAP2 files of exports with pya2l, a parser that is not ours.
+
+    uv run --with pya2l --with '.[a2l]' python benchmarks/a2l/parse.py [SPEC …]
+
+Without a spec: every spec of the gallery, in float32 and float64, tunable and constant, and in
+fixed point where its ranges allow that. Exit code 1 where the parser has an error or a warning.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from backends.asap2.text import a2l_text
+from backends.c.folder.calibrated_model import calibrated_model
+from backends.c.interface.interface import c_interface
+from backends.c_lowering.options import COptions
+from msnn.exports.export import plan_exports, write_export
+from msnn.model.load import load_model
+from msnn.model.weights_file import initial_weights
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
+
+GALLERY = Path(__file__).resolve().parents[2] / "examples" / "gallery"
+
+
+def texts(spec: Path) -> Iterator[tuple[str, str]]:
+    """The files of a spec by what was asked for."""
+    for settings in (
+        ["dtype=float32"],
+        ["dtype=float64"],
+        ["dtype=float32", "params=tunable"],
+        ["dtype=float32", "params=inline"],
+    ):
+        model = load_model(spec, [f"export.c.{setting}" for setting in settings])
+        (plan,) = plan_exports(model, ["c"], Findings())
+        assert isinstance(plan.options, COptions)
+        interface = c_interface(plan.program, plan.options)
+        yield ", ".join(settings), a2l_text(calibrated_model(plan.program, interface))
+    for dtype in ("q15", "q31"):
+        findings = Findings()
+        plans = plan_exports(load_model(spec, [f"export.c.dtype={dtype}"]), ["c"], findings)
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                findings.raise_errors()
+                (plan,) = plans
+                write_export(plan, initial_weights(plan.program), Path(folder))
+            except SpecError:
+                continue
+            (file,) = Path(folder).glob("*.a2l")
+            yield f"dtype={dtype}", file.read_text(encoding="utf-8")
+
+
+def main(specs: list[Path]) -> int:
+    parser_of: Any = import_module("pya2l.parser").A2lParser
+    found = 0
+    for spec in specs:
+        for asked, text in texts(spec):
+            with parser_of() as parser:
+                tree = parser.tree_from_a2l(text.encode(), enforce_version_check=True)
+                warnings = list(parser.warnings)
+            module = tree.PROJECT.MODULE[0]
+            counts = f"{len(module.CHARACTERISTIC)} parameters, {len(module.MEASUREMENT)} measured"
+            print(f"{spec.name}, {asked}: {counts}, {len(warnings)} warnings")
+            print(*warnings, sep="\n", end="\n" if warnings else "")
+            found += len(warnings)
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main([Path(name) for name in sys.argv[1:]] or sorted(GALLERY.glob("*.msnn.yaml"))))

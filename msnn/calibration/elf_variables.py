@@ -1,0 +1,163 @@
+"""Reads variables, their addresses and their members from the DWARF of an ELF file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from msnn.errors import calibration as faults
+from msnn.packages import ELFTOOLS
+from spec_schema.diagnostics.diagnostic import SpecError
+
+_ADDRESS, _INDEX = 0x03, 0xA1
+"""DW_OP_addr and DW_OP_addrx: an address, and the number of one in a table."""
+_ALIASES = ("DW_TAG_typedef", "DW_TAG_const_type", "DW_TAG_volatile_type")
+_STRUCTS = ("DW_TAG_structure_type", "DW_TAG_class_type")
+_DEEPEST = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """Where a member lies in its struct, and how many bytes it has."""
+
+    offset: int
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """A variable of one of the wanted types, or such a member of another variable."""
+
+    name: str
+    """`controller`, or `vehicle.controller` of a member."""
+    type: str
+    address: int
+    members: Mapping[str, Member] = field(compare=False, hash=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Elf:
+    """What was found in a file."""
+
+    big_endian: bool
+    instances: tuple[Instance, ...]
+
+
+def elf_variables(path: Path, types: Iterable[str]) -> Elf:
+    """All variables with a fixed address that are, or contain, one of these typedefs.
+
+    Raises MissingExtraError without pyelftools, SpecError for a file without DWARF, OSError.
+    """
+    ELFTOOLS.require("reads the addresses")
+    elf_file: Any = import_module("elftools.elf.elffile").ELFFile
+    failures: Any = import_module("elftools.common.exceptions")
+    with path.open("rb") as stream:
+        try:
+            elf = elf_file(stream)
+            if elf["e_type"] == "ET_REL":
+                raise _unreadable(path, "it is an object that was not linked yet")
+            if not elf.has_dwarf_info(strict=True):
+                raise _unreadable(path, "it has no debug information")
+            found = dict.fromkeys(_all_instances(elf.get_dwarf_info(), frozenset(types)))
+            return Elf(not elf.little_endian, tuple(found))
+        except failures.ELFError as error:
+            raise _unreadable(path, f"it is no ELF file ({error})") from None
+        except failures.DWARFError as error:
+            raise _unreadable(path, f"its debug information cannot be read ({error})") from None
+
+
+def _unreadable(path: Path, reason: str) -> SpecError:
+    return SpecError([faults.no_debug_information(str(path), reason)])
+
+
+def _all_instances(dwarf: Any, types: frozenset[str]) -> Iterator[Instance]:
+    for unit in dwarf.iter_CUs():
+        for die in unit.iter_DIEs():
+            if die.tag == "DW_TAG_variable" and "DW_AT_location" in die.attributes:
+                address = _address(dwarf, unit, die.attributes["DW_AT_location"])
+                declared = _declaration(die)
+                if address is not None and "DW_AT_type" in declared.attributes:
+                    kind = declared.get_DIE_from_attribute("DW_AT_type")
+                    yield from _instances(kind, _name(declared), address, types)
+
+
+def _declaration(die: Any) -> Any:
+    """The entry that names a variable which is defined apart from its declaration."""
+    while "DW_AT_specification" in die.attributes:
+        die = die.get_DIE_from_attribute("DW_AT_specification")
+    return die
+
+
+def _address(dwarf: Any, unit: Any, location: Any) -> int | None:
+    """None for what lies in a register, on a stack, or nowhere any more."""
+    if location.form not in ("DW_FORM_exprloc", "DW_FORM_block1"):
+        return None
+    expression = bytes(location.value)
+    size: int = unit["address_size"]
+    if expression[:1] == bytes([_ADDRESS]) and len(expression) == 1 + size:
+        order = "little" if dwarf.config.little_endian else "big"
+        return int.from_bytes(expression[1:], order)
+    if expression[:1] == bytes([_INDEX]):
+        number = sum((byte & 0x7F) << 7 * place for place, byte in enumerate(expression[1:]))
+        return int(dwarf.get_addr(unit, number))
+    return None
+
+
+def _instances(
+    kind: Any, name: str, address: int, types: frozenset[str], depth: int = 0
+) -> Iterator[Instance]:
+    while kind.tag in _ALIASES and "DW_AT_type" in kind.attributes:
+        if kind.tag == "DW_TAG_typedef" and _name(kind) in types:
+            yield Instance(name, _name(kind), address, dict(_members(_plain(kind))))
+            return
+        kind = kind.get_DIE_from_attribute("DW_AT_type")
+    if kind.tag in _STRUCTS and depth < _DEEPEST:
+        for die in kind.iter_children():
+            if die.tag == "DW_TAG_member" and "DW_AT_name" in die.attributes:
+                inner = die.get_DIE_from_attribute("DW_AT_type")
+                place = address + _offset(die)
+                yield from _instances(inner, f"{name}.{_name(die)}", place, types, depth + 1)
+
+
+def _members(struct: Any) -> Iterator[tuple[str, Member]]:
+    for die in struct.iter_children():
+        if die.tag == "DW_TAG_member" and "DW_AT_name" in die.attributes:
+            kind = die.get_DIE_from_attribute("DW_AT_type")
+            yield _name(die), Member(_offset(die), _size(kind))
+
+
+def _plain(kind: Any) -> Any:
+    while kind.tag in _ALIASES and "DW_AT_type" in kind.attributes:
+        kind = kind.get_DIE_from_attribute("DW_AT_type")
+    return kind
+
+
+def _size(kind: Any) -> int:
+    kind = _plain(kind)
+    if kind.tag != "DW_TAG_array_type":
+        return int(_value(kind, "DW_AT_byte_size"))
+    size = _size(kind.get_DIE_from_attribute("DW_AT_type"))
+    for die in kind.iter_children():
+        if die.tag == "DW_TAG_subrange_type":
+            has_count = "DW_AT_count" in die.attributes
+            bound = _value(die, "DW_AT_upper_bound", -1) + 1
+            size *= _value(die, "DW_AT_count") if has_count else bound
+    return size
+
+
+def _offset(die: Any) -> int:
+    return _value(die, "DW_AT_data_member_location")
+
+
+def _value(die: Any, attribute: str, missing: int = 0) -> int:
+    """A number; 0 of what is computed when the program runs, which generated C has nowhere."""
+    value = die.attributes[attribute].value if attribute in die.attributes else missing
+    return value if isinstance(value, int) else missing
+
+
+def _name(die: Any) -> str:
+    named = die.attributes.get("DW_AT_name")
+    return "" if named is None else named.value.decode("utf-8", "replace")

@@ -1,0 +1,139 @@
+"""Fills the ASAP2 file of an export with the addresses of its instance in an ELF file."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from backends.asap2.addresses import Symbol, filled, linked
+from msnn.calibration.elf_variables import Instance, elf_variables
+from msnn.errors import calibration as faults
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+
+OPTIONS = {"params": "--params", "state": "--state", "in": "--inputs", "out": "--outputs"}
+"""Structs, and the options that name their variables."""
+_SIZES = {
+    "float32": {"real": 4},
+    "float64": {"real": 8},
+    "q15": {"word": 2, "sum": 4},
+    "q31": {"word": 4, "sum": 8},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """The completed file, and what was taken for each struct."""
+
+    text: str
+    instances: Mapping[str, Instance]
+    """By struct."""
+    objects: int
+    """How many have an address now."""
+    warnings: tuple[Diagnostic, ...]
+
+
+def fill_addresses(elf: Path, export: Path, chosen: Mapping[str, str]) -> Filled:
+    """The ASAP2 file of the export with addresses of the variables in the ELF file.
+
+    `chosen` names the variable of a struct where there is more than one. Without it parameters are
+    a variable of their type other than the defaults, if there is one. Raises SpecError,
+    MissingExtraError, OSError.
+    """
+    text, description = _export(export)
+    prefix: str = description["prefix"]
+    links = linked(text)
+    counts = {s: sum(link.startswith(f"{prefix}_{s}_t.") for link in links) for s in OPTIONS}
+    types = {struct: f"{prefix}_{struct}_t" for struct in OPTIONS if counts[struct]}
+    found = elf_variables(elf, types.values())
+    if not found.instances:
+        raise SpecError([faults.no_instances(str(elf), list(types.values()))])
+    findings = Findings()
+    instances: dict[str, Instance] = {}
+    warnings: list[Diagnostic] = []
+    for struct, type in types.items():
+        there = [instance for instance in found.instances if instance.type == type]
+        instance = _choose(there, struct, type, chosen.get(struct), findings)
+        if instance is not None:
+            _compare(instance, _sizes(description, struct), findings)
+            instances[struct] = instance
+        elif not there:
+            warnings.append(faults.without_address(type, counts[struct]))
+    findings.raise_errors()
+    symbols = _symbols(instances)
+    return Filled(
+        filled(text, symbols.get, big_endian=found.big_endian),
+        instances,
+        sum(link in symbols for link in links),
+        tuple(warnings),
+    )
+
+
+def _export(folder: Path) -> tuple[str, dict[str, Any]]:
+    files = sorted(folder.glob("*.a2l"))
+    descriptions = [file.with_suffix(".json") for file in files]
+    if len(files) == 1 and descriptions[0].is_file():
+        try:
+            description = json.loads(descriptions[0].read_text(encoding="utf-8"))["c"]
+            if description["dtype"] in _SIZES and {"prefix", "structs"} <= set(description):
+                return files[0].read_text(encoding="utf-8"), description
+        except (ValueError, KeyError, TypeError):
+            pass
+    raise SpecError([faults.no_calibrated_export(str(folder))])
+
+
+def _choose(
+    there: Sequence[Instance], struct: str, type: str, name: str | None, findings: Findings
+) -> Instance | None:
+    if name is not None:
+        named = [instance for instance in there if instance.name == name]
+        if len(named) == 1:
+            return named[0]
+        names = [instance.name for instance in there]
+        if named:
+            findings.report(faults.several_instances(type, names, OPTIONS[struct]))
+        else:
+            findings.report(faults.no_such_instance(name, type, names))
+        return None
+    default = f"{type.removesuffix('_t')}_default"
+    own = [instance for instance in there if instance.name != default] or there
+    if len(own) > 1:
+        names = [instance.name for instance in there]
+        findings.report(faults.several_instances(type, names, OPTIONS[struct]))
+    return own[0] if len(own) == 1 else None
+
+
+def _sizes(description: Mapping[str, Any], struct: str) -> dict[str, int]:
+    """Bytes of each member."""
+    sizes = _SIZES[description["dtype"]]
+    return {
+        member["field"]: sizes[member["type"]] * math.prod(member["shape"])
+        for member in description["structs"][struct]
+        if member["type"] in sizes
+    }
+
+
+def _compare(instance: Instance, sizes: Mapping[str, int], findings: Findings) -> None:
+    for member, size in sizes.items():
+        place = instance.members.get(member)
+        if place is None:
+            reason = "is not in it"
+        elif place.size != size:
+            reason = f"has {place.size} bytes there and {size} in the export"
+        else:
+            continue
+        findings.report(faults.other_layout(f"{instance.name}.{member}", reason))
+
+
+def _symbols(instances: Mapping[str, Instance]) -> dict[str, Symbol]:
+    """By what an export links an object to: type and member."""
+    return {
+        f"{instance.type}.{member}": Symbol(
+            f"{instance.name}.{member}", instance.address + at.offset
+        )
+        for instance in instances.values()
+        for member, at in instance.members.items()
+    }
