@@ -23,7 +23,7 @@ _DTYPE = np.dtype(np.float64)
 
 
 STACK = 4 * 2**20
-"""Bytes that slopes may take on the stack, half of what a thread usually has: compilers spill, too."""
+"""Bytes that slopes may take on the stack: half of what threads usually have: compilers spill."""
 
 
 class StackTooSmallError(Exception):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -23,6 +25,19 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "z1_friction"
 @pytest.mark.parametrize("name", ["z1_friction", "bodies"])
 def test_units_fit(name: str) -> None:
     assert load_model(EXAMPLE / f"{name}.msnn.yaml", strict_units=True).warnings == ()
+
+
+def test_the_tables_of_the_page_are_those_of_the_results(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+    monkeypatch.delitem(sys.modules, "results", raising=False)
+    found = json.loads((EXAMPLE / "results.json").read_text(encoding="utf-8"))
+    tables = importlib.import_module("results").tables(found)
+    monkeypatch.delitem(sys.modules, "results")  # other examples have one too
+    assert f"\n\n{tables}\n\n" in (EXAMPLE / "README.md").read_text(encoding="utf-8")
+    for figure in (EXAMPLE / "figures").iterdir():
+        assert figure.stat().st_size < (100_000 if figure.suffix == ".png" else 150_000)
 
 
 def test_slopes_that_overflow_the_stack_have_no_kernel() -> None:
