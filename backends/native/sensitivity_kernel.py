@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -21,8 +22,19 @@ FloatArray = NDArray[np.float64]
 _DTYPE = np.dtype(np.float64)
 
 
+STACK = 4 * 2**20
+"""Bytes that slopes may take on the stack: half of what threads usually have: compilers spill."""
+
+
+class StackTooSmallError(Exception):
+    """The slopes of one step need more stack than a thread usually has."""
+
+
 class SensitivityKernel:
-    """One program with its sensitivities, compiled here. Raises CompilerMissingError."""
+    """One program with its sensitivities, compiled here.
+
+    Raises CompilerMissingError and StackTooSmallError.
+    """
 
     def __init__(self, found: Sensitivities) -> None:
         made = sensitivity_source(found)
@@ -30,6 +42,9 @@ class SensitivityKernel:
         self.numbers = found.numbers
         self.dtype, self.lanes = _DTYPE, LANES["float64"]
         self._groups = group_type(LANES["float64"], _DTYPE)
+        needed = _stack(self.source.text, self.lanes * _DTYPE.itemsize)
+        if needed > STACK:
+            raise StackTooSmallError(f"a step needs {needed / 2**20:.1f} MiB of stack")
         self.built = compiled_kernel(self.source.text)
         self._library = self.built.library
         self._library.msnn_work_lanes.restype = ctypes.c_int64
@@ -81,3 +96,8 @@ class SensitivityKernel:
             )
             for i, name in enumerate(self.source.losses)
         }
+
+
+def _stack(text: str, lanes: int) -> int:
+    """Bytes of the arrays of a step: a compiler that reuses none of them takes so many."""
+    return lanes * sum(map(int, re.findall(r"^ +lanes \w+\[(\d+)\];$", text, re.MULTILINE)))

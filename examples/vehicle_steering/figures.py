@@ -1,6 +1,7 @@
 """Draws what README shows."""
 
 import json
+import re
 from pathlib import Path
 
 import matplotlib
@@ -18,8 +19,13 @@ Array = npt.NDArray[np.float64]
 
 SPEEDS = np.linspace(8.0, 24.0, 8)  # m/s, centres of the sets of both specs
 ACCELERATIONS = np.linspace(-2.0, 2.0, 5)  # m/s²
-STYLE = {"svg.hashsalt": "vehicle_steering", "font.size": 9, "lines.linewidth": 0.9}
-SPARSE = 4  # samples from point to point of a curve
+STYLE = {
+    "svg.hashsalt": "vehicle_steering",
+    "svg.fonttype": "none",
+    "font.size": 9,
+    "lines.linewidth": 0.9,
+}
+SPARSE = 8  # samples from point to point of a curve
 
 
 def write(judged: Judged, folder: Path) -> None:
@@ -52,7 +58,7 @@ def _paths(judged: Judged, path: Path) -> None:
     """The test road from above, and how far beside it each controller drives."""
     figure, (above, below) = plt.subplots(2, 1, figsize=(8, 6), height_ratios=(3, 2))
     road, nominal = draw(TEST), VARIATIONS[0].name
-    above.plot(road.x[::20], road.y[::20], "k", linewidth=0.6)
+    above.plot(road.x[::40], road.y[::40], "k", linewidth=0.6)
     above.set(aspect="equal", xlabel="m", ylabel="m", title="the test road")
     for name in ("kinematic", "filters", "mlp", "stanley", "controller"):
         run = judged.runs[name, nominal]
@@ -92,6 +98,9 @@ def _parameters(folder: Path, spec: str) -> dict[str, Array]:
 
 
 def _save(figure: plt.Figure, path: Path) -> None:
+    """As SVG with coordinates of two decimals, and a path on one line."""
     figure.tight_layout()
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
+    text = re.sub(r"(\d\.\d\d)\d+", r"\1", path.read_text(encoding="utf-8"))
+    path.write_text(re.sub(r" *\n(?=[LMQCz])", " ", text), encoding="utf-8")

@@ -1,7 +1,8 @@
 """Lets the arm follow a reference in MuJoCo by computed torque, without and with learned friction.
 
 The friction is added at the measured position and the wanted speed, so that it does not answer to
-the noise of the sensors. The references are those of the test episodes.
+the noise of the sensors. The references are those of the test episodes; the errors are kept in
+`runs/tracking.json`.
 
     python control.py [--weights runs/z1_friction/latest/weights.safetensors]
 """
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import results
 import truth
 from evaluate import HERE, Friction, learned
 from generate_data import EPISODES, SAMPLE_TIME, SAMPLES, STEP, Reference, arm, computed_torque
@@ -42,12 +44,15 @@ def main() -> None:
     parser.add_argument("--weights", type=Path, default=default)
     friction = learned(parser.parse_args().weights)
     models: dict[str, Friction] = {
-        "no friction": lambda q, dq: 0 * q,
-        "learned friction": friction,
-        "true friction": truth.friction,
+        "none": lambda q, dq: 0 * q,
+        "learned": friction,
+        "true": truth.friction,
     }
+    kept: dict[str, float] = {}
     for name, added in models.items():
-        print(f"tracking error with {name:18} {1000 * tracking_error(added):7.2f} mrad")
+        kept[name] = 1000 * tracking_error(added)
+        print(f"tracking error with friction: {name:8} {kept[name]:7.2f} mrad")
+    results.keep("tracking", kept)
 
 
 if __name__ == "__main__":

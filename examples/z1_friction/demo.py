@@ -1,11 +1,14 @@
-"""Make the data, learn the friction, compare it with its baselines, export and use it.
+"""Makes the data, learns the friction, compares it with its baselines, exports and uses it.
 
-Everything is done by the commands that a user types; each is shown before it runs.
+Everything is done by the commands that a user types; each is shown before it runs. What they
+measured goes to `results.json` and README.
 """
 
 import argparse
+import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -17,23 +20,44 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--set", action="append", default=[], help="passed on to `msnn train`")
     settings = [word for value in parser.parse_args().set for word in ("--set", value)]
-    run("generate_data.py")
-    run("-m", "msnn", "train", ARM, *settings)
-    run("-m", "msnn", "validate", ARM)
-    run("evaluate.py")
-    run("control.py")
-    run("-m", "msnn", "export", COMPENSATOR, "--to", "c", "--check")
-    run("-m", "msnn", "verify", "build/export/c")
+    times: dict[str, tuple[float, float]] = {}
+    for command in (
+        ("generate_data.py",),
+        ("-m", "msnn", "train", ARM, *settings),
+        ("-m", "msnn", "validate", ARM),
+        ("evaluate.py",),
+        ("control.py",),
+        ("-m", "msnn", "export", COMPENSATOR, "--to", "c", "--check"),
+        ("-m", "msnn", "verify", "build/export/c"),
+        ("series.py",),
+        ("figures.py",),
+        ("results.py",),
+    ):
+        run(command, times)
+    print("\n  wall  processors")
+    for shown, (wall, used) in times.items():
+        print(f"{wall:4.0f} s  {used:8.0f} s  {shown}")
     return 0
 
 
-def run(*arguments: str) -> None:
-    """Show a command and run it; what it writes goes to the terminal."""
-    shown = arguments[1:] if arguments[0] == "-m" else ("python", *arguments)
-    print(f"\n$ {' '.join(shown)}", flush=True)
-    code = subprocess.run([sys.executable, *arguments], cwd=HERE, check=False).returncode
+def run(command: tuple[str, ...], times: dict[str, tuple[float, float]]) -> None:
+    """Shows a command and runs it; what it writes goes to the terminal.
+
+    `times` gets its seconds, and those of processors with all that it starts.
+    """
+    shown = " ".join(command[1:] if command[0] == "-m" else ("python", *command))
+    print(f"\n$ {shown}", flush=True)
+    began, used = time.perf_counter(), _processors()
+    code = subprocess.run([sys.executable, *command], cwd=HERE, check=False).returncode
     if code not in (0, 3):  # 3: a limit is broken, and the table has said so
         raise SystemExit(code)
+    times[shown] = (time.perf_counter() - began, _processors() - used)
+
+
+def _processors() -> float:
+    """Seconds that processes used which have ended."""
+    now = os.times()
+    return now.children_user + now.children_system
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Measures the learned friction beside its baselines: rollouts of 0.5 s over the test episodes.
 
 Every model moves the same rigid bodies by the same integrator, the one of the spec; they differ in
-the friction that they subtract. Each rollout starts from measured, noisy positions and speeds.
+the friction that they subtract. Each rollout starts from measured, noisy positions and speeds. The
+errors are kept in `runs/errors.json`.
 
     python evaluate.py [--weights runs/z1_friction/latest/weights.safetensors]
 """
@@ -9,10 +10,12 @@ the friction that they subtract. Each rollout starts from measured, noisy positi
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import results
 import truth
 from numpy.typing import NDArray
 from safetensors.numpy import load_file
@@ -21,6 +24,7 @@ from compiler.interpreter.interpreter import Interpreter
 from msnn.model.load import load_model
 
 Array = NDArray[np.float64]
+Episode = dict[str, Array]
 Friction = Callable[[Array, Array], Array]
 
 HERE = Path(__file__).parent
@@ -41,13 +45,37 @@ class Bodies:
         return found["M"], found["bias"]
 
 
-def episodes(split: str) -> list[dict[str, Array]]:
+@dataclass(frozen=True)
+class Windows:
+    """Rollouts that begin at measured states: torques and positions (steps, rollouts, 6)."""
+
+    q0: Array
+    dq0: Array
+    tau: Array
+    q: Array
+    """Measured, at the end of each step."""
+    dq: Array
+
+
+def episodes(split: str) -> list[Episode]:
     """Torques, positions and speeds of each file."""
-    found: list[dict[str, Array]] = []
+    found: list[Episode] = []
     for file in sorted((HERE / "data" / split).glob("*.csv")):
         rows = np.loadtxt(file, delimiter=",", skiprows=1)
         found.append({"tau": rows[:, 1:7], "q": rows[:, 7:13], "dq": rows[:, 13:19]})
     return found
+
+
+def windows(of: Sequence[Episode], stride: int = HORIZON) -> Windows:
+    """The rollouts of these episodes, so many samples apart."""
+    starts = [(e, s) for e in of for s in range(0, len(e["q"]) - HORIZON, stride)]
+    steps = np.arange(HORIZON)
+
+    def along(name: str, ahead: int) -> Array:
+        return np.stack([e[name][s + ahead + steps] for e, s in starts], axis=1)
+
+    q0, dq0 = (np.array([e[name][s] for e, s in starts]) for name in ("q", "dq"))
+    return Windows(q0, dq0, along("tau", 0), along("q", 1), along("dq", 1))
 
 
 def learned(file: Path) -> Friction:
@@ -66,14 +94,13 @@ def learned(file: Path) -> Friction:
     return friction
 
 
-def regression(bodies: Bodies, *, full: bool) -> Friction:
+def regression(bodies: Bodies, of: Sequence[Episode], *, full: bool) -> Friction:
     """Least squares of viscous and Coulomb friction; `full` has 1, sin q and cos q of each.
 
     The torques come from differences of measured speeds, as accelerations are not measured.
     """
     q, dq, torque = (
-        np.concatenate(parts)
-        for parts in zip(*map(_residuals(bodies), episodes("train")), strict=True)
+        np.concatenate(parts) for parts in zip(*map(_residuals(bodies), of), strict=True)
     )
     weights = [
         np.linalg.lstsq(_terms(q[:, j], dq[:, j], full), torque[:, j], rcond=None)[0]
@@ -86,10 +113,10 @@ def regression(bodies: Bodies, *, full: bool) -> Friction:
     return friction
 
 
-def _residuals(bodies: Bodies) -> Callable[[dict[str, Array]], tuple[Array, Array, Array]]:
+def _residuals(bodies: Bodies) -> Callable[[Episode], tuple[Array, Array, Array]]:
     """Positions, speeds, and the torques that rigid bodies do not explain."""
 
-    def of(episode: dict[str, Array]) -> tuple[Array, Array, Array]:
+    def of(episode: Episode) -> tuple[Array, Array, Array]:
         ddq = np.diff(episode["dq"], axis=0) / SAMPLE_TIME
         # an acceleration over a sample belongs to its middle
         q = (episode["q"][1:] + episode["q"][:-1]) / 2
@@ -108,16 +135,11 @@ def _terms(q: Array, dq: Array, full: bool) -> Array:
     return np.concatenate([dq[:, None] * basis, sign[:, None] * basis], axis=1)
 
 
-def rollout_error(bodies: Bodies, friction: Friction) -> Array:
-    """The mean squared error of positions of each joint, over rollouts of 0.5 s."""
-    tests = episodes("test")
-    starts = [(e, s) for e in tests for s in range(0, len(e["q"]) - HORIZON, HORIZON)]
-    q = np.array([e["q"][s] for e, s in starts])
-    dq = np.array([e["dq"][s] for e, s in starts])
-    h = SAMPLE_TIME / SUBSTEPS
-    total = np.zeros(6)
-    for k in range(HORIZON):
-        tau = np.array([e["tau"][s + k] for e, s in starts])
+def simulated(bodies: Bodies, friction: Friction, given: Windows) -> Array:
+    """The positions along each rollout."""
+    q, dq, h = given.q0, given.dq0, SAMPLE_TIME / SUBSTEPS
+    found: list[Array] = []
+    for tau in given.tau:
         for _ in range(SUBSTEPS):
             M, bias = bodies.at(q, dq)
             slope = (friction(q, dq + 1e-6) - friction(q, dq - 1e-6)) / 2e-6
@@ -125,9 +147,19 @@ def rollout_error(bodies: Bodies, friction: Friction) -> Array:
             right = h * (tau - friction(q, dq) - bias)
             dq = dq + np.linalg.solve(matrix, right[..., None])[..., 0]
             q = q + h * dq
-        true = np.array([e["q"][s + k + 1] for e, s in starts])
-        total += np.mean((q - true) ** 2, axis=0)
-    return total / HORIZON
+        found.append(q)
+    return np.array(found)
+
+
+def errors(found: Array, given: Windows) -> Array:
+    """The mean squared error of positions of each joint."""
+    return np.mean((found - given.q) ** 2, axis=(0, 1))
+
+
+def determination(found: Array, given: Windows) -> float:
+    """R² of all positions: 1 is exact, 0 is what the mean position of each joint would give."""
+    spread = given.q - given.q.mean(axis=(0, 1))
+    return float(1 - np.sum((found - given.q) ** 2) / np.sum(spread**2))
 
 
 def main() -> None:
@@ -135,18 +167,22 @@ def main() -> None:
     default = HERE / "runs" / "z1_friction" / "latest" / "weights.safetensors"
     parser.add_argument("--weights", type=Path, default=default)
     weights = parser.parse_args().weights
-    bodies = Bodies()
-    models = {
-        "no friction": lambda q, dq: 0 * q,
-        "least squares, viscous + Coulomb": regression(bodies, full=False),
-        "least squares over 1, sin q, cos q": regression(bodies, full=True),
+    bodies, train, test = Bodies(), episodes("train"), windows(episodes("test"))
+    models: dict[str, Friction] = {
+        "none": lambda q, dq: 0 * q,
+        "least squares": regression(bodies, train, full=False),
+        "full least squares": regression(bodies, train, full=True),
         "learned": learned(weights),
-        "true friction (floor)": truth.friction,
+        "true": truth.friction,
     }
+    kept: dict[str, list[float]] = {}
     print(f"{'mean squared error, rad²':36} {'all':>9}   each joint")
     for name, friction in models.items():
-        each = rollout_error(bodies, friction)
-        print(f"{name:36} {np.mean(each):9.2e}   " + " ".join(f"{error:.1e}" for error in each))
+        each = errors(simulated(bodies, friction, test), test)
+        kept[name] = each.tolist()
+        title = results.FRICTIONS[name]
+        print(f"{title:36} {np.mean(each):9.2e}   " + " ".join(f"{error:.1e}" for error in each))
+    results.keep("errors", kept)
 
 
 if __name__ == "__main__":

@@ -32,13 +32,18 @@ FASTEST = 2.8
 """rad/s; the arm's limit is 3.14."""
 
 
-def arm(with_friction: bool = True, step: float = STEP) -> mujoco.MjModel:
-    """The arm of `z1.urdf`, without contacts and limits."""
+def specification() -> mujoco.MjSpec:
+    """The bodies of `z1.urdf`."""
     text = (HERE / "z1.urdf").read_text(encoding="utf-8")
     compiler = '<mujoco><compiler balanceinertia="false" fusestatic="true"/></mujoco>'
-    mujoco.set_mjcb_passive(None)  # which MuJoCo calls while it compiles
     text = text.replace('<robot name="z1">', f'<robot name="z1">{compiler}', 1)
-    model = mujoco.MjModel.from_xml_string(text)
+    return mujoco.MjSpec.from_string(text)
+
+
+def arm(with_friction: bool = True, step: float = STEP) -> mujoco.MjModel:
+    """The arm, without contacts and limits."""
+    mujoco.set_mjcb_passive(None)  # which MuJoCo calls while it compiles
+    model = specification().compile()
     model.dof_armature[:] = ARMATURE
     model.opt.timestep = step
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
+from backends.native.sensitivity_kernel import SensitivityKernel, StackTooSmallError
+from compiler.differentiation.sensitivities import sensitivities
+from compiler.differentiation.sums_of_squares import with_compared_squares
 from msnn.cli.application import run
 from msnn.model.load import load_model
+from msnn.training.plans.stage_plan import plan_stages
+from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "z1_friction"
@@ -18,6 +25,28 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "z1_friction"
 @pytest.mark.parametrize("name", ["z1_friction", "bodies"])
 def test_units_fit(name: str) -> None:
     assert load_model(EXAMPLE / f"{name}.msnn.yaml", strict_units=True).warnings == ()
+
+
+def test_the_tables_of_the_page_are_those_of_the_results(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+    monkeypatch.delitem(sys.modules, "results", raising=False)
+    found = json.loads((EXAMPLE / "results.json").read_text(encoding="utf-8"))
+    tables = importlib.import_module("results").tables(found)
+    monkeypatch.delitem(sys.modules, "results")  # other examples have one too
+    assert f"\n\n{tables}\n\n" in (EXAMPLE / "README.md").read_text(encoding="utf-8")
+    for figure in (EXAMPLE / "figures").iterdir():
+        assert figure.stat().st_size < (100_000 if figure.suffix == ".png" else 150_000)
+
+
+def test_slopes_that_overflow_the_stack_have_no_kernel() -> None:
+    """Those of a step of the arm in all 73 numbers took 8.1 MiB, and the process ended."""
+    model = load_model(EXAMPLE / "z1_friction.msnn.yaml")
+    plan = plan_stages(model.program, model.spec.train, Findings())[-1]
+    program = with_compared_squares(plan.rollout.program)
+    with pytest.raises(StackTooSmallError, match=r"a step needs 5\.\d MiB of stack"):
+        SensitivityKernel(sensitivities(program, plan.trained))
 
 
 def test_the_friction_compensator_is_c_without_the_robot(

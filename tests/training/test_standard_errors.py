@@ -15,6 +15,7 @@ from msnn.reports.training_summary import errors_note, parameters_table
 from msnn.training.black_boxes import black_boxes
 from msnn.training.parameter_warnings import parameter_warnings
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from msnn.training.records import standard_errors as module
 from msnn.training.records.parameters_record import parameters_record
 from msnn.training.records.standard_errors import StandardErrors, standard_errors
 from msnn.training.train import TrainingOptions, train
@@ -79,6 +80,21 @@ def test_linear_regression(loss: str) -> None:
     assert found.errors["b"] == pytest.approx(expected[1], rel=1e-9)
     assert found.residuals == 60
     assert found.unidentified == ()
+
+
+def test_more_slopes_than_can_be_computed_in_time_have_a_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The slopes of an arm's step take a minute, and their kernel more stack than there is."""
+    series = line(0.3, seed=1)
+    operations = len(planned(LINE.replace("LOSS", MSE)).rollout.program.step)
+    monkeypatch.setattr(module, "MOST_SLOPES", 2 * operations)
+    assert found_at(series, np.array([0.7, 2.0])).reason is None
+    monkeypatch.setattr(module, "MOST_SLOPES", 2 * operations - 1)
+    found = found_at(series, np.array([0.7, 2.0]))
+    assert found.errors == {}
+    assert found.reason is not None
+    assert found.reason.startswith(f"slopes of {operations} operations in 2 numbers are more than")
 
 
 def test_the_95_percent_interval_covers_the_truth_95_percent_of_the_time() -> None:

@@ -43,6 +43,13 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 MOST_NUMBERS = 300
 """Learned numbers up to which standard errors are computed: the effort grows with their square."""
 
+MOST_SLOPES = 100_000
+"""Learned numbers times operations of a step up to which they are computed.
+
+Every operation has a slope in every number. 240,000, an arm of six joints with 73 numbers, take a
+minute of processor time, or as long to compile.
+"""
+
 AT_BOUND = 1e-3
 """Part of the range within which a value counts as at its bound."""
 
@@ -81,6 +88,11 @@ def standard_errors(
         return without_errors("no loss is a sum of squares")
     if numbers > MOST_NUMBERS:
         return without_errors(f"more than {MOST_NUMBERS} numbers are learned")
+    operations = len(program.step)
+    if numbers * operations > MOST_SLOPES:
+        return without_errors(
+            f"slopes of {operations} operations in {numbers} numbers are more than {MOST_SLOPES}"
+        )
     starts = plan.rollout.starts
     if starts is not None:
         starts = replace(starts, program=squared(starts.program, plan.loss_weights))

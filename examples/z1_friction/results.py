@@ -1,0 +1,102 @@
+"""Writes what the other scripts measured to `results.json`, and as tables to README.
+
+python results.py
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).parent
+KEPT = HERE / "runs"
+BEGIN, END = "<!-- figures -->", "<!-- end -->"
+PERCENTS = (15, 25, 50, 100)
+FARTHEST = 100.0
+"""rad²: more is called divergence."""
+
+FRICTIONS = {
+    "none": "no friction",
+    "least squares": "least squares, viscous + Coulomb",
+    "full least squares": "least squares over 1, sin q, cos q",
+    "learned": "learned",
+    "true": "true friction (floor)",
+}
+
+
+def keep(name: str, found: Any) -> None:
+    """Numbers of one script, for the tables."""
+    KEPT.mkdir(exist_ok=True)
+    text = json.dumps(found, indent=1) + "\n"
+    (KEPT / f"{name}.json").write_text(text, encoding="utf-8")
+
+
+def tables(found: dict[str, Any]) -> str:
+    """The tables of README."""
+    parts = (_errors(found["errors"]), _series(found["series"]), _tracking(found["tracking"]))
+    return "\n\n".join(parts)
+
+
+def _errors(found: dict[str, list[float]]) -> str:
+    mean = {name: float(np.mean(each)) for name, each in found.items()}
+    lines = ["| friction | rad² | each joint |", "|---|---|---|"]
+    for name, title in FRICTIONS.items():
+        each = ", ".join(f"{error:.1e}" for error in found[name])
+        lines.append(f"| {title} | {mean[name]:.2g} | {each} |")
+    better, above = mean["least squares"] / mean["learned"], mean["learned"] / mean["true"]
+    lines += [
+        "",
+        f"The learned friction's error is 1/{better:.0f} of what viscous and Coulomb friction have",
+        f"by least squares, and {above:.2f} times the floor.",
+    ]
+    return "\n".join(lines)
+
+
+def _series(found: dict[str, dict[str, dict[str, float]]]) -> str:
+    titles = {name: FRICTIONS.get(name, name) for name in found[str(PERCENTS[-1])]}
+    lines = [
+        f"| training data, rad² (R²) | {' | '.join(titles.values())} |",
+        "|---|" + "---|" * len(titles),
+    ]
+    for percent in PERCENTS:
+        row = found[str(percent)]
+        cells = [_cell(row[name]) for name in titles]
+        lines.append(f"| {percent} % | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _cell(found: dict[str, float]) -> str:
+    if found["mse"] > FARTHEST:
+        return "diverges"
+    r2 = found["r2"]
+    return f"{found['mse']:.2g} ({r2:.5f})" if r2 > 0.99 else f"{found['mse']:.2g} ({r2:.2f})"
+
+
+def _tracking(found: dict[str, float]) -> str:
+    lines = ["| friction added to the torques | tracking error, mrad |", "|---|---|"]
+    titles = {"none": "none", "learned": "learned", "true": "true"}
+    lines += [f"| {title} | {found[name]:.3g} |" for name, title in titles.items()]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    names = ("errors", "series", "tracking")
+    files = {name: (KEPT / f"{name}.json").read_text(encoding="utf-8") for name in names}
+    found = {
+        name: json.loads(text, parse_float=lambda number: float(f"{float(number):.7g}"))
+        for name, text in files.items()
+    }
+    text = json.dumps(found, indent=1) + "\n"
+    (HERE / "results.json").write_text(text, encoding="utf-8")
+    readme = HERE / "README.md"
+    page = readme.read_text(encoding="utf-8")
+    before, rest = page.split(BEGIN)
+    after = rest.split(END)[1]
+    readme.write_text(f"{before}{BEGIN}\n\n{tables(found)}\n\n{END}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
