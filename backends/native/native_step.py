@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-import re
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import PurePosixPath
 from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +15,7 @@ from backends.c.interface.interface import Interface
 from backends.c.interface.layout_metadata import layout_metadata
 from backends.c_language.literals import Dtype
 from backends.native.compile_kernel import compiled_kernel
+from backends.native.one_text import one_text
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
 
@@ -37,7 +36,7 @@ class NativeStep:
         physical = physical_weights(program, weights)
         texts = model_texts(program, interface, physical)
         texts.pop(f"src/{interface.prefix}_params.c", None)  # other weights need no other code
-        text = _one_text(texts)
+        text = one_text(texts)
         library = compiled_kernel(text).library
         layout = layout_metadata(program, interface, physical)["c"]
         real = _REALS[interface.options.dtype]
@@ -77,15 +76,3 @@ class NativeStep:
         """Takes bits away from `waiting`."""
         if self._ready is not None:
             self._c.set_word(self._ready, self._c.word(self._ready) & ~bits)
-
-
-def _one_text(texts: Mapping[str, str]) -> str:
-    """Headers and sources one after the other, without the lines that include one another."""
-    names = {PurePosixPath(path).name for path in texts}
-    paths = [path for path in texts if path.startswith(("include/", "src/"))]
-    ordered = sorted(paths, key=lambda path: (not path.startswith("include/"), path[-2:] != ".h"))
-    own = re.compile(r'^#include "([^"]+)"$', re.MULTILINE)
-    return "\n".join(
-        own.sub(lambda found: "" if found[1] in names else found[0], texts[path])
-        for path in ordered
-    )

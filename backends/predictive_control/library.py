@@ -28,9 +28,9 @@ class Decision:
 class ControllerLibrary:
     """One controller; `about` is what the JSON file beside the sources says."""
 
-    def __init__(self, about: Mapping[str, Any], library: Path) -> None:
+    def __init__(self, about: Mapping[str, Any], library: ctypes.CDLL) -> None:
         self._prefix: str = about["prefix"]
-        self._library = ctypes.CDLL(str(library))
+        self._library = library
         self._state = np.zeros(1, _struct(about["struct"]))
         self._in = np.zeros(1, _struct(about["in"]))
         self._out = np.zeros(1, _struct(about["out"]))
@@ -40,7 +40,7 @@ class ControllerLibrary:
     def of_folder(cls, folder: Path, library: Path) -> ControllerLibrary:
         """A controller of what `write_controller` wrote and `build_library` compiled."""
         (file,) = folder.glob("*_mpc.json")
-        return cls(json.loads(file.read_text(encoding="utf-8")), library)
+        return cls(json.loads(file.read_text(encoding="utf-8")), ctypes.CDLL(str(library)))
 
     def init(self) -> None:
         """Begins a controller that knows nothing."""

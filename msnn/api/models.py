@@ -21,6 +21,7 @@ from spec_schema.sections.spec import Spec
 if TYPE_CHECKING:
     from msnn.control.controller import Controller
     from msnn.control.kalman_filter import KalmanFilter
+    from msnn.control.method import Solver
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
 
@@ -108,19 +109,26 @@ def stepper(model: Model, weights: Weights | None = None) -> Stepper:
         return open_stepper(model, known)
 
 
-def mpc(model: Model, weights: Weights | None = None) -> Controller:
+def mpc(
+    model: Model, weights: Weights | None = None, *, solver: Solver | None = None
+) -> Controller:
     """The predictive controller that the spec's `mpc` section describes.
 
         controller = msnn.mpc(model, result.weights)
         found = controller.solve({"level": 3.0}, references={"wanted": 6.0})
         print(found.status, found.control["pump"])
 
-    It remembers its plan and what it applied; `reset` forgets both. Weights None: the initial
-    values. Raises ValueError for a model without that section.
+    It remembers its plan and what it applied; `reset` forgets both. It solves by the C that
+    `msnn.export(model, "mpc", …)` would write, in float64, compiled for this machine; without a C
+    compiler by the reference in Python, and a RuntimeWarning says so. `solver="python"` takes that
+    at once, `"c"` nothing else; `controller.solver` tells which. Weights None: the initial values.
+    Raises ValueError for a model without that section, SpecError where `"c"` is not to be had.
     """
     from msnn.control.open_controller import open_controller
 
-    return open_controller(model, known_in(model, weights))
+    known = known_in(model, weights)
+    with sources_of(model):
+        return open_controller(model, known, solver)
 
 
 def estimator(model: Model, weights: Weights | None = None) -> KalmanFilter:

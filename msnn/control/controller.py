@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,29 +16,27 @@ from compiler.optimal_control.kkt import Judge, Residuals
 from compiler.optimal_control.problem import ControlProblem
 from msnn.control.control_range import ControlRange
 from msnn.control.horizon_functions import HorizonFunctions
-from msnn.control.interior_point import InteriorPoint, Outcome
-from msnn.control.iterate import Iterate
 from msnn.control.memory import Memory
+from msnn.control.method import Found, Method
 from msnn.control.solution import Solution, Status
 
 if TYPE_CHECKING:
     from backends.casadi_function.optimal_control import OptimalControlNlp
 
-_FAR = 1e4
-"""A cold start that leads beyond so many scales is no help."""
-
 
 class Controller:
     """A predictive controller, `msnn.mpc(model)`; it remembers its plan from solve to solve."""
 
-    def __init__(self, problem: ControlProblem) -> None:
+    def __init__(
+        self, problem: ControlProblem, functions: HorizonFunctions, method: Method
+    ) -> None:
         self.problem = problem
-        self._functions = HorizonFunctions(problem)
+        self.solver = method.name
+        """`c` or `python`: who solves."""
+        self._functions, self._method = functions, method
         self._memory = Memory(problem, self._functions.interpreter)
         self._judge: Judge | None = None
         self._applied: Array | None = None
-        self._last: Iterate | None = None
-        self._is_good = False
 
     def reset(
         self,
@@ -48,9 +45,10 @@ class Controller:
     ) -> None:
         """Forgets plan and memory; `x` are states and `control` what is applied, where known."""
         self._memory.forget()
-        self._applied, self._last, self._is_good = None, None, False
+        self._applied = None
         if control is not None:
             self._applied = _joined(self.problem.controls, control, "control")
+        self._method.forget(self._applied)
         if x is not None:
             self._memory.measure(x)
 
@@ -90,7 +88,7 @@ class Controller:
         if not allowed.is_possible:
             found = self._kept(Status.INFEASIBLE, allowed)
         else:
-            found = self._found(given, allowed)
+            found = self._told(given, allowed, self._method.solve(given, allowed, self._resting()))
         self._applied = _joined(problem.controls, found.control, "control")
         self._memory.advance(given, self._applied)
         return found
@@ -119,65 +117,30 @@ class Controller:
 
     # ---- one solve
 
-    def _found(self, given: Given, allowed: ControlRange) -> Solution:
-        method = InteriorPoint(self._functions, given)
-        stops = self.problem.mode == "converged"
-        iterations, tolerance = self.problem.iterations, self.problem.tolerance
-        solve = partial(method.solve, iterations=iterations, tolerance=tolerance, stops=stops)
-        outcome: Outcome | None = None
-        if self._last is not None and self._is_good:
-            before = _shifted(self._last)
-            controls = allowed.blocked(before.controls)
-            outcome = solve(before.states, controls, before)
-        if outcome is None or (stops and not outcome.residual <= self.problem.tolerance):
-            states, controls = self._cold(given, allowed)
-            again = solve(states, controls, None)
-            if outcome is None or not outcome.residual <= again.residual:
-                outcome = again
-        return self._told(given, allowed, outcome)
-
-    def _cold(self, given: Given, allowed: ControlRange) -> tuple[Array, Array]:
-        """A plan to begin with: the last one clipped and rolled out, or what is applied now."""
-        n, scale = self.problem.horizon, self._functions.scale_u
-        controls = np.tile(self._resting() / scale, (n, 1))
-        if self._last is not None:
-            controls = _shifted(self._last).controls
-        controls = allowed.nearest(np.where(np.isfinite(controls), controls, 0.0))
-        states = self._functions.rollout(given, controls)
-        start = given.state / self._functions.scale_x
-        limit = _FAR * max(1.0, float(np.max(np.abs(start), initial=0.0)))
-        if not np.all(np.abs(states) <= limit):
-            states = np.tile(start, (n + 1, 1))
-        return states, controls
-
-    def _told(self, given: Given, allowed: ControlRange, outcome: Outcome) -> Solution:
+    def _told(self, given: Given, allowed: ControlRange, found: Found) -> Solution:
         f, problem = self._functions, self.problem
-        is_solved = outcome.residual <= problem.tolerance
-        keeps = outcome.violation <= max(problem.tolerance, 1e-6)
-        is_finite = np.isfinite(outcome.residual)
-        self._last, self._is_good = outcome.iterate if is_finite else None, bool(is_solved)
-        if not (is_finite and keeps):
-            return self._kept(Status.INFEASIBLE, allowed, outcome)
-        controls = allowed.nearest(outcome.iterate.controls)
-        plan = f.plan(outcome.iterate.states, controls)
-        penalties, excess = f.penalties(given, outcome.iterate.states, controls)
+        if found.status is Status.INFEASIBLE:
+            return self._kept(Status.INFEASIBLE, allowed, found)
+        plan = found.plan
+        states, controls = f.scaled(plan)
+        penalties, excess = f.penalties(given, states, controls)
         return Solution(
-            status=Status.SOLVED if is_solved else Status.CAPPED,
+            status=found.status,
             control=by_sample(problem.controls, plan.controls[0]),
             controls=by_name(problem.controls, plan.controls),
             states=by_name(problem.states, plan.states),
-            cost=f.values(given, outcome.iterate.states, controls).cost + penalties,
-            residual=outcome.residual,
-            violation=outcome.violation,
+            cost=f.values(given, states, controls).cost + penalties,
+            residual=found.residual,
+            violation=found.violation,
             excess=excess,
-            iterations=outcome.iterations,
+            iterations=found.iterations,
             given=given,
             plan=plan,
-            multipliers=f.multipliers(outcome.iterate.multipliers),
+            multipliers=found.multipliers,
         )
 
     def _kept(
-        self, status: Status, allowed: ControlRange | None = None, outcome: Outcome | None = None
+        self, status: Status, allowed: ControlRange | None = None, found: Found | None = None
     ) -> Solution:
         """The last control, within its own limits where these are known."""
         control = self._resting()
@@ -191,10 +154,10 @@ class Controller:
             controls={name: np.repeat(value[None], n, axis=0) for name, value in held.items()},
             states={},
             cost=np.nan,
-            residual=np.inf if outcome is None else _or_infinite(outcome.residual),
-            violation=np.inf if outcome is None else _or_infinite(outcome.violation),
+            residual=np.inf if found is None else _or_infinite(found.residual),
+            violation=np.inf if found is None else _or_infinite(found.violation),
             excess=np.inf,
-            iterations=0 if outcome is None else outcome.iterations,
+            iterations=0 if found is None else found.iterations,
             given=None,
             plan=None,
             multipliers=None,
@@ -227,26 +190,6 @@ class Controller:
             rest = np.repeat(samples[-1:], rows - len(samples), axis=0)
             found[name] = np.concatenate([samples, rest])
         return found
-
-
-def _shifted(before: Iterate) -> Iterate:
-    """The plan of the sample before, as it is from now on; its end is repeated."""
-
-    def later(values: Array) -> Array:
-        return np.concatenate([values[1:], values[-1:]])
-
-    def inside(values: Array) -> Array:
-        """Stage N lacks limits that stage N−1 has: that one is repeated."""
-        return np.concatenate([values[1:-1], values[-2:-1], values[-1:]])
-
-    return Iterate(
-        later(before.states),
-        later(before.controls),
-        inside(before.slacks),
-        inside(before.multipliers),
-        inside(before.excesses),
-        inside(before.excess_multipliers),
-    )
 
 
 def by_sample(vector: Vector, values: Array) -> dict[str, Array]:

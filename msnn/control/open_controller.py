@@ -2,21 +2,69 @@
 
 from __future__ import annotations
 
+import os
+import warnings
 from collections.abc import Mapping
 
+from backends.files.c_compiler import CompilerMissingError
+from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
 from msnn.control.controller import Controller
+from msnn.control.horizon_functions import HorizonFunctions
 from msnn.control.kalman_filter import KalmanFilter
+from msnn.control.method import Method, Solver
+from msnn.control.reference_method import ReferenceMethod
 from msnn.data.dataset import FloatArray
+from msnn.errors import predictive_control
 from msnn.model.model import Model
+from msnn.simulation.engines.kernel_trials import NO_FALLBACK
+from spec_schema.diagnostics.diagnostic import SpecError, describe
 
 
-def open_controller(model: Model, weights: Mapping[str, FloatArray]) -> Controller:
-    """The controller of the model's `mpc` section. ValueError where it has none."""
+def open_controller(
+    model: Model, weights: Mapping[str, FloatArray], solver: Solver | None = None
+) -> Controller:
+    """The controller of the model's `mpc` section.
+
+    It solves by the C that the spec is exported to, where that exists and a compiler is there, else
+    by the reference in Python; `solver` names one of them. Raises ValueError without the section,
+    SpecError for C that is asked for and not to be had.
+    """
     if model.control is None:
         raise ValueError(f"the spec of `{model.name}` has no `mpc` section")
     known = {parameter.name for parameter in model.control.program.parameters}
-    return Controller(trained(model.control, {n: w for n, w in weights.items() if n in known}))
+    problem = trained(model.control, {n: w for n, w in weights.items() if n in known})
+    functions = HorizonFunctions(problem)
+    return Controller(problem, functions, _method(model, problem, functions, solver))
+
+
+def _method(
+    model: Model, problem: ControlProblem, functions: HorizonFunctions, solver: Solver | None
+) -> Method:
+    reference = ReferenceMethod(problem, functions)
+    if solver == "python":
+        return reference
+    if any(block > 1 for block in problem.blocks):
+        if solver is None:
+            return reference
+        place = None if model.spec.mpc is None else model.spec.mpc.place.key
+        raise SpecError([predictive_control.unsupported_blocks(place)], model.sources)
+    try:
+        # jinja2 and the emitter are loaded only where something is compiled
+        from msnn.control.compiled_method import CompiledMethod
+
+        return CompiledMethod(problem, functions)
+    except CompilerMissingError as error:
+        reason = str(error)
+    except Exception as error:
+        if os.environ.get(NO_FALLBACK):
+            raise
+        reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]
+    if solver == "c":
+        raise SpecError([predictive_control.nothing_compiles(reason)], model.sources)
+    said = describe(predictive_control.solved_in_python(reason))
+    warnings.warn(said, RuntimeWarning, stacklevel=4)
+    return reference
 
 
 def open_estimator(model: Model, weights: Mapping[str, FloatArray]) -> KalmanFilter:

@@ -1,6 +1,6 @@
-"""E1140-E1149: controllers that cannot be exported."""
+"""E1140-E1149, W1120: controllers that cannot be exported or compiled."""
 
-from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 
@@ -23,3 +23,15 @@ def unsuited_key(key: str, place: Span | None) -> Diagnostic:
     message = f"`{key}` says nothing of a controller"
     repair = "the `mpc` section says what it controls and what is fed back"
     return error("E1143", place, message, "here", help=repair)
+
+
+def nothing_compiles(reason: str) -> Diagnostic:
+    """E1144: C asked for to solve by, where there is none."""
+    repair = 'install a C compiler, or leave `solver="c"` out'
+    return error("E1144", None, f"no compiled controller can solve here: {reason}", help=repair)
+
+
+def solved_in_python(reason: str) -> Diagnostic:
+    """W1120: solves that C would do in a fraction of the time."""
+    message = f"the controller solves in Python, which takes far longer than its C: {reason}"
+    return warning("W1120", None, message)

@@ -27,8 +27,15 @@ print(json.dumps(printed))
 """
 
 
+def readme_code(readme: Path) -> str:
+    """The Python blocks of a README, which go on where the one before ended."""
+    blocks = re.findall(r"```python\n(.*?)```", readme.read_text(encoding="utf-8"), re.DOTALL)
+    assert blocks
+    return "\n".join(blocks)
+
+
 def run_example(readme: Path) -> str:
-    """What the only Python block of the README prints; AssertionError where it fails."""
+    """What the Python blocks of the README print; AssertionError where they fail."""
     (printed,) = run_examples([readme])
     return printed
 
@@ -37,9 +44,8 @@ def run_examples(readmes: Sequence[Path]) -> list[str]:
     """The same of several, one after the other in one process: libraries are imported once."""
     scripts: list[str] = []
     for readme in readmes:
-        (code,) = re.findall(r"```python\n(.*?)```", readme.read_text(encoding="utf-8"), re.DOTALL)
         script = readme.parent / "example.py"
-        script.write_text(code, encoding="utf-8")
+        script.write_text(readme_code(readme), encoding="utf-8")
         scripts.append(str(script))
     done = subprocess.run(
         [sys.executable, "-c", _RUN_ALL, *scripts],

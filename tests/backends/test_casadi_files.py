@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import casadi
 import numpy as np
@@ -13,7 +14,8 @@ from backends.casadi_function.files import write_casadi
 from backends.casadi_function.function import build_function
 from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
-from tests.backends.readme_code import run_example
+from tests.backends import casadi_tools
+from tests.backends.readme_code import readme_code, run_example
 from tests.programs import SAMPLES
 
 
@@ -74,6 +76,43 @@ def test_the_readme_runs(name: str, tmp_path: Path):
     paths = write_casadi(program, None, tmp_path, "model")
     printed = run_example(paths[3])
     assert program.outputs[0].name in printed
+
+
+@pytest.mark.parametrize("name", ["joint_arm", "spring_damper_rk4", "preview_driver"])
+def test_the_readme_makes_models_of_do_mpc_and_acados(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """do-mpc 5.1.2 closed a loop by this text; here both are told and compared with the step."""
+    casadi_tools.install(monkeypatch)
+    paths = write_casadi(to_step_form(SAMPLES[name]().program), None, tmp_path, "model")
+    shown: dict[str, Any] = {"__file__": str(paths[3])}
+    exec(readme_code(paths[3]), shown)  # noqa: S102  (what its readers do)
+    shown["decided"] = shown["ports"]["inputs"][:1]
+    known = shown["ports"]["inputs"][1:]
+    told, model = shown["do_mpc_model"](), shown["acados_model"]()
+    assert told.is_set_up
+    assert told.types == ("discrete", "MX")
+    assert [list(names) for names in told.variables.values()] == [
+        shown["ports"]["states"],
+        shown["decided"],
+        known,
+    ]
+    assert model.name == "model"
+    x, u, known_ahead = (casadi.vertcat(*names.values()) for names in told.variables.values())
+    following = casadi.vertcat(*(told.following[name] for name in shown["ports"]["states"]))
+    of_do_mpc = casadi.Function("told", [x, u, known_ahead], [following])
+    of_acados = casadi.Function("told", [model.x, model.u, model.p], [model.disc_dyn_expr])
+    step, random = shown["step"], np.random.default_rng(0)
+    values = {n: random.uniform(0.1, 0.9, step.size_in(n)) for n in shown["ports"]["states"]}
+    values |= {n: random.uniform(0.1, 0.9, step.size_in(n)) for n in shown["ports"]["inputs"]}
+    found = step.call({**values, **shown["parameters_of"](step)})
+    expected = np.concatenate([np.array(found[after]).ravel() for after in shown["following"]])
+    parts = [
+        np.concatenate([np.empty(0), *(values[n].ravel() for n in names)])
+        for names in (shown["ports"]["states"], shown["decided"], known)
+    ]
+    for function in (of_do_mpc, of_acados):
+        np.testing.assert_array_equal(np.array(function(*parts)).ravel(), expected)
 
 
 def test_a_weight_of_a_wrong_shape_writes_nothing(program: Program, tmp_path: Path):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msnn
 from msnn.control.controller import Controller
+from msnn.control.method import Solver
 from msnn.model.model import Model
 
 DOUBLE_INTEGRATOR = """
@@ -44,9 +45,9 @@ def load(folder: Path, text: str) -> Model:
     return msnn.load(path)
 
 
-def controller(folder: Path, text: str) -> Controller:
+def controller(folder: Path, text: str, solver: Solver | None = None) -> Controller:
     """Its controller, at the initial weights."""
-    return msnn.mpc(load(folder, text))
+    return msnn.mpc(load(folder, text), solver=solver)
 
 
 def mpc(**keys: str) -> str:

@@ -1,4 +1,4 @@
-"""Plants of the gallery: the Python controller, ipopt and fatrop find the same optimum."""
+"""Plants of the gallery: both controllers, ipopt and fatrop find the same optimum."""
 
 from __future__ import annotations
 
@@ -10,16 +10,21 @@ import pytest
 import msnn
 from compiler.ir.ops import Constant
 from msnn.control.controller import Controller
+from msnn.control.method import Solver
 from tests.control.gallery_problems import PROBLEMS
 
+SOLVERS = (None, "python")
 KINKED = {"quarter_car"}
 """Whose optimum lies on a kink, where no solver of smooth problems gets to the tolerance."""
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("name", sorted(PROBLEMS.keys() - KINKED))
-def test_solved_at_the_cost_of_ipopt_and_fatrop(name: str, tmp_path: Path) -> None:
+def test_solved_at_the_cost_of_ipopt_and_fatrop(
+    name: str, solver: Solver | None, tmp_path: Path
+) -> None:
     problem = PROBLEMS[name]
-    controller = msnn.mpc(problem.model(name, tmp_path))
+    controller = msnn.mpc(problem.model(name, tmp_path), solver=solver)
     given = {"references": problem.references, "disturbances": problem.disturbances}
     found = controller.solve(problem.x, **given)
     assert found.status == 0
@@ -27,16 +32,17 @@ def test_solved_at_the_cost_of_ipopt_and_fatrop(name: str, tmp_path: Path) -> No
     assert controller.residuals(found).largest <= 1.001e-6
     assert found.given is not None
     assert found.plan is not None
-    for solver in ("ipopt", "fatrop"):
-        other = controller.casadi(solver).solve(found.given, found.plan)
+    for name_of_other in ("ipopt", "fatrop"):
+        other = controller.casadi(name_of_other).solve(found.given, found.plan)
         # KKT 1e-6 leaves some 1e-6 · rows of the cost; fatrop may call a last step too small
-        assert found.cost == pytest.approx(other.cost, rel=1e-6, abs=1e-6), solver
+        assert found.cost == pytest.approx(other.cost, rel=1e-6, abs=1e-6), name_of_other
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("name", sorted(PROBLEMS))
-def test_closed_loop_stays_within_limits(name: str, tmp_path: Path) -> None:
+def test_closed_loop_stays_within_limits(name: str, solver: Solver | None, tmp_path: Path) -> None:
     problem = PROBLEMS[name]
-    controller = msnn.mpc(problem.model(name, tmp_path))
+    controller = msnn.mpc(problem.model(name, tmp_path), solver=solver)
     given = {"references": problem.references, "disturbances": problem.disturbances}
     for k in range(4):
         found = controller.solve(problem.x if k == 0 else None, **given)

@@ -116,7 +116,7 @@ def test_iterations_that_run_out(tmp_path: Path) -> None:
 
 def test_fixed_iterations_are_neither_more_nor_fewer(tmp_path: Path) -> None:
     section = mpc(bounds=BOUNDS, solver="{interior_point: {mode: fixed, iterations: 7}}")
-    own = controller(tmp_path, DOUBLE_INTEGRATOR + section)
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + section, "python")
     counts = {own.solve({"p": 1.0, "v": 0.1 * k}).iterations for k in range(4)}
     assert counts == {7}
 

@@ -1,0 +1,114 @@
+"""Solves from sample to sample by the interior-point method in Python: the reference."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from compiler.optimal_control.horizon import Array, Given
+from compiler.optimal_control.problem import ControlProblem
+from msnn.control.barrier_limits import BarrierLimits
+from msnn.control.control_range import ControlRange
+from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.interior_point import InteriorPoint, Outcome
+from msnn.control.iterate import Iterate
+from msnn.control.method import Found, Solver
+from msnn.control.solution import Status
+
+_FAR = 1e4
+"""A cold start that leads beyond so many scales is no help."""
+
+
+class ReferenceMethod:
+    """The method of one controller, with the plan of its last solve."""
+
+    name: Solver = "python"
+
+    def __init__(self, problem: ControlProblem, functions: HorizonFunctions) -> None:
+        self._problem, self._functions = problem, functions
+        self._last: Iterate | None = None
+        self._is_good = False
+
+    def forget(self, applied: Array | None) -> None:
+        self._last, self._is_good = None, False
+
+    def solve(self, given: Given, allowed: ControlRange, resting: Array) -> Found:
+        method = InteriorPoint(self._functions, given)
+        stops = self._problem.mode == "converged"
+        iterations, tolerance = self._problem.iterations, self._problem.tolerance
+        solve = partial(method.solve, iterations=iterations, tolerance=tolerance, stops=stops)
+        outcome: Outcome | None = None
+        if self._last is not None and self._is_good:
+            before = _shifted(self._last)
+            controls = allowed.blocked(before.controls)
+            outcome = solve(before.states, controls, before)
+        if outcome is None or (stops and not outcome.residual <= tolerance):
+            states, controls = self._cold(given, allowed, resting)
+            again = solve(states, controls, None)
+            if outcome is None or not outcome.residual <= again.residual:
+                outcome = again
+        return self._found(given, allowed, outcome)
+
+    def _cold(self, given: Given, allowed: ControlRange, resting: Array) -> tuple[Array, Array]:
+        """A plan to begin with: the last one clipped and rolled out, or what is applied now."""
+        n, scale = self._problem.horizon, self._functions.scale_u
+        controls = np.tile(resting / scale, (n, 1))
+        if self._last is not None:
+            controls = _shifted(self._last).controls
+        controls = allowed.nearest(np.where(np.isfinite(controls), controls, 0.0))
+        states = self._functions.rollout(given, controls)
+        start = given.state / self._functions.scale_x
+        limit = _FAR * max(1.0, float(np.max(np.abs(start), initial=0.0)))
+        if not np.all(np.abs(states) <= limit):
+            states = np.tile(start, (n + 1, 1))
+        return states, controls
+
+    def _found(self, given: Given, allowed: ControlRange, outcome: Outcome) -> Found:
+        f, tolerance = self._functions, self._problem.tolerance
+        is_solved = bool(outcome.residual <= tolerance)
+        is_finite = np.isfinite(outcome.residual)
+        self._last, self._is_good = outcome.iterate if is_finite else None, is_solved
+        controls = allowed.nearest(outcome.iterate.controls)
+        violation = outcome.violation
+        if not is_solved:
+            violation = float(np.maximum(violation, self._violation(given, controls)))
+        keeps = violation <= max(tolerance, 1e-6)
+        status = Status.SOLVED if is_solved else Status.CAPPED
+        return Found(
+            status=status if is_finite and keeps else Status.INFEASIBLE,
+            plan=f.plan(outcome.iterate.states, controls),
+            multipliers=f.multipliers(outcome.iterate.multipliers),
+            residual=outcome.residual,
+            violation=violation,
+            iterations=outcome.iterations,
+        )
+
+    def _violation(self, given: Given, controls: Array) -> float:
+        """Of hard limits where the controls lead: a plan with gaps may keep them by its gaps."""
+        if not any(path.hard for path in self._problem.path_limits):
+            return 0.0
+        with np.errstate(all="ignore"):
+            states = self._functions.rollout(given, controls)
+            values = self._functions.values(given, states, controls)
+            return BarrierLimits(self._functions, given).violation(values)
+
+
+def _shifted(before: Iterate) -> Iterate:
+    """The plan of the sample before, as it is from now on; its end is repeated."""
+
+    def later(values: Array) -> Array:
+        return np.concatenate([values[1:], values[-1:]])
+
+    def inside(values: Array) -> Array:
+        """Stage N lacks limits that stage N−1 has: that one is repeated."""
+        return np.concatenate([values[1:-1], values[-2:-1], values[-1:]])
+
+    return Iterate(
+        later(before.states),
+        later(before.controls),
+        inside(before.slacks),
+        inside(before.multipliers),
+        inside(before.excesses),
+        inside(before.excess_multipliers),
+    )
