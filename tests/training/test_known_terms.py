@@ -238,7 +238,7 @@ def _without_prior() -> tuple[Program, Sequence[Stage]]:
         ("init: 0, min: -1", '{few: "group(w, over=column)"}', "E0967"),
         ("init: 0", '{few: "group(2 * w, over=column)"}', "E0967"),
         ("init: 0", '{a: "group(w, over=column)", b: "group(w, over=column)"}', "E0968"),
-        ("init: 0", '{a: "group(w)"}', "E0305"),
+        ("init: 0", '{a: "group(w)"}', "E0352"),
         ("init: 0", '{a: "group(w, over=side)"}', "E0406"),
     ],
 )
