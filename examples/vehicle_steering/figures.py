@@ -50,22 +50,22 @@ def _curvature(judged: Judged, path: Path) -> None:
     error = 1e3 * (own.predicted - own.true)
     below.plot(own.time[::SPARSE], error[::SPARSE], "C1", label="controller and learned vehicle")
     below.set(xlabel="time, s", ylabel="error, 0.001/m", ylim=(-4, 4))
-    below.legend(loc="upper right", ncols=3)
+    _legend_above(below)
     _save(figure, path)
 
 
 def _paths(judged: Judged, path: Path) -> None:
     """The test road from above, and how far beside it each controller drives."""
-    figure, (above, below) = plt.subplots(2, 1, figsize=(8, 6), height_ratios=(3, 2))
+    figure, (above, below) = plt.subplots(2, 1, figsize=(8, 5), height_ratios=(3, 2))
     road, nominal = draw(TEST), VARIATIONS[0].name
-    above.plot(road.x[::40], road.y[::40], "k", linewidth=0.6)
+    above.plot(-road.y[::40], road.x[::40], "k", linewidth=0.6)  # turned: it leads down
     above.set(aspect="equal", xlabel="m", ylabel="m", title="the test road")
     for name in ("kinematic", "filters", "mlp", "stanley", "controller"):
         run = judged.runs[name, nominal]
         width = 1.4 if name == "controller" else 0.8
         below.plot(run.way[::SPARSE], run.offset[::SPARSE], linewidth=width, label=TITLES[name])
     below.set(xlabel="along the road, m", ylabel="offset to the left, m")
-    below.legend(loc="upper right", ncols=3)
+    _legend_above(below)
     _save(figure, path)
 
 
@@ -88,6 +88,11 @@ def _learned(folder: Path, path: Path) -> None:
     axes[1, 1].plot(back[:-1], controller["w0"], ".-")
     axes[1, 1].set(title="controller: its past angles", xlabel="s")
     _save(figure, path)
+
+
+def _legend_above(axes: plt.Axes) -> None:
+    """In a line over the axes, where it covers no curve."""
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5, fontsize=7, frameon=False)
 
 
 def _parameters(folder: Path, spec: str) -> dict[str, Array]:
