@@ -58,6 +58,9 @@ _Output = Annotated[
 ADDED = ("be_quiet", "be_verbose", "write_to")
 """The parameters that verbs get."""
 
+STANDARD_OUTPUT = Path("-")
+"""As `-o` of other tools has it."""
+
 _OWN_PLACES = {"out", "output"}
 """Parameters of verbs that have a place of their own for what they write."""
 
@@ -91,6 +94,7 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
 def _behave(is_quiet: bool, is_verbose: bool, output: Path | None = None) -> None:
     if is_quiet and is_verbose:
         raise typer.BadParameter("excludes `--verbose`", param_hint="'--quiet'")
-    NOW.is_quiet, NOW.is_verbose, NOW.output = is_quiet, is_verbose, output
-    if output is not None:
+    NOW.is_quiet, NOW.is_verbose = is_quiet, is_verbose
+    if output not in (None, STANDARD_OUTPUT):
+        NOW.output = output
         LINE_WIDTH.set(None)

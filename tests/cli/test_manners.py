@@ -66,6 +66,11 @@ def test_the_result_goes_to_a_file(msnn: CommandLine, project: Path):
     assert (project / "interface.txt").read_text() == shown.out
 
 
+def test_a_dash_is_standard_output(msnn: CommandLine, project: Path):
+    assert msnn("show", SPEC, "-o", "-").out == msnn("show", SPEC).out
+    assert not (project / "-").exists()
+
+
 def test_a_result_that_says_what_is_wrong_is_written_too(msnn: CommandLine, project: Path):
     change(project, "k*x", "kk*x")
     said = msnn("check", SPEC, "--format", "sarif", "--output", "found.sarif")
