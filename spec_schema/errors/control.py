@@ -128,3 +128,10 @@ def unused_reference(name: str, span: Span) -> Diagnostic:
     """W1101: a reference that neither cost nor bounds read."""
     message = f"the reference `{name}` is not used"
     return warning("W1101", span, message, "neither cost nor bounds read it", help="remove it")
+
+
+def beyond_range(name: str, low: str, high: str, span: Span | None) -> Diagnostic:
+    """W1102: a bound of a control that leaves more than the range of its input."""
+    message = f"the bounds of `{name}` leave more than its range, {low} … {high}"
+    help = f"bound `{name}` by its range, or declare a wider one"
+    return warning("W1102", span, message, "the controller may go beyond it", help=help)

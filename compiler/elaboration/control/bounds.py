@@ -11,7 +11,7 @@ from compiler.elaboration.control.dependence import signals_behind, signals_in_s
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.liveness import needed
 from compiler.ir.ops import Constant, ReadSignal, ReadState, Window
-from compiler.ir.program import Output, Program
+from compiler.ir.program import Output, Program, Signal
 from compiler.ir.types import Type, describe_axes
 from compiler.optimal_control.problem import ControlLimits, Limits, PathLimits
 from spec_schema.diagnostics.diagnostic import Findings
@@ -55,10 +55,25 @@ def control_limits(
             type = Type(signal.axes, signal.unit)
             program, limits = _limits(asked, program, name, bound, type, findings)
             rate = _rate(program, bound, signal.unit, findings)
+            _check_range(signal, limits, program, bound, findings)
         span = signal.span if bound is None else bound.place.key
         scale = scales.get(name, 1.0)
         found.append(ControlLimits(name=name, limits=limits, rate=rate, scale=scale, span=span))
     return program, tuple(found)
+
+
+def _check_range(
+    signal: Signal, limits: Limits, program: Program, bound: ControlBound, findings: Findings
+) -> None:
+    """Warns of numbers that the controller may set and the declared range of the input excludes."""
+    if signal.range is None:
+        return
+    low, high = _number(program, limits.minimum), _number(program, limits.maximum)
+    least, most = signal.range
+    if (low is not None and low < least) or (high is not None and high > most):
+        unit = "" if signal.unit is None else f" {signal.unit.text}"
+        ends = (f"{least:g}{unit}", f"{most:g}{unit}")
+        findings.report(errors.beyond_range(signal.name, *ends, bound.place.key))
 
 
 def path_limits(
