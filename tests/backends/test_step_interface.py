@@ -77,4 +77,5 @@ def test_a_readme_shows_a_name_as_one_line_of_text():
     name = one_line("a`b\n```python\nraise SystemExit\n```<script>")
     text = readme_text("casadi", model=name, prefix="model")
     assert text.splitlines()[0] == "# a'b '''python raise SystemExit '''‹script› for CasADi"
-    assert text.count("```") == 2
+    harmless = readme_text("casadi", model="a", prefix="model")
+    assert text.count("```") == harmless.count("```") > 0
