@@ -131,8 +131,13 @@ def _save(figure: plt.Figure, path: Path) -> None:
     figure.tight_layout()
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
-    text = re.sub(r"(\d\.\d\d)\d+", r"\1", path.read_text(encoding="utf-8"))
+    text = re.sub(r"<[^>]*>", _short, path.read_text(encoding="utf-8"))
     path.write_text(re.sub(r" *\n(?=[LMQCz])", " ", text), encoding="utf-8")
+
+
+def _short(tag: re.Match[str]) -> str:
+    """A tag with numbers of two decimals; what stands between tags is text to read."""
+    return re.sub(r"(\d\.\d\d)\d+", r"\1", tag.group())
 
 
 def main() -> None:
