@@ -79,9 +79,11 @@ def walk(python: str, wheel: Path, folder: Path) -> dict[str, bytes]:
         if said.returncode:
             print(said.stdout, said.stderr, sep="\n", file=sys.stderr)
             raise SystemExit(f"light path: `msnn {' '.join(command)}` failed with {python}")
-    files = [*(folder / "build" / "c").glob("*.[ch]")]
+    sources = [*(folder / "build" / "c").rglob("*.[ch]")]
+    if not sources:
+        raise SystemExit(f"light path: no C was exported with {python}")
     parameters = folder / "runs" / "plant" / "latest" / "weights.safetensors"
-    return {path.name: path.read_bytes() for path in (*files, parameters)}
+    return {path.name: path.read_bytes() for path in (*sources, parameters)}
 
 
 if __name__ == "__main__":

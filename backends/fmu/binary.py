@@ -11,8 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import templates
-from backends.c.host.build import CompilerFailedError
-from backends.files.run_compiler import CompilerTooSlowError, run_compiler
+from backends.c.host.build import compile_with
 from backends.fmu.sources import Version
 
 HEADERS = Path(templates.__path__[0]) / "fmu" / "headers"
@@ -62,17 +61,8 @@ def _compiled(sources: tuple[tuple[str, str], ...], compiler: tuple[str, ...]) -
         for name, text in sources:
             (folder / name).write_text(text, encoding="utf-8")
         library = folder / "unit.library"
-        command = [
-            *compiler,
-            *("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared"),
-            *("-s", f"-I{HEADERS}", f"-I{folder}"),
-            *(str(folder / name) for name, _ in sources if name.endswith(".c")),
-            *("-o", str(library), "-lm"),
-        ]
-        try:
-            done = run_compiler(command)
-        except CompilerTooSlowError as error:
-            raise CompilerFailedError(command, f"it {error}") from None
-        if done.code != 0:
-            raise CompilerFailedError(command, done.errors + done.output)
+        flags = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared")
+        texts = [str(folder / name) for name, _ in sources if name.endswith(".c")]
+        arguments = ["-s", f"-I{HEADERS}", f"-I{folder}", *texts]
+        compile_with([*compiler, *flags], arguments, library)
         return library.read_bytes()

@@ -86,7 +86,7 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
         for name, (annotation, default) in options.items()
     ]
     parameters = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in own.parameters.values()]
-    mannered.__signature__ = Signature([*parameters, *added])  # type: ignore[attr-defined]
+    mannered.__signature__ = Signature([*parameters, *added])  # pyright: ignore[reportAttributeAccessIssue]
     mannered.__annotations__ = {p.name: p.annotation for p in (*parameters, *added)}
     return mannered
 

@@ -29,7 +29,7 @@ def build_library(
     Raises CompilerMissingError and CompilerFailedError.
     """
     sources = sorted(str(path) for path in (folder / "src").glob("*.c"))
-    return _compile(
+    return compile_with(
         [*(compiler or find_compiler()), "-std=c99", *flags, "-ffp-contract=off", "-fPIC"],
         ["-shared", f"-I{folder / 'include'}", *sources],
         library,
@@ -44,14 +44,18 @@ def build_test(
 ) -> Path:
     """Compiles sources and test program of a folder into an executable; its path."""
     sources = sorted(str(path) for part in ("src", "test") for path in (folder / part).glob("*.c"))
-    return _compile(
+    return compile_with(
         [*(compiler or find_compiler()), "-std=c99", *flags, "-ffp-contract=off"],
         [f"-I{folder / 'include'}", *sources],
         program,
     )
 
 
-def _compile(head: Sequence[str], arguments: Sequence[str], result: Path) -> Path:
+def compile_with(head: Sequence[str], arguments: Sequence[str], result: Path) -> Path:
+    """The file that a compiler with its flags makes of the arguments.
+
+    Raises CompilerFailedError with what it said, also where it takes too long.
+    """
     command = [*head, *arguments, "-o", str(result), "-lm"]
     try:
         done = run_compiler(command)
