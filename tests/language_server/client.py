@@ -15,6 +15,8 @@ from typing import Any
 _START = "import sys; from msnn.cli.application import run; sys.exit(run(['lsp']))"
 _PATIENCE = 120
 """Seconds until an answer is given up: no measure of anything."""
+_END: dict[str, Any] = {}
+"""Comes after the last message."""
 
 
 class Client:
@@ -122,6 +124,7 @@ class Client:
                 return message
         while True:
             message = self._came.get(timeout=_PATIENCE)
+            assert message is not _END, f"the server ended: {self.process.wait()}"
             if wanted(message):
                 return message
             self._kept.append(message)
@@ -134,6 +137,7 @@ class Client:
             while stream.readline().strip():
                 pass
             self._came.put(json.loads(stream.read(length)))
+        self._came.put(_END)
 
 
 @contextmanager
