@@ -15,6 +15,7 @@ class GraphFormat(StrEnum):
     """What draws the graph."""
 
     MERMAID = "mermaid"
+    SVG = "svg"
 
 
 def show(
@@ -35,7 +36,8 @@ def show(
         bool, typer.Option("--interface", help="Print the ports of every export.")
     ] = False,
     graph: Annotated[
-        GraphFormat | None, typer.Option("--graph", help="Print signals and formulas as a graph.")
+        GraphFormat | None,
+        typer.Option("--graph", help="Print signals and formulas as a graph: text, or a picture."),
     ] = None,
     latex: Annotated[bool, typer.Option("--latex", help="Print the equations as LaTeX.")] = False,
     settings: Settings = None,
@@ -86,8 +88,12 @@ def show(
         from msnn.exports.describe import exports_text
 
         result(exports_text(model))
+    elif graph is GraphFormat.SVG:
+        from msnn.reports.diagram.svg import architecture_svg
+
+        result(architecture_svg(model.spec))
     elif graph is not None:
-        from msnn.reports.graph import mermaid_text
+        from msnn.reports.diagram.mermaid import mermaid_text
 
         result(mermaid_text(model.spec))
     elif latex:
