@@ -67,7 +67,7 @@ def channels(signals: Sequence[Signal]) -> list[Channel]:
         low, high = signal.range or (None, None)
         for index in _indices(signal.axes):
             name = element_name(signal.name, index)
-            unit = _text(signal.unit)
+            unit = unit_of(signal.unit)
             found.append(
                 Channel(name=name, source=signal.name, index=index, unit=unit, low=low, high=high)
             )
@@ -92,7 +92,7 @@ def output_channels(program: Program) -> list[Channel]:
                     name=element_name(output.name, index),
                     source=output.name,
                     index=index,
-                    unit=_text(unit),
+                    unit=unit_of(unit),
                     low=low,
                     high=high,
                     predicts=None
@@ -108,5 +108,6 @@ def _indices(axes: Sequence[Axis]) -> list[tuple[int, ...]]:
     return list(islice(np.ndindex(*(axis.size for axis in axes)), MOST_ELEMENTS))
 
 
-def _text(unit: Unit | None) -> str:
-    return "" if unit is None else unit.text
+def unit_of(unit: Unit | None) -> str:
+    """As axes have it: nothing where there is none, or where a number has none."""
+    return "" if unit is None or unit.text == "1" else unit.text

@@ -19,7 +19,7 @@ from compiler.ir.types import WINDOW
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.model.load import load_model
 from msnn.model.model import Model
-from msnn.reports.drawn import MOST_ELEMENTS, element_name
+from msnn.reports.drawn import MOST_ELEMENTS, element_name, unit_of
 from msnn.simulation.simulate import simulate
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
@@ -212,7 +212,7 @@ def _ranges(
         if len(values) and values.min() < values.max():
             text = texts[int(output.name.removeprefix("argument"))]
             low, high = float(values.min()), float(values.max())
-            found[text] = _Argument(low, high, "" if unit is None else unit.text)
+            found[text] = _Argument(low, high, unit_of(unit))
     return found
 
 
@@ -248,13 +248,12 @@ def _evaluated(
             at = "" if level is None else f"{candidate.arguments[1]} = {level:.4g}"
             label = " ".join(filter(None, (element, at, arguments[-1].unit if at else "")))
             curves.append(Curve(label=label or candidate.title, y=y[:, number]))
-    unit = "" if type.unit is None else type.unit.text
     name = candidate.title.partition("(")[0]
     return LearnedFunction(
         title=candidate.title,
         x=x,
         x_label=_with_unit(candidate.arguments[0], first.unit),
-        y_label=_with_unit(name, unit),
+        y_label=_with_unit(name, unit_of(type.unit)),
         curves=tuple(curves[:8]),
     )
 

@@ -136,6 +136,8 @@ def _call(call: Call) -> str:
 def _function(function: Name | Member) -> str:
     if isinstance(function, Name) and "_" not in function.name:
         return _text(function.name)
+    if isinstance(function, Member):
+        return _text(f"{function.base}.{function.name}")
     return expression_mathml(function)
 
 

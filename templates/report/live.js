@@ -2,6 +2,7 @@
 'use strict';
 
 const LIVE = DATA.live;
+let bench = null;
 
 class LiveModel {
   constructor(instance) {
@@ -77,13 +78,13 @@ class Bench {
     this.bits = 0;
     this.series = {inputs: LIVE.inputs.map((f) => f.elements.map(() => [])), outputs: LIVE.outputs.map((f) => f.elements.map(() => []))};
     const {calls} = this.model;
-    if (this.record && LIVE.start.every((f) => f.signal)) {
+    if (LIVE.start.length && LIVE.start.every((f) => f.signal)) {
       LIVE.start.forEach((field, i) => this.fill(this.model.starts[i], field, 0));
       this.bits |= calls.reset();
     } else calls.init();
-    this.sliders.forEach((row, i) => {
+    this.sliders.forEach((row) => {
       const off = this.record !== null || (row.feed !== null && row.feed.checked);
-      for (const {knob} of row.knobs) knob.disabled = off && (this.record !== null || i >= 0);
+      for (const {knob} of row.knobs) knob.disabled = off;
     });
     this.show(false);
   }
@@ -97,12 +98,12 @@ class Bench {
   }
 
   sample(field, e, k, record) {
-    const i = LIVE.inputs.indexOf(field), row = this.sliders[i];
+    const i = LIVE.inputs.findIndex((f) => f.name === field.name), row = this.sliders[i];
     if (row && row.feed && row.feed.checked) {
       const fed = this.fed.get(`${i} ${e} ${k}`);
       if (fed !== undefined) return fed;
     }
-    if (!record) return row ? row.values[e] : 0;
+    if (!record) return row ? row.values[e] : field.initial;
     const found = signal_of(record, field.names[e]);
     return found ? found.values[clamp(k - found.at, 0, found.values.length - 1)] : 0;
   }
@@ -180,7 +181,6 @@ class Bench {
     if (this.chart) this.chart.show(spec); else this.chart = new Chart(place, spec);
     const names = Object.entries(LIVE.status).filter(([bit]) => this.bits & Number(bit)).map(([, name]) => name);
     this.said.textContent = `${count} ${count === 1 ? 'step' : 'steps'}${names.length ? `; status: ${names.join(', ')}` : ''}`;
-    for (const row of this.sliders) if (row.feed && row.feed.checked) row.knobs.forEach(({knob}) => { knob.disabled = true; });
   }
 }
 
@@ -197,7 +197,7 @@ async function live() {
     said.textContent = `${count} of ${found.all} golden steps ${promised}, as the same C does on a controller.`;
     said.className = (LIVE.exact ? fine : found.agrees) ? 'verdict good' : 'verdict bad';
     document.getElementById('bench').hidden = false;
-    new Bench(model);
+    bench = new Bench(model);
   } catch (error) {
     said.textContent = `The model does not run here: ${error.message}`;
     said.className = 'verdict bad';

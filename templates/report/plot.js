@@ -292,10 +292,11 @@ class Chart {
     if (limit.y !== undefined) line(g, box.left, y(limit.y), box.right, y(limit.y));
     else line(g, box.x(limit.x), box.top, box.x(limit.x), box.bottom);
     g.setLineDash([]);
-    if (!limit.label) return;
+    if (!limit.label || box.bottom - box.top < 100) return;
     g.fillStyle = this.color(limit.color || 'limit');
-    g.textAlign = limit.y !== undefined ? 'right' : 'left';
-    const at = limit.y !== undefined ? [box.right - 4, y(limit.y) - (limit.below ? -8 : 8)] : [box.x(limit.x) + 4, box.top + 9];
+    const late = limit.y === undefined && box.x(limit.x) > box.right - 60;
+    g.textAlign = limit.y !== undefined || late ? 'right' : 'left';
+    const at = limit.y !== undefined ? [box.right - 4, y(limit.y) + (limit.below ? -8 : 9)] : [box.x(limit.x) + (late ? -4 : 4), box.top + 9];
     g.fillText(limit.label, ...at);
   }
 

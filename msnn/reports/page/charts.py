@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from msnn.data.dataset import FloatArray
+from msnn.reports.drawn import unit_of
 from msnn.reports.page.packing import Plain, listed, packed
 from msnn.reports.run_summary import Run, TrainedStage
 from msnn.validation.correlations import Correlation
@@ -84,7 +85,7 @@ def _in_band(name: str, found: Correlation, number: int) -> list[Plain]:
 def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
     curve = found.curve
     assert curve is not None
-    unit = "" if found.unit is None else found.unit.text
+    unit = unit_of(found.unit)
     limits = [
         {"y": row.maximum, "label": "limit of the mean", "far": True}
         for row in rows

@@ -24,7 +24,7 @@ def _chart(function: LearnedFunction) -> Plain:
                 "color": f"c{number % 7 + 1}",
                 "y": listed(curve.y) if function.is_taps else packed(curve.y),
                 "wide": True,
-                **({"kind": "stem"} if function.is_taps and len(curve.y) <= 400 else {}),
+                **({"kind": "stem"} if function.is_taps and len(function.curves) == 1 else {}),
             }
             for number, curve in enumerate(function.curves)
         ],

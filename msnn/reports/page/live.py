@@ -14,13 +14,14 @@ import numpy as np
 
 from backends.c.host.build import CompilerFailedError
 from backends.c.host.struct_memory import NUMBERS, Struct
+from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.failures import MissingExtraError
 from msnn.exports.export import plan_exports, write_export
 from msnn.model.model import Model
 from msnn.reports.drawn import MOST_ELEMENTS, element_name
 from msnn.reports.page.packing import Plain
-from msnn.reports.page.records import Margin
+from msnn.reports.page.records import Ports
 from msnn.reports.page.web_assembly import web_assembly
 from msnn.verification.exported_c import read_exported_c
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
@@ -36,8 +37,7 @@ class LiveModel:
     """What the page needs to run the model."""
 
     values: Plain
-    margin: Margin
-    """What its ports read of a record beyond a run."""
+    ports: Ports
     memory: Mapping[str, int]
     """Bytes of one instance, and of its trained values, by what they are."""
 
@@ -92,7 +92,7 @@ def live_model(
         },
         "expected": expected,
         "inputs": inputs,
-        "outputs": _outputs(about),
+        "outputs": _outputs(about, model.program),
         "start": _ports(about, "init", "start_windows", data),
         "feeds": _starts_alone(model),
     }
@@ -100,7 +100,7 @@ def live_model(
         port["fed_by"] = _fed_by(port, values["outputs"])
     return LiveModel(
         values=values,
-        margin=_margin([*inputs, *values["start"]], values["outputs"]),
+        ports=_ports_read([*inputs, *values["start"]], values["outputs"]),
         memory=_memory(about["c"]),
     )
 
@@ -127,7 +127,7 @@ def _port(field: Plain, offset: int, port: Plain | None, data: Dataset | None) -
     return {
         "name": field["name"],
         "signal": None if port is None else port["name"],
-        "unit": (port or {}).get("unit") or "",
+        "unit": _unit(port),
         "doc": (port or {}).get("doc", "").strip().partition("\n")[0],
         "offset": offset,
         "size": size,
@@ -142,6 +142,11 @@ def _port(field: Plain, offset: int, port: Plain | None, data: Dataset | None) -
     }
 
 
+def _unit(port: Plain | None) -> str:
+    unit = None if port is None else port["unit"]
+    return "" if unit in (None, "1") else str(unit)
+
+
 def _indices(shape: Sequence[int], count: int, has_window: bool) -> list[tuple[int, ...]]:
     """Of the elements, without the window, which is the last axis."""
     axes = shape[:-1] if has_window else shape
@@ -149,23 +154,25 @@ def _indices(shape: Sequence[int], count: int, has_window: bool) -> list[tuple[i
     return found if len(found) == count else [(number,) for number in range(count)]
 
 
-def _outputs(about: Plain) -> list[Plain]:
+def _outputs(about: Plain, program: Program) -> list[Plain]:
+    """The fields that hold what a step answers, and which signal each predicts."""
+    ahead = {output.name: output.predicts for output in program.outputs}
     described = {port["port"]: port for port in about["outputs"]}
     found: list[Plain] = []
     for field, offset in _fields(about["c"], "out"):
         port = described[field["field"]]
         size = int(np.prod(field["shape"], dtype=np.int64))
-        predicts = port["predicts"] or {}
+        predicts = ahead.get(field["name"])
         indices = list(np.ndindex(*field["shape"]))[:MOST_ELEMENTS]
         found.append(
             {
                 "name": field["name"],
-                "unit": port["unit"] or "",
+                "unit": _unit(port),
                 "offset": offset,
                 "size": size,
                 "elements": [element_name("", index) for index in indices],
-                "predicts": predicts.get("signal"),
-                "ahead": predicts.get("ahead", 0),
+                "predicts": None if predicts is None else predicts.signal,
+                "ahead": 0 if predicts is None else predicts.ahead - about.get("late", 0),
             }
         )
     return found
@@ -208,10 +215,14 @@ def _fed_by(port: Plain, outputs: Sequence[Plain]) -> int | None:
     return None
 
 
-def _margin(ports: Sequence[Plain], outputs: Sequence[Plain]) -> Margin:
+def _ports_read(ports: Sequence[Plain], outputs: Sequence[Plain]) -> Ports:
     back = max([0, *(-port["first"] for port in ports)])
     last = max([0, *(port["last"] for port in ports)])
-    return Margin(back=back, ahead=max([last, *(output["ahead"] for output in outputs)]))
+    return Ports(
+        back=back,
+        ahead=max([last, *(output["ahead"] for output in outputs)]),
+        signals=frozenset(port["signal"] for port in ports if port["signal"] is not None),
+    )
 
 
 def _memory(layout: Plain) -> dict[str, int]:

@@ -17,6 +17,7 @@ import templates
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.model.model import Model
 from msnn.reports.diagram.svg import architecture_svg
+from msnn.reports.drawn import unit_of
 from msnn.reports.learned_functions import LearnedFunction
 from msnn.reports.page import tables
 from msnn.reports.page.charts import error_charts, training_charts
@@ -24,7 +25,7 @@ from msnn.reports.page.equations import equations
 from msnn.reports.page.functions import function_charts
 from msnn.reports.page.live import LiveModel, NotLive
 from msnn.reports.page.packing import Plain
-from msnn.reports.page.records import Margin, Records, records
+from msnn.reports.page.records import Ports, Records, records
 from msnn.reports.run_summary import Run
 from msnn.reports.training_summary import errors_note, zeros_note
 from msnn.simulation.simulate import Simulation
@@ -115,8 +116,8 @@ def page_text(contents: Contents) -> str:
 def _records(contents: Contents, live: LiveModel | None) -> Records:
     if contents.data is None:
         return Records([], [])
-    margin = Margin(back=0, ahead=1) if live is None else live.margin
-    return records(contents.model.program, contents.data, contents.simulations, margin)
+    ports = Ports(back=0, ahead=0, signals=frozenset()) if live is None else live.ports
+    return records(contents.model.program, contents.data, contents.simulations, ports)
 
 
 def _titled(charts: dict[str, Plain], kind: str, found: Any) -> list[tuple[str, str]]:
@@ -152,11 +153,15 @@ def _cards(contents: Contents) -> list[tuple[str, str, str]]:
     validation = contents.validation
     if validation is not None:
         for found in validation.measurements[:3]:
-            unit = "" if found.unit is None else f" {found.unit.text}"
+            unit = unit_of(found.unit)
             fit, rmse = found.metrics["fit"].value, found.metrics["rmse"].value
             what = f"{found.of}, {tables.rollout_text(found)}, {found.data}"
             cards.append(
-                (f"{tables.short(fit, 4)} %", f"fit · rmse {tables.short(rmse, 3)}{unit}", what)
+                (
+                    f"{tables.short(fit, 4)} %",
+                    f"fit · rmse {tables.short(rmse, 3)} {unit}".strip(),
+                    what,
+                )
             )
         limited = [row for row in validation.rows if row.passed is not None]
         if limited:

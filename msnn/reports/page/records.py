@@ -35,14 +35,15 @@ class Records:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Margin:
-    """Samples that ports of the step read before the first step and after the last one."""
+class Ports:
+    """What the running model reads of a record: samples before a run and after it, signals."""
 
     back: int
     ahead: int
+    signals: frozenset[str]
 
 
-def records(program: Program, data: Dataset, runs: Sequence[Simulation], margin: Margin) -> Records:
+def records(program: Program, data: Dataset, runs: Sequence[Simulation], ports: Ports) -> Records:
     """Every run, those of the test set first; as many as there is room for, in full first.
 
     `program` is the model's, in window form; an input that an output predicts is fed back, and not
@@ -50,7 +51,7 @@ def records(program: Program, data: Dataset, runs: Sequence[Simulation], margin:
     """
     ordered = shown_first(runs)
     outputs = output_channels(program)
-    signals = _signals(program, data)
+    signals = _signals(program, data, ports.signals)
     drawn = [channel.name for channel in channels(_open(program))]
     exact, rest = _EXACT, _REST
     shown: list[Plain] = []
@@ -67,7 +68,7 @@ def records(program: Program, data: Dataset, runs: Sequence[Simulation], margin:
             if points < _FEWEST:
                 break
             block, rest = max(int(np.ceil(2 * run.steps / points)), 1), rest - points * lines
-        shown.append(_record(run, data, outputs, signals, drawn, margin, block))
+        shown.append(_record(run, data, outputs, signals, drawn, ports, block))
     left_out = _left_out(len(runs) - len(shown), program)
     return Records(shown, left_out)
 
@@ -92,11 +93,11 @@ def _open(program: Program) -> list[Signal]:
     return [s for s in program.signals if s.role is Role.INPUT and s.name not in predicted]
 
 
-def _signals(program: Program, data: Dataset) -> list[Channel]:
+def _signals(program: Program, data: Dataset, ports: frozenset[str]) -> list[Channel]:
     """Elements of all that is read from the record, and of what outputs predict."""
     predicted = {o.predicts.signal for o in program.outputs if o.predicts is not None}
     wanted = [s for s in program.signals if s.name in data.series]
-    wanted = [s for s in wanted if s.role is Role.INPUT or s.name in predicted]
+    wanted = [s for s in wanted if s.role is Role.INPUT or s.name in predicted | ports]
     return channels(wanted)
 
 
@@ -106,12 +107,12 @@ def _record(
     outputs: Sequence[Channel],
     signals: Sequence[Channel],
     drawn: Sequence[str],
-    margin: Margin,
+    ports: Ports,
     block: int,
 ) -> Plain:
     t0 = run.record.start + run.first
-    begin = max(run.record.start, t0 - margin.back)
-    end = min(run.record.stop, t0 + run.steps + margin.ahead)
+    begin = max(run.record.start, t0 - ports.back)
+    end = min(run.record.stop, t0 + run.steps + ports.ahead)
     rows = slice(begin, end)
     kept = {
         channel.name: {**series(channel.of(data.series[channel.source][rows]), block)}
