@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from compiler.passes.close_loop import LoopError
+from msnn.model.kept_run import WEIGHTS
 from msnn.model.model_data import sources_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:
     from msnn.data.dataset import Dataset, FloatArray
     from msnn.model.model import Model
+    from msnn.reports.learned_functions import LearnedFunction
+    from msnn.reports.run_summary import Run
     from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.simulate import Simulation
     from msnn.training.records.run_log import RunLine
@@ -91,6 +94,28 @@ def report(
     )
     path = found.folder / PAGE if file is None else Path(file)
     return WrittenReport(write_text(path, text), tuple(warnings), not isinstance(live, NotLive))
+
+
+def functions_of_run(run: Run) -> tuple[LearnedFunction, ...]:
+    """What a run has learned, as functions; over the range of its data, where these are here.
+
+    None of a run that has no weights.
+    """
+    from msnn.model.load import load_model
+    from msnn.model.model_data import read_data
+    from msnn.model.weights_file import read_weights
+    from msnn.reports.learned_functions import learned_functions
+
+    weights = run.folder / WEIGHTS
+    if not weights.is_file():
+        return ()
+    model = load_model(run.folder)
+    try:
+        data = read_data(model, None, "picture")
+    except SpecError:  # a run does not keep its data: taps need none
+        data = None
+    with sources_of(model):
+        return learned_functions(model, read_weights(weights, model.program), data)
 
 
 def _measured(

@@ -82,10 +82,11 @@ def output_channels(program: Program) -> list[Channel]:
         low, high = program.expected_range(output.name) or (None, None)
         unit, predicts = type.unit, output.predicts
         if predicts is not None:
-            signal = program.signal(predicts.signal)
-            unit = unit or signal.unit
-            if low is None and high is None and signal.range is not None:
-                low, high = signal.range
+            # a simulation drops the signals that it does not read
+            for signal in (s for s in program.signals if s.name == predicts.signal):
+                unit = unit or signal.unit
+                if low is None and high is None and signal.range is not None:
+                    low, high = signal.range
         for index in _indices(type.axes):
             found.append(
                 Channel(

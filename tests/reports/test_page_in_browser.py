@@ -1,4 +1,4 @@
-"""The page of a run in Chromium: it zooms, its model runs with the bits of the C, all can use it."""
+"""The page of a run in Chromium: it zooms, its model has the bits of the C, all can use it."""
 
 from __future__ import annotations
 

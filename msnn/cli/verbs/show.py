@@ -48,7 +48,8 @@ def show(
 
     Of a model: inputs with unit and window, outputs, states, parameters, dimensions, losses. Of the
     folder of a run: stages with their losses, learned parameters with standard errors, warnings,
-    how to go on; --plot draws the losses. With one of the views it is that of the model it kept.
+    how to go on; --plot draws the losses and learned functions. With one of the views it is that of
+    the model it kept.
     """
     from msnn.cli.console import json_result, report_model, result
     from msnn.model.load import load_model
@@ -122,6 +123,8 @@ def _show_run(folder: Path, plot: Path | None, format: ResultFormat) -> None:
     else:
         result(run_text(run))
     if plot is not None:
-        from msnn.reports.plotting import plot_losses
+        from msnn.api.reports import functions_of_run
+        from msnn.reports.pictures.run import plot_run
 
-        note(f"drawn: {plot_losses(plot, [stage.epochs for stage in run.stages])}")
+        epochs = [stage.epochs for stage in run.stages]
+        note(f"drawn: {plot_run(plot, epochs, functions_of_run(run))}")
