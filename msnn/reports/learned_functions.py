@@ -88,7 +88,7 @@ def learned_functions(
     """Taps of every filter; of a model without sub-models also curves over the data's range."""
     found = list(_taps(model.program, weights))
     if data is not None and not model.read.used:
-        candidates = [*_layers(model.spec), *_equations(model.spec)]
+        candidates = [*_layers(model.spec), *_equations(model.spec, model.program)]
         found += _curves(model, weights, data, candidates)
     return tuple(found[:_MOST])
 
@@ -140,9 +140,9 @@ def _layers(spec: Spec) -> Iterator[_Candidate]:
             )
 
 
-def _equations(spec: Spec) -> Iterator[_Candidate]:
+def _equations(spec: Spec, program: Program) -> Iterator[_Candidate]:
     """Equations that one or two inputs or states decide, with something learned."""
-    learned = {n for n, p in spec.parameters.items() if p.learn} | set(spec.layers)
+    learned = {p.name.partition(".")[0] for p in program.parameters if p.learn}
     for name, equation in spec.equations.items():
         needs = _needed(spec, names_in(equation.expr))
         leaves = tuple(n for n in (*spec.inputs, *spec.states, *spec.targets) if n in needs)

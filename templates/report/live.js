@@ -51,7 +51,7 @@ class Bench {
     if (field.doc) group.append(element('p', {class: 'doc'}, field.doc));
     if (field.fed_by !== null) {
       row.feed = element('input', {type: 'checkbox'});
-      row.feed.checked = LIVE.feeds;
+      row.feed.checked = true;
       row.feed.addEventListener('change', () => this.restart());
       group.append(element('label', {class: 'feed'}, row.feed, ` fed back from ${LIVE.outputs[field.fed_by].name}`));
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from tests.conditions import require_package, require_tool
 
 
 @contextmanager
-def opened(page: Path, *, width: int = 1280, dark: bool = False) -> Iterator[Any]:
+def opened(page: Path, *, width: int = 1280, dark: bool = False) -> Generator[Any]:
     """A driver with the page; what a page of this width shows of phones is set too."""
     chromium = require_tool("chromium", "apt install chromium")
     driver = require_tool("chromedriver", "apt install chromium-driver")

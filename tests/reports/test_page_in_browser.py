@@ -87,7 +87,7 @@ def test_the_model_in_the_page_steps_as_the_exported_c(page: Any, trained_run: P
     model = models.load(trained_run)
     stepper = models.stepper(model, trained_run)
     stepper.reset(**played["start"])
-    expected = [stepper.step(F=force)["x_next"] for force in played["F"]]
+    expected = [float(stepper.step(F=force)["x_next"]) for force in played["F"]]
     assert np.array_equal(played["y"], expected)
 
 

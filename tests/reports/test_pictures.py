@@ -74,6 +74,7 @@ def test_a_validation_says_fit_and_draws_limits(
 SPEC = """
 msnn: 1
 name: learner
+sample_time: 0.1 s
 inputs: {u: {unit: V, range: [-1, 1]}, w: {unit: V}}
 targets: {y: {unit: m}}
 parameters: {a: {init: 2, unit: m}, wide: {init: 0.5, unit: V}}

@@ -51,7 +51,7 @@ def flow_of(spec: Spec) -> Flow:
     called twice may) is feedback too, where it closes the circle.
     """
     found = parts_of(spec)
-    kinds = {part.name: part.kind for part in found.parts}
+    kinds: dict[str, Kind] = {part.name: part.kind for part in found.parts}
     wires: dict[Wire, None] = {}
     uses: dict[str, list[str]] = {}
     for part in found.parts:

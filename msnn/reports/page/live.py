@@ -80,7 +80,11 @@ def live_model(
     inputs = _ports(about, "in", "inputs", data)
     if sum(len(port["elements"]) for port in inputs) > _MOST_INPUTS:
         return NotLive(f"it has more than {_MOST_INPUTS} numbers as inputs")
-    values = {
+    outputs = _outputs(about, model.program)
+    for port in inputs:
+        port["fed_by"] = _fed_by(port, outputs)
+    start = _ports(about, "init", "start_windows", data)
+    values: Plain = {
         "wasm": base64.b64encode(module).decode("ascii"),
         "dtype": about["c"]["dtype"],
         "exact": exported.exact,
@@ -92,22 +96,12 @@ def live_model(
         },
         "expected": expected,
         "inputs": inputs,
-        "outputs": _outputs(about, model.program),
-        "start": _ports(about, "init", "start_windows", data),
-        "feeds": _starts_alone(model),
+        "outputs": outputs,
+        "start": start,
     }
-    for port in inputs:
-        port["fed_by"] = _fed_by(port, values["outputs"])
     return LiveModel(
-        values=values,
-        ports=_ports_read([*inputs, *values["start"]], values["outputs"]),
-        memory=_memory(about["c"]),
+        values=values, ports=_ports_read([*inputs, *start], outputs), memory=_memory(about["c"])
     )
-
-
-def _starts_alone(model: Model) -> bool:
-    """Whether predictions are fed back at first: without a record nothing else measures them."""
-    return any(output.predicts is not None for output in model.program.outputs)
 
 
 def _ports(about: Plain, struct: str, kind: str, data: Dataset | None) -> list[Plain]:

@@ -31,9 +31,12 @@ def thinned(values: FloatArray, block: int) -> Plain:
     table = filled.reshape(count, block)
     known = ~np.isnan(table)
     low, high = np.where(known, table, np.inf), np.where(known, table, -np.inf)
-    first, second = low.min(axis=1), high.max(axis=1)
+    first: FloatArray = low.min(axis=1)
+    second: FloatArray = high.max(axis=1)
     swapped = low.argmin(axis=1) > high.argmax(axis=1)
-    pairs = np.stack((np.where(swapped, second, first), np.where(swapped, first, second)), axis=1)
+    begin = np.asarray(np.where(swapped, second, first), np.float64)
+    end = np.asarray(np.where(swapped, first, second), np.float64)
+    pairs: FloatArray = np.stack((begin, end), axis=1)
     pairs[~known.any(axis=1)] = np.nan
     return {**packed(pairs.ravel()), "every": block / 2}
 

@@ -54,7 +54,7 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
 
 
 def _inputs(program: Program, shown: Sequence[Simulation]) -> list[Channel]:
-    read = shown[0].inputs if shown else {}
+    read = {name for run in shown for name in run.inputs}
     return channels([s for s in program.signals if s.role is Role.INPUT and s.name in read])
 
 
@@ -63,7 +63,7 @@ def _left_out(
 ) -> str:
     """What the picture has no room for; empty where it has all."""
     every = sum(program.step[output.node].type.size for output in program.outputs)
-    read = sum(values[0].size for values in (shown[0].inputs if shown else {}).values())
+    read = sum(values[0].size for run in shown[:1] for values in run.inputs.values())
     missing = [
         (runs, "runs"),
         (every - outputs, "numbers of outputs"),
