@@ -192,9 +192,9 @@ async function live() {
     const model = new LiveModel(instance);
     const found = model.golden();
     const fine = found.same === found.all && found.agrees;
-    const promised = LIVE.exact ? 'give the bits of the interpreter' : 'agree with the interpreter within its rounding';
-    const count = LIVE.exact ? found.same : found.agrees ? found.all : 0;
-    said.textContent = `${count} of ${found.all} golden steps ${promised}, as the same C does on a controller.`;
+    said.textContent = LIVE.exact
+      ? `${found.same} of ${found.all} golden steps give the bits of the interpreter, as the same C does on a controller.`
+      : `${found.agrees ? 'All' : 'Not all'} ${found.all} golden steps agree with the interpreter within rounding, ${found.same} of them to the bit.`;
     said.className = (LIVE.exact ? fine : found.agrees) ? 'verdict good' : 'verdict bad';
     document.getElementById('bench').hidden = false;
     bench = new Bench(model);
