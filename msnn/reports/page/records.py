@@ -53,6 +53,7 @@ def records(program: Program, data: Dataset, runs: Sequence[Simulation], ports: 
     outputs = output_channels(program)
     signals = _signals(program, data, ports.signals)
     drawn = [channel.name for channel in channels(_open(program))]
+    lines = 3 * len(outputs) + len(signals)  # of what is thinned measured and error too
     exact, rest = _EXACT, _REST
     shown: list[Plain] = []
     for run in ordered[:_MOST_RECORDS]:
@@ -60,10 +61,8 @@ def records(program: Program, data: Dataset, runs: Sequence[Simulation], ports: 
         if many <= exact:
             block, exact = 1, exact - many
         elif not shown and many <= 20 * _EXACT:
-            block = int(np.ceil(2 * many / exact))
-            exact = 0
+            block, exact = int(np.ceil(2 * run.steps * lines / exact)), 0
         else:
-            lines = 3 * len(outputs) + len(signals)
             points = min(_POINTS, rest // max(lines, 1))
             if points < _FEWEST:
                 break
@@ -196,7 +195,8 @@ def _measured(
     assert channel.predicts is not None
     name, ahead = channel.predicts
     series_of = channel.of(data.series[channel.predicted_source])
-    there = series_of[t0 + ahead : t0 + ahead + run.steps]
-    if block <= 2 and len(there) == len(measured) and np.array_equal(there, measured, True):
+    there = series_of[t0 + ahead : min(t0 + ahead + run.steps, run.record.stop)]
+    kept, rest = measured[: len(there)], measured[len(there) :]
+    if block <= 2 and np.array_equal(there, kept, equal_nan=True) and np.isnan(rest).all():
         return {"signal": name, "ahead": ahead}
     return series(measured, block)
