@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from compiler.passes.close_loop import LoopError
-from msnn.model.kept_run import WEIGHTS
+from msnn.errors.runs import no_run
+from msnn.model.kept_run import WEIGHTS, run_of
 from msnn.model.model_data import sources_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
@@ -64,7 +65,9 @@ def report(
     from msnn.reports.page.page import Contents, page_text
     from msnn.reports.run_summary import read_run
 
-    found = read_run(Path(run))
+    if (folder := run_of(Path(run))) is None:
+        raise SpecError([no_run(str(run), ())])
+    found = read_run(folder)
     model = load_model(found.folder)
     checks = None if verification is None else _verification(Path(verification))
     chosen = choose_weights(model, None, found.folder.parent)
@@ -89,11 +92,17 @@ def report(
             live=live,
             line=_line(found.folder),
             verification=checks,
-            left_out=[warning.message for warning in warnings],
+            left_out=[*(warning.message for warning in warnings), *_undrawn(model)],
         )
     )
     path = found.folder / PAGE if file is None else Path(file)
     return WrittenReport(write_text(path, text), tuple(warnings), not isinstance(live, NotLive))
+
+
+def _undrawn(model: Model) -> list[str]:
+    if not model.read.used:
+        return []
+    return ["Of a model with sub-models only taps are drawn of what was learned."]
 
 
 def functions_of_run(run: Run) -> tuple[LearnedFunction, ...]:

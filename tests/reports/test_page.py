@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -114,3 +115,20 @@ def test_thinning_keeps_every_peak_in_its_order():
 def data_of(html: str) -> dict[str, Any]:
     (text,) = re.findall(r'id="data">(.*?)</script>', html, re.S)
     return json.loads(text)
+
+
+def test_what_is_no_run_is_named(trained_run: Path, tmp_path: Path):
+    spec = trained_run.parents[2] / "plant.msnn.yaml"
+    for path in (tmp_path, spec):
+        with pytest.raises(SpecError) as caught:
+            report(path)
+        assert [each.code for each in caught.value.diagnostics] == ["E0980"]
+
+
+def test_a_run_without_weights_has_no_page(trained_run: Path, tmp_path: Path):
+    shutil.copytree(trained_run.parent, tmp_path / "runs")
+    copy = tmp_path / "runs" / trained_run.name
+    (copy / "weights.safetensors").unlink()
+    with pytest.raises(SpecError):
+        report(copy)
+    assert not (copy / "report.html").exists()
