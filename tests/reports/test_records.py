@@ -59,7 +59,7 @@ def _run(record: Record, data: Dataset) -> Simulation:
         places=StepPlaces(
             files=(record.file,) * steps,
             rows=np.arange(steps),
-            time=0.1 * np.arange(steps),
+            time=np.linspace(0.0, 0.1 * (steps - 1), steps),
             sets=(record.file.partition("_")[0],) * steps,
         ),
         bands={},
