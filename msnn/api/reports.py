@@ -187,6 +187,7 @@ def _verification(file: Path) -> dict[str, Any]:
     try:
         refuse_endless(file)
         found = json.loads(file.read_text(encoding="utf-8"))
+        _ = found["model"]
         for result in found["results"]:
             _ = result["check"], result["target"], result["detail"], result["verdict"]
     except (OSError, ValueError, KeyError, TypeError) as error:

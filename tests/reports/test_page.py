@@ -99,7 +99,7 @@ def test_what_is_no_verification_is_refused(trained_run: Path, tmp_path: Path):
 def test_a_verification_is_shown(trained_run: Path, tmp_path: Path):
     file = tmp_path / "verification.json"
     found = {"check": "builds", "target": "host", "detail": "gcc <12>", "verdict": "ok"}
-    file.write_text(json.dumps({"results": [found]}), encoding="utf-8")
+    file.write_text(json.dumps({"model": "plant", "results": [found]}), encoding="utf-8")
     written = report(trained_run, tmp_path / "page.html", verification=file)
     assert "gcc &lt;12&gt;" in written.path.read_text(encoding="utf-8")
 

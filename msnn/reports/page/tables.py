@@ -229,4 +229,5 @@ def verification_table(found: Mapping[str, Any]) -> Table:
         )
         for result in found["results"][:_MOST_ROWS]
     )
-    return Table("Verification of the C", ("check", "target", "detail", "verdict"), rows)
+    caption = f"What `msnn verify` found of the C of {found['model']}"
+    return Table(caption, ("check", "target", "detail", "verdict"), rows)
