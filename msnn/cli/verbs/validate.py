@@ -120,9 +120,9 @@ def validate(
         )
         result("\n\n".join(table for table in tables if table))
     if plot is not None:
-        from msnn.reports.plotting import plot_validation
+        from msnn.reports.pictures.validation import plot_validation
 
-        note(f"drawn: {plot_validation(plot, found.measurements)}")
+        note(f"drawn: {plot_validation(plot, found)}")
     if not found.passed:
         note("a limit is broken")
         raise typer.Exit(ExitCode.LIMIT_BROKEN)
