@@ -75,6 +75,13 @@ def twice_in_urdf(what: str, name: str, span: Span, first: Span) -> Diagnostic:
     return error("E1211", span, message, "again here", secondary=((first, "the first"),))
 
 
+def two_in_one_element(what: str, tag: str, span: Span, first: Span) -> Diagnostic:
+    """E1211: an element that stands twice where there can be one."""
+    message = f"{what} has two `<{tag}>`: which one counts?"
+    places = ((first, "the first"),)
+    return error("E1211", span, message, "again here", secondary=places, help="remove one of them")
+
+
 def mimicking_joint(name: str, span: Span) -> Diagnostic:
     """E1212: a joint that follows another one."""
     message = f"the joint `{name}` mimics another one, which is not in this version"
