@@ -56,6 +56,13 @@ def weights_of_another_model(
     return error("E0994", None, message, notes=notes, help=repair)
 
 
+def weights_of_another_robot(file: str, robot: str, differing: str, kept: str) -> Diagnostic:
+    """E0994: weights whose run had a URDF that says something else."""
+    message = f"{file} was trained for another model: of the robot `{robot}` {differing}"
+    repair = f"train again, or take the URDF that the run has kept, {kept}"
+    return error("E0994", None, message, help=repair)
+
+
 def misshapen_weights(
     file: str, name: str, found: Sequence[int], expected: Sequence[int], span: Span | None
 ) -> Diagnostic:
