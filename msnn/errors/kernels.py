@@ -22,6 +22,13 @@ def kernel_not_made(stage: str, reason: str, instead: str, span: Span | None) ->
     return warning("W0951", span, message, "no kernel", help=_REPORT)
 
 
+def kernel_too_large(stage: str, reason: str, instead: str, span: Span | None) -> Diagnostic:
+    """W0951: a kernel whose slopes need more memory than a thread has: a limit, no mistake."""
+    message = f"stage `{stage}` goes on {instead}: its kernel is too large ({reason})"
+    repair = "learn fewer numbers at a time, by `freeze`, or take an optimizer of first order"
+    return warning("W0951", span, message, "no kernel", help=repair)
+
+
 def foreign_kernels(folder: Path, reason: str, taken: Path | None) -> Diagnostic:
     """W1001: a folder of kernels into which somebody else could have put one."""
     message = f"no kernel is loaded from {folder}, since {reason}; {_kept(taken)}"
