@@ -31,8 +31,18 @@ def refuse_other_model(model: Model, weights: Path) -> None:
         return
     differing = _differing(trained, model.read)
     if differing:
-        raise SpecError([weights_of_another_model(str(weights), differing)])
+        said = [
+            f"`{path}` was {_shown(then)}, here it is {_shown(now)}"
+            for path, then, now in differing
+        ]
+        path, then, _ = differing[0]
+        setting = None if then is None else f"{path}={then}"
+        raise SpecError([weights_of_another_model(str(weights), said, setting)])
     refuse_other_robot(model.parts, weights)
+
+
+def _shown(value: str | None) -> str:
+    return "not there" if value is None else value
 
 
 def is_of_this_model(read: ReadResult, parts: Sequence[SubmodelFile], weights: Path) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from msnn.errors.weights import weights_of_another_robot
+from msnn.errors.weights import weights_of_another_model
 from msnn.model.kept_run import PARTS
 from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
@@ -27,8 +27,9 @@ def refuse_other_robot(parts: Sequence[SubmodelFile], weights: Path) -> None:
         if part.is_robot and kept.is_file():
             differing = differing_robot(kept, part.text)
             if differing is not None:
-                found = weights_of_another_robot(str(weights), part.name, differing, str(kept))
-                raise SpecError([found])
+                said = [f"of the robot `{part.name}` {differing}"]
+                urdf = f"the URDF `{PARTS}/{part.kept_as}`"
+                raise SpecError([weights_of_another_model(str(weights), said, kept=urdf)])
 
 
 def differing_robot(kept: Path, text: str) -> str | None:

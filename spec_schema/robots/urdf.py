@@ -85,7 +85,7 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
     for element in root.all("link"):
         name = _attribute(element, "name", "a link", findings)
         if name in links:
-            findings.report(errors.twice_in_urdf("link", name, element.span, links[name].span))
+            _report_names("link", name, element.span, links[name].span, findings)
         elif name:
             inertial = _only(element, "inertial", f"the link `{name}`", findings)
             inertia = _inertia(name, inertial, findings)
@@ -94,8 +94,7 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
     for element in root.all("joint"):
         joint = _joint(element, findings)
         if joint is not None and joint.name in joints:
-            first = joints[joint.name].span
-            findings.report(errors.twice_in_urdf("joint", joint.name, element.span, first))
+            _report_names("joint", joint.name, element.span, joints[joint.name].span, findings)
         elif joint is not None:
             joints[joint.name] = joint
     for element in root.all("transmission"):
@@ -104,6 +103,10 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
         findings.report(errors.incomplete_element("the robot", "`<link>`", root.span))
     failed = any(one.severity == "error" for one in findings.since(mark))
     return None if failed else Urdf(links=links, joints=joints, span=root.span)
+
+
+def _report_names(what: str, name: str, span: Span, first: Span, findings: Findings) -> None:
+    findings.report(errors.twice_in_urdf(f"two {what}s are called `{name}`", span, first))
 
 
 def _xacro_element(root: Element) -> Element | None:
@@ -241,7 +244,8 @@ def _only(element: Element, tag: str, what: str, findings: Findings) -> Element 
     """The element of a tag that can stand once; the first where it is reported that it does not."""
     found = list(element.all(tag))
     for again in found[1:]:
-        findings.report(errors.two_in_one_element(what, tag, again.span, found[0].span))
+        said, repair = f"{what} has two `<{tag}>`: which one counts?", "remove one of them"
+        findings.report(errors.twice_in_urdf(said, again.span, found[0].span, repair))
     return found[0] if found else None
 
 
