@@ -129,14 +129,14 @@ def other_sample_time(*, file: str, found: float, expected: float) -> Diagnostic
 def _repair_of_step(found: float, expected: float) -> str:
     """What to write where rows are `found` seconds apart and `sample_time` says otherwise."""
     ratio = expected / found if found > 0 else 0.0
-    every = round(ratio)
-    if every > 1 and abs(ratio - every) < 0.01 * every:
-        return f"`every: {every}` takes one row in {every}"
     if abs(ratio / _DAY - 1) < 0.01:
         return (
             "the time seems to count days, as serial dates of a spreadsheet do, which text rounds: "
             "format the cells as dates with times"
         )
+    every = round(ratio)
+    if every > 1 and abs(ratio - every) < 0.01 * every:
+        return f"`every: {every}` takes one row in {every}"
     if unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
         return f"if the time is in {unit}, write `time: {{column: …, unit: {unit}}}`"
     return f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
