@@ -20,7 +20,6 @@ from msnn.training.records.progress import EpochEnd, Lines, Silent, StageEnd, St
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from tests.cli.test_check import SPEC
 
-
 WILD = """
 msnn: 1
 name: gain

@@ -28,7 +28,8 @@ class ShownComparison(Shown, Comparison):
 
     def _columns(self) -> Mapping[str, Sequence[object]]:
         rows: list[dict[str, Any]] = comparison_record(self)["models"]
-        names = [name for name in next(iter(rows), {}) if name not in ("runs", "failed")]
+        first = next(iter(rows), dict[str, Any]())
+        names = [name for name in first if name not in ("runs", "failed")]
         return {name: [row[name] for row in rows] for name in names}
 
     def _draw(self, path: Path) -> Path:

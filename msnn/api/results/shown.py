@@ -9,7 +9,7 @@ from html import escape
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, overload
 
 from msnn.packages import PANDAS
 from msnn.tables import Table
@@ -49,6 +49,10 @@ class Shown:
         PANDAS.require("makes frames of results")
         return import_module("pandas").DataFrame(self._columns())
 
+    @overload
+    def plot(self, path: None = None) -> Picture: ...
+    @overload
+    def plot(self, path: str | Path) -> Path: ...
     def plot(self, path: str | Path | None = None) -> Picture | Path:
         """Draws it: into a file (`.png`, `.svg`, `.pdf`), else as a picture for a notebook.
 
