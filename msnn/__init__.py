@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         load,
         mpc,
         stepper,
+        torch_module,
     )
     from msnn.api.reports import report
     from msnn.api.trainings import compare, stage_loss, train, train_folds
@@ -54,6 +55,7 @@ __all__ = [
     "simulate",
     "stage_loss",
     "stepper",
+    "torch_module",
     "train",
     "train_folds",
     "validate",
@@ -82,4 +84,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted(["__doc__", "__version__", *__all__])

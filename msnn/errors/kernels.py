@@ -1,4 +1,4 @@
-"""E1042-E1044, E1053, W0950-W0954, W1001-W1003: kernels, and where they are kept."""
+"""E1042-E1044, E1053, W0950, W0951, W1001-W1003: kernels, and where they are kept."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -44,7 +44,7 @@ def _asked(names: Sequence[str], export: Export | None) -> tuple[str, ...]:
     """The targets that somebody names, on the command line or in the spec; none for all."""
     if "all" in names:
         return ()
-    asked = names or [name for name in NAMES if _entry(export, target_named(name)) is not None]
+    asked = names or (() if export is None else export.asked)
     return tuple(name for name in NAMES if name in asked)
 
 

@@ -160,6 +160,13 @@ class Export(Entry):
         return next((entry for entry in self._entries if isinstance(entry, kind)), None)
 
     @property
+    def asked(self) -> frozenset[str]:
+        """The names of the targets that are asked for."""
+        return frozenset(
+            name for name in type(self).model_fields if getattr(self, name) is not None
+        )
+
+    @property
     def named_outputs(self) -> frozenset[str]:
         """All that the `outputs:` of any target name."""
         wanted = (entry.outputs or () for entry in self._entries)
