@@ -9,6 +9,7 @@ from backends.c_language.literals import Dtype
 from backends.ports.metadata import metadata_text
 from backends.predictive_control.inputs import InputField
 from backends.predictive_control.members import StructMember
+from backends.predictive_control.form import PlanLayout
 from compiler.jacobian.matrices import Vector
 from compiler.optimal_control.problem import ControlProblem
 
@@ -19,6 +20,7 @@ def about_text(
     dtype: Dtype,
     struct: Iterable[StructMember],
     fields: Iterable[InputField],
+    plan: PlanLayout,
 ) -> str:
     """The JSON file of a controller."""
     real = dtype
@@ -32,7 +34,8 @@ def about_text(
             "prefix": prefix,
             "dtype": dtype,
             "horizon": problem.horizon,
-            "structure": "staged",
+            "structure": plan.structure,
+            "plan": {"places": list(plan.places), "step": plan.step},
             "iterations": problem.iterations,
             "tolerance": problem.tolerance,
             "states": _quantities(problem.states),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,7 +29,8 @@ class Sizes:
     """What the arrays of a solver are as long as."""
 
     horizon: int
-    states: int
+    memory: int
+    """Numbers of x."""
     controls: int
     results: int
     sides: int
@@ -38,9 +40,11 @@ class Sizes:
     has_hard: bool
 
 
-def members(sizes: Sizes, real: str) -> list[StructMember]:
-    """In the order of the struct."""
-    stages, stage = sizes.horizon + 1, sizes.states + sizes.controls
+def members(
+    sizes: Sizes, shapes: Mapping[str, tuple[int, ...]], real: str
+) -> list[StructMember]:
+    """In the order of the struct; `shapes` are those of the arrays that hang on the structure."""
+    stages = sizes.horizon + 1
     found: list[StructMember] = []
 
     def add(kind: Kind, shape: tuple[int, ...], *names: str) -> None:
@@ -52,18 +56,14 @@ def members(sizes: Sizes, real: str) -> list[StructMember]:
     add("real", (), "mu", "slope", "gap", "product", "residual")
     if sizes.has_hard:
         add("real", (), "hardness")
-    add("real", (sizes.states,), "measured")
+    add("real", (sizes.memory,), "measured")
     add("real", (sizes.controls,), "applied")
-    add("real", (stages, stage), "z", "dz", "gradient")
-    add("real", (stages, sizes.states), "adjoint", "next_adjoint")
+    for name, shape in shapes.items():
+        add("real", shape, name)
     add("real", (stages, sizes.results), "results")
     add("real", (stages,), "cost")
     add("real", (stages, max(sizes.kept, 1)), "kept")
     add("real", (stages, max(sizes.given, 1)), "given")
-    add("real", (stages, sizes.results, stage), "slopes")
-    add("real", (stages, stage, stage), "curvature")
-    add("real", (sizes.horizon, sizes.controls, sizes.states), "gain")
-    add("real", (sizes.horizon, sizes.controls), "advance")
     sides = ["slack", "multiplier", "excess", "growth", "stiffness", "offset"]
     if sizes.limits_move:
         sides.append("limit")
