@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,7 @@ def _tables(
     form, nu = series.form, problem.controls.size
     samples = [*form.memory, *(Sample(is_control=True, number=i, lag=0) for i in range(nu))]
     read = [samples[number] for number in classes.order]
+    begins, ends = _runs(read[classes.moving :])
     before = [classes.order.index(rate.before) for rate in rows.rates]
     return {
         "core": form.states,
@@ -104,9 +106,21 @@ def _tables(
         "source_numbers": [sample.number for sample in read],
         "is_control": [int(sample.is_control) for sample in read],
         "curved_before": before,
+        "run_begins": begins,
+        "run_ends": ends,
         "narrow": [int(is_narrow) for is_narrow in classes.narrow],
         "has_steady": [int(is_steady) for is_steady in classes.steady],
     }
+
+
+def _runs(samples: Sequence[Sample]) -> tuple[list[int], list[int]]:
+    """Where samples of one number that follow each other begin and end."""
+    begins = [
+        at
+        for at, sample in enumerate(samples)
+        if at == 0 or replace(samples[at - 1], lag=samples[at - 1].lag - 1) != sample
+    ]
+    return begins, [*begins[1:], len(samples)][: len(begins)]
 
 
 def _arrays(

@@ -38,6 +38,8 @@ class Sizes:
     given: int
     limits_move: bool
     has_hard: bool
+    past_moves: bool
+    """Whether steps tell samples of the past apart."""
 
 
 def members(
@@ -53,7 +55,9 @@ def members(
     add("uint32", (), "ready")
     add("int32", (), "has_plan", "is_shifted", "is_prepared", "is_pending")
     add("int32", (), "iterations", "short_steps", "simulations")
-    add("real", (), "mu", "slope", "gap", "product", "residual")
+    if sizes.past_moves:
+        add("int32", (), "past_moves")
+    add("real", (), "mu", "slope", "gap", "product", "least_product", "residual")
     if sizes.has_hard:
         add("real", (), "hardness")
     add("real", (sizes.memory,), "measured")

@@ -90,6 +90,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         given=given,
         limits_move=rows.move,
         has_hard=any(hard),
+        past_moves=structure == "condensed",
     )
     struct = members(sizes, made.shapes, numbers.real)
     facts = {
@@ -104,6 +105,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "constants": solver_constants(
             problem.tolerance,
             dtype,
+            structure,
             can_be_infinite=stage.can_be_infinite or terminal.can_be_infinite,
             has_hard=any(hard),
         ),
