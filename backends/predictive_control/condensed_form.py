@@ -168,9 +168,8 @@ def _steady(problem: ControlProblem, stages: Stages, classes: Classes) -> Placed
     at = _positions(problem, found, classes)
     columns = np.where(at >= classes.moving, at - classes.moving, NOWHERE)
     rows = np.array(of_results, int) * classes.plain
-    return PlacedMatrix(
-        "steady", found.jacobian, rows, columns, 0, stages.size * classes.plain
-    )
+    size = stages.size * classes.plain
+    return PlacedMatrix("steady", found.jacobian, rows, columns, 0, size, takes_zeros=False)
 
 
 def _positions(

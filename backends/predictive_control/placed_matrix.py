@@ -29,14 +29,17 @@ class PlacedMatrix:
     first: int
     """The part of the array that the rows fill: all that is not computed is written there."""
     last: int
+    takes_zeros: bool = True
+    """Whether entries that are always 0 are stored with the block that has them."""
 
     def known(self) -> dict[int, float]:
         """Numbers other than 0 that are always the same, by their places."""
         found: dict[int, float] = {}
         for entry, number in enumerate(self.matrix.known):
-            place = self._places(np.array(entry))
-            if number and place >= 0:
-                found[int(place)] = number
+            if number:
+                row, column = divmod(entry, self.matrix.shape[1])
+                if self.rows[row] >= 0 and self.columns[column] >= 0:
+                    found[int(self.rows[row] + self.columns[column])] = number
         return found
 
     def has(self, block: MatrixBlock, shape: tuple[int, ...]) -> bool:
@@ -67,6 +70,10 @@ class PlacedMatrix:
     def _places(self, entries: NDArray[np.int64]) -> NDArray[np.int64]:
         row, column = np.divmod(entries, self.matrix.shape[1])
         is_here = (self.rows[row] >= 0) & (self.columns[column] >= 0)
+        if not self.takes_zeros:
+            is_here &= np.array([self.matrix.known[i] is None for i in entries.flat]).reshape(
+                entries.shape
+            )
         return np.where(is_here, self.rows[row] + self.columns[column], NOWHERE)
 
 
