@@ -7,9 +7,9 @@ from typing import Any
 
 from backends.c_language.literals import Dtype
 from backends.ports.metadata import metadata_text
+from backends.predictive_control.form import PlanLayout
 from backends.predictive_control.inputs import InputField
 from backends.predictive_control.members import StructMember
-from backends.predictive_control.form import PlanLayout
 from compiler.jacobian.matrices import Vector
 from compiler.optimal_control.problem import ControlProblem
 

@@ -48,10 +48,8 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
     found, end = stages.stage, stages.terminal
     columns, at_end = (numbers_of(problem, each.variables) for each in (found, end))
     jacobian = np.zeros((stages.size, nx + nu), np.bool_)
-    of_results = [
-        stages.results[m.name] + i for m in found.results.members for i in range(m.size)
-    ]
-    jacobian[np.ix_(of_results, columns)] = _entries(found.jacobian)
+    of_results = [stages.results[m.name] + i for m in found.results.members for i in range(m.size)]
+    jacobian[np.array(of_results, np.int64)[:, None], columns] = _entries(found.jacobian)
     assert found.hessian is not None
     assert end.hessian is not None
     curved = np.zeros(nx + nu, np.bool_)
@@ -83,9 +81,7 @@ def _entries(matrix: Matrix) -> NDArray[np.bool_]:
     return np.array([number != 0 for number in matrix.known], np.bool_).reshape(matrix.shape)
 
 
-def _moving_columns(
-    problem: ControlProblem, graph: Graph, jacobian: Matrix
-) -> NDArray[np.bool_]:
+def _moving_columns(problem: ControlProblem, graph: Graph, jacobian: Matrix) -> NDArray[np.bool_]:
     """The columns with an entry that is computed of what changes along the horizon."""
     moves = _moving_nodes(problem, graph)
     found = np.zeros(jacobian.shape[1], np.bool_)

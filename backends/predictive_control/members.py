@@ -42,9 +42,7 @@ class Sizes:
     """Whether steps tell samples of the past apart."""
 
 
-def members(
-    sizes: Sizes, shapes: Mapping[str, tuple[int, ...]], real: str
-) -> list[StructMember]:
+def members(sizes: Sizes, shapes: Mapping[str, tuple[int, ...]], real: str) -> list[StructMember]:
     """In the order of the struct; `shapes` are those of the arrays that hang on the structure."""
     stages = sizes.horizon + 1
     found: list[StructMember] = []

@@ -50,9 +50,7 @@ class PlacedMatrix:
         """Parts of a block's value, each with the place that it is stored at."""
         yield from self._parts(self._places(block.places(value.shape)), value)
 
-    def _parts(
-        self, places: NDArray[np.int64], value: Value
-    ) -> Iterator[tuple[Value, ArrayView]]:
+    def _parts(self, places: NDArray[np.int64], value: Value) -> Iterator[tuple[Value, ArrayView]]:
         is_here = places >= 0
         if not np.any(is_here):
             return

@@ -189,7 +189,17 @@ class _Body:
         self._places = places
         self._functions = functions
         names = LocalNames(functions.prefix, _names_of_spec(graph))
-        for array in ("z", "given", "weight", "kept", "results", "slopes", "curvature", "steady", "limit"):
+        for array in (
+            "z",
+            "given",
+            "weight",
+            "kept",
+            "results",
+            "slopes",
+            "curvature",
+            "steady",
+            "limit",
+        ):
             names.reserve(array)
         self.scope = Scope(names)
         notes = SpecNotes(graph, formulas)

@@ -17,13 +17,13 @@ from backends.c_language.rendering import render
 from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
 from backends.predictive_control.about import about_text
+from backends.predictive_control.condensed_form import condensed_form
 from backends.predictive_control.constants import reachable, solver_constants
+from backends.predictive_control.form import Form
 from backends.predictive_control.inputs import input_fields, quantity_lines
 from backends.predictive_control.members import Sizes, members
 from backends.predictive_control.numbers import Numbers
 from backends.predictive_control.rows import Rows, rows_of
-from backends.predictive_control.condensed_form import condensed_form
-from backends.predictive_control.form import Form
 from backends.predictive_control.stage_functions import (
     PlacedLimit,
     StageFunctions,
@@ -95,6 +95,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
     struct = members(sizes, made.shapes, numbers.real)
     facts = {
         **made.facts,
+        "at": made.addresses,
         "condensed": structure == "condensed",
         "members": struct,
         **origin(problem.program.spec_hash),
@@ -136,7 +137,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "limits": [0.0 if limit is None else limit for limit in sides],
         "limits_move": rows.move,
         "scales": [row.scale for row in rows.rows],
-        "state_scales": [scales[at] for at in made.newest],
+        "state_scales": [scales[at] for at in made.newest] or [1.0],
         "linear": [row.linear for row in rows.rows],
         "quadratic": [row.quadratic for row in rows.rows],
         "hard": hard if any(hard) else [],
