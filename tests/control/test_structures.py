@@ -90,4 +90,5 @@ def test_the_spec_may_say_which(solver: str, tmp_path: Path) -> None:
         assert found.status == 0
         assert own.residuals(found).largest <= 1.001e-6
         costs.append(found.cost)
-    assert costs[0] == pytest.approx(costs[1], rel=1e-9)
+    # a residual of 1e-6 leaves some 1e-6 of the cost
+    assert costs[0] == pytest.approx(costs[1], abs=1e-6)

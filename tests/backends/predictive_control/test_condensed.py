@@ -162,7 +162,7 @@ def test_the_first_gain_is_that_of_the_recursion(plant: str, tmp_path: Path) -> 
         library.prepare()
         laws.append([library.member("gain")[0], library.member("advance")[0]])
     for own, other in zip(*laws, strict=True):
-        # the barrier, and with it how stiff limits are, begins at 2 % of what is left of the residual
+        # the barrier begins at 2 % of the residual that is left: limits are as stiff as that
         np.testing.assert_allclose(own, other, rtol=1e-2, atol=1e-3)
 
 
