@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         mpc,
         stepper,
     )
+    from msnn.api.reports import report
     from msnn.api.trainings import compare, stage_loss, train, train_folds
     from msnn.errors.failures import MissingExtraError
     from msnn.model.model import Model
@@ -49,6 +50,7 @@ __all__ = [
     "linearize",
     "load",
     "mpc",
+    "report",
     "simulate",
     "stage_loss",
     "stepper",
@@ -65,6 +67,7 @@ _HOMES = {
     "Model": "msnn.model.model",
     "SpecError": "spec_schema.diagnostics.diagnostic",
     **dict.fromkeys(("check_data", "simulate", "validate"), "msnn.api.measurements"),
+    "report": "msnn.api.reports",
     **dict.fromkeys(("compare", "stage_loss", "train", "train_folds"), "msnn.api.trainings"),
 }
 

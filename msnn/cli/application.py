@@ -31,6 +31,7 @@ VERBS = (
     "verify",
     "a2l",
     "show",
+    "report",
     "explain",
     "schema",
     "diff",
