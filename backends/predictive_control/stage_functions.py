@@ -14,11 +14,13 @@ from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.predictive_control.cut import Cut, cut_at_values, kept_signal
+from backends.predictive_control.placed_matrix import PlacedMatrix
+from backends.predictive_control.series import Place
 from compiler.hessian.step_derivatives import StepDerivatives, multiplier
 from compiler.ir.ops import AnyRead, Constant, ReadSignal, ReadState, Window
 from compiler.ir.program import Formula, Graph, NodeId
 from compiler.ir.types import Type
-from compiler.jacobian.matrices import Matrix, MatrixBlock, Vector
+from compiler.jacobian.matrices import Vector
 
 _UNROLL = 4
 _BLOCK = 8
@@ -30,12 +32,28 @@ _SIDE_BY_SIDE = 4
 class StageArrays:
     """How the arrays of the solver are laid out."""
 
-    variables: int
-    """Numbers in a row of a matrix: states, then controls."""
+    variables: Mapping[str, Place]
+    """Where a stage finds states and controls."""
     results: Mapping[str, int]
     """Where the first number of each result stands among those of any stage."""
     given: Vector
     """Disturbances and references."""
+    slopes: PlacedMatrix
+    curvature: PlacedMatrix
+
+    @property
+    def places(self) -> dict[str, Place]:
+        """Where all that values read stands."""
+        return {**self.variables, **_vector_places("given", self.given)}
+
+    def wanted(self, graph: Graph) -> list[NodeId]:
+        """The nodes of which the arrays have entries."""
+        return [
+            block.node
+            for placed in (self.slopes, self.curvature)
+            for block in placed.matrix.blocks
+            if placed.has(block, graph[block.node].type.shape)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,22 +86,29 @@ class StageWriter:
 
     def stage(self, name: str, found: StepDerivatives, arrays: StageArrays) -> StageFunctions:
         """`<prefix>_<name>value` and `<prefix>_<name>slopes` of these derivatives."""
-        cut = cut_at_values(found)
-        sizes = [found.graph[node].type.size for node in cut.kept]
-        firsts = [sum(sizes[:number]) for number in range(len(sizes))]
-        places = {kept_signal(number): ("kept", first) for number, first in enumerate(firsts)}
-        places |= _vector_places("z", found.variables) | _vector_places("given", arrays.given)
-        places |= {
-            multiplier(name): ("weight", first)
-            for name, first in arrays.results.items()
-            if name in found.values
-        }
+        cut = cut_at_values(found, arrays.wanted(found.graph))
+        types = [found.graph[node].type for node in cut.kept]
+        firsts = [sum(type.size for type in types[:number]) for number in range(len(types))]
+        places = dict(arrays.places)
+        for number, (first, type) in enumerate(zip(firsts, types, strict=True)):
+            places[kept_signal(number)] = Place("kept", first, c_strides(type.shape))
+        for result, first in arrays.results.items():
+            if result in found.values:
+                shape = found.graph[found.values[result]].type.shape
+                places[multiplier(result)] = Place("weight", first, c_strides(shape))
         return StageFunctions(
             self._values(f"{name}value", found, cut, places, firsts, arrays),
             self._slopes(f"{name}slopes", found, cut, places, arrays),
-            sum(sizes),
+            sum(type.size for type in types),
             any(matrix.perhaps_infinite for matrix in found.matrices),
         )
+
+    def steady(self, found: StepDerivatives, arrays: StageArrays, placed: PlacedMatrix) -> Function:
+        """`<prefix>_steady`: the slopes that are the same at all stages."""
+        body = _Body(found.graph, self._functions, self._formulas, arrays.places)
+        body.write((placed,), {node: node for node in placed.matrix.nodes})
+        doc = "Computes the slopes of a stage's results that stay the same along the horizon."
+        return body.finished("steady", self._real, ("given",), ("steady",), doc)
 
     def limits(self, graph: Graph, limits: Sequence[PlacedLimit], given: Vector) -> Function:
         """`<prefix>_limits`: the limits of a stage, by their sides."""
@@ -108,7 +133,7 @@ class StageWriter:
         name: str,
         found: StepDerivatives,
         cut: Cut,
-        places: Mapping[str, tuple[str, int]],
+        places: Mapping[str, Place],
         firsts: list[int],
         arrays: StageArrays,
     ) -> Function:
@@ -128,66 +153,26 @@ class StageWriter:
         name: str,
         found: StepDerivatives,
         cut: Cut,
-        places: Mapping[str, tuple[str, int]],
+        places: Mapping[str, Place],
         arrays: StageArrays,
     ) -> Function:
         body = _Body(cut.slopes, self._functions, self._formulas, places)
-        assert found.hessian is not None
-        of_results = [
-            arrays.results[member.name] + number
-            for member in found.results.members
-            for number in range(member.size)
-        ]
-        variables = list(range(found.variables.size))
-        matrices = {
-            "slopes": WiderMatrix(found.jacobian, of_results, arrays.variables),
-            "curvature": WiderMatrix(found.hessian, variables, arrays.variables),
-        }
-        roots = [cut.moved[n] for wider in matrices.values() for n in wider.matrix.nodes]
-        lowered = body.lowered(roots)
-        for array, wider in matrices.items():
-            body.write_known(array, wider)
-            for block in wider.matrix.blocks:
-                node = cut.moved[block.node]
-                place = wider.entries(array, block, cut.slopes[node].type.shape)
-                lowered.store(node, place)
+        matrices = (arrays.slopes, arrays.curvature)
+        body.write(matrices, cut.moved)
         doc = "Computes slopes and weighted curvature of the results where they were computed last."
         read = ("z", "given", "weight", "kept")
         return body.finished(name, self._real, read, ("slopes", "curvature"), doc)
 
 
-def _vector_places(array: str, vector: Vector) -> dict[str, tuple[str, int]]:
-    return {member.name: (array, member.first) for member in vector.members}
+def _vector_places(array: str, vector: Vector) -> dict[str, Place]:
+    return {
+        member.name: Place(array, member.first, c_strides(Type(member.axes).shape))
+        for member in vector.members
+    }
 
 
 def _part(array: str, type: Type, first: int) -> ArrayView:
     return ArrayView(Name(array), type.shape, c_strides(type.shape), Index(first))
-
-
-@dataclass(frozen=True, slots=True)
-class WiderMatrix:
-    """A matrix in an array with more rows and longer ones."""
-
-    matrix: Matrix
-    rows: Sequence[int]
-    """Where its rows are; those of one quantity follow each other."""
-    width: int
-
-    def place(self, number: int) -> int:
-        """Where the entry of that number stands."""
-        row, column = divmod(number, self.matrix.shape[1])
-        return self.rows[row] * self.width + column
-
-    def entries(self, array: str, block: MatrixBlock, shape: tuple[int, ...]) -> ArrayView:
-        """Where the entries of a block stand."""
-        columns = self.matrix.shape[1]
-        steps = [divmod(stride, columns) for stride in block.strides]
-        strides = tuple(rows * self.width + column for rows, column in steps)
-        return ArrayView(Name(array), shape, strides, Index(self.place(block.offset)))
-
-    def known(self) -> dict[int, float]:
-        """Numbers other than 0 that are always the same, by their places."""
-        return {self.place(i): x for i, x in enumerate(self.matrix.known) if x}
 
 
 class _Body:
@@ -198,13 +183,23 @@ class _Body:
         graph: Graph,
         functions: FunctionTable,
         formulas: tuple[Formula, ...],
-        places: Mapping[str, tuple[str, int]],
+        places: Mapping[str, Place],
     ) -> None:
         self._graph = graph
         self._places = places
         self._functions = functions
         names = LocalNames(functions.prefix, _names_of_spec(graph))
-        for array in ("z", "given", "weight", "kept", "results", "slopes", "curvature", "limit"):
+        for array in (
+            "z",
+            "given",
+            "weight",
+            "kept",
+            "results",
+            "slopes",
+            "curvature",
+            "steady",
+            "limit",
+        ):
             names.reserve(array)
         self.scope = Scope(names)
         notes = SpecNotes(graph, formulas)
@@ -223,25 +218,48 @@ class _Body:
     def read(self, op: AnyRead, type: Type) -> ArrayView:
         match op:
             case ReadState(name):
-                array, first = self._places[name]
+                place = self._places[name]
             case ReadSignal(name):
-                array, first = self._places[name]
+                place = self._places[name]
             case _:
                 raise AssertionError("a trained problem reads states and signals alone")
-        return _part(array, type, first)
+        return ArrayView(Name(place.array), type.shape, place.strides, Index(place.first))
 
     def push(self, op: Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
         raise AssertionError("derivatives have no windows of buffers")
 
-    def write_known(self, array: str, wider: WiderMatrix) -> None:
+    def write(self, matrices: Iterable[PlacedMatrix], moved: Mapping[NodeId, NodeId]) -> None:
+        """The entries that the arrays have; `moved` says which nodes of the graph they are."""
+        wanted = [
+            (
+                placed,
+                [
+                    (block, moved[block.node])
+                    for block in placed.matrix.blocks
+                    if block.node in moved and placed.has(block, self._shape(moved[block.node]))
+                ],
+            )
+            for placed in matrices
+        ]
+        lowered = self.lowered([node for _, blocks in wanted for _, node in blocks])
+        for placed, blocks in wanted:
+            self._write_known(placed)
+            for block, node in blocks:
+                for part, view in placed.parts(block, lowered.value(node)):
+                    lowered.store_part(node, part, view)
+
+    def _shape(self, node: NodeId) -> tuple[int, ...]:
+        return self._graph[node].type.shape
+
+    def _write_known(self, placed: PlacedMatrix) -> None:
         """Entries that are always the same number."""
-        if not wider.rows:
+        first, last = placed.first, placed.last
+        if first == last:
             return
-        first, last = min(wider.rows) * wider.width, (max(wider.rows) + 1) * wider.width
-        place = ArrayView(Name(array), (last,), (1,))
+        place = ArrayView(Name(placed.array), (last,), (1,))
         with self.scope.loop(last - first) as (index, inner):
             inner.assign(place.element([index.plus(Index(first))]), Real(0.0))
-        for number, value in wider.known().items():
+        for number, value in placed.known().items():
             self.scope.assign(place.element([Index(number)]), Real(value))
 
     def finished(
