@@ -19,8 +19,8 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.spec import Spec
 
 if TYPE_CHECKING:
+    from compiler.state_estimation.kalman_filter import KalmanFilter
     from msnn.control.controller import Controller
-    from msnn.control.kalman_filter import KalmanFilter
     from msnn.control.method import Solver
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper

@@ -26,8 +26,7 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.liveness import reads_log
 from compiler.ir.program import History, Tape
 from compiler.ir.types import Type
-from compiler.jacobian.matrices import vector_of
-from compiler.optimal_control.horizon import by_name
+from compiler.jacobian.matrices import by_name, vector_of
 from compiler.state_estimation.augmented import augmented
 from compiler.state_estimation.problem import EstimationProblem
 
