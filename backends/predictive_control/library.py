@@ -31,9 +31,9 @@ class ControllerLibrary:
     def __init__(self, about: Mapping[str, Any], library: ctypes.CDLL) -> None:
         self._prefix: str = about["prefix"]
         self._library = library
-        self._state = np.zeros(1, _struct(about["struct"]))
-        self._in = np.zeros(1, _struct(about["in"]))
-        self._out = np.zeros(1, _struct(about["out"]))
+        self._state = np.zeros(1, struct_type(about["struct"]))
+        self._in = np.zeros(1, struct_type(about["in"]))
+        self._out = np.zeros(1, struct_type(about["out"]))
         self.init()
 
     @classmethod
@@ -85,7 +85,7 @@ class ControllerLibrary:
         return int(function(*(ctypes.c_void_p(array.ctypes.data) for array in arrays)))
 
 
-def _struct(members: list[dict[str, Any]]) -> np.dtype[Any]:
+def struct_type(members: list[dict[str, Any]]) -> np.dtype[Any]:
     """As C compilers place the members."""
     fields = [(m["name"], np.dtype(m["type"]), tuple(m["shape"])) for m in members]
     return np.dtype(fields, align=True)
