@@ -42,6 +42,11 @@ class ControllerLibrary:
         (file,) = folder.glob("*_mpc.json")
         return cls(json.loads(file.read_text(encoding="utf-8")), ctypes.CDLL(str(library)))
 
+    @property
+    def real(self) -> np.dtype[np.floating[Any]]:
+        """The type of its numbers."""
+        return self._in.dtype["x"].base
+
     def init(self) -> None:
         """Begins a controller that knows nothing."""
         self._call("init", self._state)
