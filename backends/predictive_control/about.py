@@ -35,8 +35,8 @@ def about_text(
             "structure": "staged",
             "iterations": problem.iterations,
             "tolerance": problem.tolerance,
-            "states": _quantities(problem.states),
-            "controls": _quantities(problem.controls),
+            "states": quantities(problem.states),
+            "controls": quantities(problem.controls),
             "in": [
                 member("x", real, (nx,)),
                 *(member(field.identifier, real, field.shape) for field in fields),
@@ -53,7 +53,8 @@ def about_text(
     )
 
 
-def _quantities(vector: Vector) -> list[dict[str, Any]]:
+def quantities(vector: Vector) -> list[dict[str, Any]]:
+    """What stands where in a vector."""
     return [
         {
             "name": m.name,

@@ -136,9 +136,7 @@ def _exceeds(problem: ControlProblem, rows: Rows, library: ControllerLibrary) ->
     found = multipliers_of(problem, rows, library)
     return any(
         bool(np.any(side >= (1 - _BOUND) * path.linear))
-        for path, low, high in zip(
-            problem.path_limits, found.path_min, found.path_max, strict=True
-        )
+        for path, low, high in zip(problem.path_limits, found.path_min, found.path_max, strict=True)
         if path.linear is not None
         for side in (low, high)
     )

@@ -1,7 +1,7 @@
 """Writes the functions of a filter in C: the step of the model and what is measured, with slopes.
 
-    <prefix>_transition(z, given, results, slopes)      F(ξ, u) and ∂F/∂ξ
-    <prefix>_measured_<i>(z, given, results, slopes)    h(ξ, u) and ∂h/∂ξ of measurement i
+<prefix>_transition(z, given, results, slopes)      F(ξ, u) and ∂F/∂ξ
+<prefix>_measured_<i>(z, given, results, slopes)    h(ξ, u) and ∂h/∂ξ of measurement i
 """
 
 from __future__ import annotations

@@ -69,7 +69,9 @@ def golden_steps(
     moved: list[tuple[Array, Array]] = []
     for _ in range(STEPS):
         inputs = {
-            m.name: _rounded(random.uniform(*(ranges.get(m.name) or (-1.0, 1.0)), Type(m.axes).shape))
+            m.name: _rounded(
+                random.uniform(*(ranges.get(m.name) or (-1.0, 1.0)), Type(m.axes).shape)
+            )
             for m in problem.inputs.members
         }
         measured = {
@@ -112,9 +114,13 @@ def _start(judge: KalmanFilter, random: np.random.Generator) -> Array:
     for state in judge.problem.program.states:
         member = judge.numbers.member(state.name)
         part = slice(member.first, member.first + member.size)
-        drawn = random.uniform(*(state.range or (-1.0, 1.0)), member.size)
+        drawn = random.uniform(*_range(state.range), member.size)
         found.append(np.where(judge.is_known[part], judge.vector[part], drawn))
     return _rounded(np.concatenate([*found, np.empty(0)]))
+
+
+def _range(known: tuple[float, float] | None) -> tuple[float, float]:
+    return known or (-1.0, 1.0)
 
 
 def _named(judge: KalmanFilter, start: Array) -> dict[str, Array]:

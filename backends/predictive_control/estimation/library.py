@@ -68,7 +68,11 @@ class FilterLibrary:
         self, measured: Mapping[str, ArrayLike], inputs: Mapping[str, ArrayLike] | None = None
     ) -> FilterEstimate:
         """The estimate; signals that are not named are not measured."""
-        known = {**dict.fromkeys(self._signals, np.nan), **measured, **(inputs or {})}
+        missing = {
+            signal: np.full(self._measured.dtype[field].shape, np.nan)
+            for signal, field in self._signals.items()
+        }
+        known = {**missing, **measured, **(inputs or {})}
         self._fill(self._measured, self._signals, known)
         status = self._call("correct", self._state, self._measured, self._out)
         out = self._out[0]
@@ -79,18 +83,37 @@ class FilterLibrary:
         self._fill(self._in, self._inputs, inputs)
         return self._call("predict", self._state, *([self._in] if self._inputs else []))
 
+    def correct_numbers(self, measured: ArrayLike, given: ArrayLike) -> FilterEstimate:
+        """The same by numbers in the order of the measurements and of all inputs."""
+        inputs = self._by_signal(self._in, self._inputs, given)
+        beside = {name: inputs[name] for name in self._signals if name in inputs}
+        own = {name: field for name, field in self._signals.items() if name not in beside}
+        return self.correct(self._by_signal(self._measured, own, measured), beside)
+
+    def predict_numbers(self, given: ArrayLike) -> int:
+        """The same by numbers in the order of all inputs."""
+        return self.predict(self._by_signal(self._in, self._inputs, given))
+
     def selftest(self) -> int:
         """Bits of the self-test; 0 if all is well."""
         return self._call("selftest")
+
+    def _by_signal(
+        self, struct: Array, names: Mapping[str, str], numbers: ArrayLike
+    ) -> dict[str, Array]:
+        found: dict[str, Array] = {}
+        rest = np.ravel(numbers)
+        for signal, field in names.items():
+            size = int(np.prod(struct.dtype[field].shape, dtype=int))
+            found[signal], rest = rest[:size], rest[size:]
+        return found
 
     def _fill(
         self, struct: Array, names: Mapping[str, str], values: Mapping[str, ArrayLike]
     ) -> None:
         for signal, field in names.items():
             shape = struct.dtype[field].shape
-            struct[0][field] = np.broadcast_to(np.ravel(np.asarray(values[signal])), shape or (1,))[
-                ... if shape else 0
-            ]
+            struct[0][field] = np.asarray(values[signal], struct.dtype[field].base).reshape(shape)
 
     def _call(self, name: str, *arrays: Array) -> int:
         function = getattr(self._library, f"{self._prefix}_{name}")

@@ -17,7 +17,7 @@ from backends.c_language.literals import Dtype
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
 from backends.files.atomic_write import write_text
-from backends.ports.metadata import metadata_text
+from backends.predictive_control.estimation.filter_description import filter_description
 from backends.predictive_control.estimation.filter_fields import (
     FilterField,
     input_fields,
@@ -25,6 +25,7 @@ from backends.predictive_control.estimation.filter_fields import (
 )
 from backends.predictive_control.estimation.filter_functions import filter_functions
 from backends.predictive_control.estimation.golden_filter import golden_steps
+from backends.predictive_control.estimation.recorded_bits import recorded_bits
 from backends.predictive_control.inputs import quantity_lines
 from backends.predictive_control.members import StructMember
 from backends.predictive_control.numbers import Numbers
@@ -118,24 +119,26 @@ def filter_texts(
         "golden": golden,
         "inputs": problem.inputs.size,
         "infinite": "INFINITY" if dtype == "float32" else "(double)INFINITY",
-        "bits": None,
     }
 
-    def text(template: str, title: str) -> str:
-        controller = Filter(problem.program.name, name)
-        return render(template, controller, title, "estimation", **facts)
+    def text(template: str, title: str, **more: Any) -> str:
+        named = Filter(problem.program.name, name)
+        return render(template, named, title, "estimation", **(facts | more))
 
     texts = {
         f"include/{name}.h": text("header.h.j2", "Kalman filter"),
         f"src/{name}.c": text("filter.c.j2", "Kalman filter"),
-        f"src/{name}_selftest.c": text("selftest.c.j2", "Self-test of the Kalman filter"),
-        f"{name}.json": _description(name, dtype, estimated, struct, given, (*measured, *read)),
+        f"{name}.json": filter_description(
+            name, dtype, estimated, struct=struct, given=given, measured=(*measured, *read)
+        ),
     }
     if table.kernels:
         kernels = c_sources(table.kernels, numbers.real, name)
         texts[f"src/{kernels.header_name}"] = kernels.header
         texts[f"src/{kernels.source_name}"] = kernels.source
-    return dict(sorted(texts.items()))
+    bits = recorded_bits(golden, texts, name)
+    test = text("selftest.c.j2", "Self-test of the Kalman filter", bits=bits)
+    return dict(sorted({**texts, f"src/{name}_selftest.c": test}.items()))
 
 
 def _members(
@@ -175,61 +178,6 @@ def _named(problem: EstimationProblem, vector: Vector) -> Vector:
     return vector_of(
         vector.letter,
         [(s, m.axes, m.unit) for s, m in zip(signals, vector.members, strict=True)],
-    )
-
-
-def _description(
-    name: str,
-    dtype: Dtype,
-    estimated: Vector,
-    struct: list[StructMember],
-    given: tuple[FilterField, ...],
-    measured: tuple[FilterField, ...],
-) -> str:
-    """The JSON file of a filter."""
-
-    def fields(known: tuple[FilterField, ...]) -> list[dict[str, Any]]:
-        return [
-            {
-                "name": field.identifier,
-                "signal": field.name,
-                "type": dtype,
-                "shape": [field.size] if field.size != 1 else [],
-            }
-            for field in known
-        ]
-
-    size = estimated.size
-    count = sum(field.size for field in measured if field.variance)
-    return metadata_text(
-        {
-            "prefix": name,
-            "dtype": dtype,
-            "estimated": [
-                {
-                    "name": m.name,
-                    "first": m.first,
-                    "size": m.size,
-                    "unit": None if m.unit is None else m.unit.text,
-                }
-                for m in estimated.members
-            ],
-            "in": fields(given),
-            "measured": fields(measured),
-            "out": [
-                {"name": "x", "type": dtype, "shape": [size]},
-                {"name": "std", "type": dtype, "shape": [size]},
-                {"name": "innovation", "type": dtype, "shape": [count]},
-            ],
-            "struct": [
-                {
-                    "name": m.name,
-                    "type": dtype if m.kind == "real" else m.kind,
-                    "shape": list(m.shape),
-                }
-                for m in struct
-            ],
-        }
     )
 
 
