@@ -164,7 +164,7 @@ def export(
 
     findings = Findings()
     known = known_in(model, weights)
-    names, _ = writable_targets([target], model.spec.export, has_control=model.control is not None)
+    names, _ = writable_targets([target], model.spec.export, is_online=model.is_online)
     plans = plan_exports(model, names, findings, weights=known)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)

@@ -48,10 +48,13 @@ class GoldenSteps:
     steps: tuple[GoldenStep, ...]
     near: tuple[float, ...]
     near_std: tuple[float, ...]
+    largest: tuple[float, ...]
+    largest_std: tuple[float, ...]
+    """Magnitudes along the steps."""
 
 
 def golden_steps(
-    problem: EstimationProblem, weights: Mapping[str, ArrayLike], dtype: Dtype
+    problem: EstimationProblem, weights: Mapping[str, ArrayLike], dtype: Dtype, seed: int = 0
 ) -> GoldenSteps:
     """Steps from a drawn state; the same numbers in both precisions.
 
@@ -60,7 +63,7 @@ def golden_steps(
     """
     judge = KalmanFilter(problem, weights)
     single = KalmanFilter(problem, weights, np.float32)
-    random = np.random.default_rng(0)
+    random = np.random.default_rng(seed)
     start = _start(judge, random)
     ranges = {signal.name: signal.range for signal in problem.program.signals}
     for each in (judge, single):
@@ -98,14 +101,26 @@ def golden_steps(
     epsilon = float(np.finfo(dtype).eps)
     by_epsilon = epsilon / float(np.finfo(np.float32).eps)
 
-    def near(which: int) -> tuple[float, ...]:
-        sizes = [np.abs(step.x if which == 0 else step.std) for step in steps]
-        largest = np.max(sizes, axis=0, initial=0.0) if sizes else np.zeros(judge.numbers.size)
-        deviations = [pair[which] for pair in moved]
-        most = np.max(deviations, axis=0) if deviations else np.zeros(judge.numbers.size)
-        return tuple((_ROUNDED * by_epsilon * most + _LEAST * epsilon * largest).tolist())
+    size = judge.numbers.size
 
-    return GoldenSteps(tuple(start.tolist()), tuple(steps), near(0), near(1))
+    def largest(values: list[Array]) -> Array:
+        return np.max(values, axis=0) if values else np.zeros(size)
+
+    sizes = [largest([np.abs(step.x) for step in steps]), largest([np.array(s.std) for s in steps])]
+    near = [
+        tuple((_ROUNDED * by_epsilon * largest(off) + _LEAST * epsilon * magnitude).tolist())
+        for off, magnitude in zip(
+            ([pair[0] for pair in moved], [pair[1] for pair in moved]), sizes, strict=True
+        )
+    ]
+    return GoldenSteps(
+        start=tuple(start.tolist()),
+        steps=tuple(steps),
+        near=near[0],
+        near_std=near[1],
+        largest=tuple(sizes[0].tolist()),
+        largest_std=tuple(sizes[1].tolist()),
+    )
 
 
 def _start(judge: KalmanFilter, random: np.random.Generator) -> Array:

@@ -52,9 +52,7 @@ def _written(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[Path, K
     return folder / "c", msnn.estimator(model, weights)
 
 
-def _built(
-    name: str, folder: Path, dtype: Dtype = "float64"
-) -> tuple[FilterLibrary, KalmanFilter]:
+def _built(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[FilterLibrary, KalmanFilter]:
     out, judge = _written(name, folder, dtype)
     return FilterLibrary.of_folder(out, build_library(out, out / "filter.so")), judge
 
