@@ -9,6 +9,7 @@ from backends.c_language.literals import Dtype
 from backends.ports.metadata import metadata_text
 from backends.predictive_control.inputs import InputField
 from backends.predictive_control.members import StructMember
+from backends.predictive_control.rows import Rows
 from compiler.jacobian.matrices import Vector
 from compiler.optimal_control.problem import ControlProblem
 
@@ -19,6 +20,7 @@ def about_text(
     dtype: Dtype,
     struct: Iterable[StructMember],
     fields: Iterable[InputField],
+    rows: Rows,
 ) -> str:
     """The JSON file of a controller."""
     real = dtype
@@ -37,6 +39,21 @@ def about_text(
             "tolerance": problem.tolerance,
             "states": quantities(problem.states),
             "controls": quantities(problem.controls),
+            "limits": [
+                {
+                    "min": None if rows.move else row.minimum,
+                    "max": None if rows.move else row.maximum,
+                    **next(
+                        (
+                            {"rate": r.most, "before": r.before}
+                            for r in rows.rates
+                            if r.control == i
+                        ),
+                        {},
+                    ),
+                }
+                for i, row in enumerate(rows.rows[:nu])
+            ],
             "in": [
                 member("x", real, (nx,)),
                 *(member(field.identifier, real, field.shape) for field in fields),

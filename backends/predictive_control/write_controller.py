@@ -148,7 +148,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
     texts = {
         f"include/{name}.h": text("header.h.j2", "Predictive controller"),
         f"src/{name}.c": text("staged.c.j2", "Predictive controller"),
-        f"{name}.json": about_text(problem, name, dtype, struct, fields),
+        f"{name}.json": about_text(problem, name, dtype, struct, fields, rows),
     }
     if table.kernels:
         kernels = c_sources(table.kernels, numbers.real, name)

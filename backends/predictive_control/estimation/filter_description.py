@@ -17,6 +17,7 @@ def filter_description(
     dtype: Dtype,
     estimated: Vector,
     *,
+    states: int,
     struct: list[StructMember],
     given: tuple[FilterField, ...],
     measured: tuple[FilterField, ...],
@@ -40,6 +41,7 @@ def filter_description(
         {
             "prefix": name,
             "dtype": dtype,
+            "states": states,
             "estimated": quantities(estimated),
             "in": fields(given),
             "measured": fields(measured),

@@ -129,7 +129,13 @@ def filter_texts(
         f"include/{name}.h": text("header.h.j2", "Kalman filter"),
         f"src/{name}.c": text("filter.c.j2", "Kalman filter"),
         f"{name}.json": filter_description(
-            name, dtype, estimated, struct=struct, given=given, measured=(*measured, *read)
+            name,
+            dtype,
+            estimated,
+            states=problem.states.size,
+            struct=struct,
+            given=given,
+            measured=(*measured, *read),
         ),
     }
     if table.kernels:
