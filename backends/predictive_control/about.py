@@ -39,21 +39,7 @@ def about_text(
             "tolerance": problem.tolerance,
             "states": quantities(problem.states),
             "controls": quantities(problem.controls),
-            "limits": [
-                {
-                    "min": None if rows.move else row.minimum,
-                    "max": None if rows.move else row.maximum,
-                    **next(
-                        (
-                            {"rate": r.most, "before": r.before}
-                            for r in rows.rates
-                            if r.control == i
-                        ),
-                        {},
-                    ),
-                }
-                for i, row in enumerate(rows.rows[:nu])
-            ],
+            "limits": [_limits(rows, number) for number in range(nu)],
             "in": [
                 member("x", real, (nx,)),
                 *(member(field.identifier, real, field.shape) for field in fields),
@@ -68,6 +54,19 @@ def about_text(
             ],
         }
     )
+
+
+def _limits(rows: Rows, control: int) -> dict[str, Any]:
+    """What a control never leaves, as far as it is a number; where its value before stands."""
+    row = rows.rows[control]
+    found: dict[str, Any] = {
+        "min": None if rows.move else row.minimum,
+        "max": None if rows.move else row.maximum,
+    }
+    for rate in rows.rates:
+        if rate.control == control:
+            found |= {"rate": rate.most, "before": rate.before}
+    return found
 
 
 def quantities(vector: Vector) -> list[dict[str, Any]]:

@@ -162,7 +162,6 @@ def _drawn_program(
         real=model.real,
         tolerance=None if controller is None else _literal(controller.tolerance),
         limits=[] if controller is None else [_limits(limit, model) for limit in controller.limits],
-        limits_move=False,
         huge="1e30" if single else "1e300",
         denormal="1e-40" if single else "1e-310",
         bytes=8 * (3 + (numbers + 8) * (1 + size)),

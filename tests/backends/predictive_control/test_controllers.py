@@ -1,6 +1,7 @@
 """Generated controllers keep their limits, never call solved what is not, and are bits alike."""
 
 import itertools
+import re
 import subprocess
 from pathlib import Path
 
@@ -180,6 +181,33 @@ def test_nothing_moves_the_control_where_the_state_is_not_a_number(tmp_path: Pat
     assert after.status == INPUT_NOT_FINITE
     assert after.control.tobytes() == before.control.tobytes()
     assert library.solve({"x": [2.0, 0.0]}).status == SOLVED
+
+
+def test_what_was_applied_beyond_the_limits_is_not_returned(tmp_path: Path) -> None:
+    library = _library("unstable", tmp_path)
+    for applied, limit in ((-5.0, -1.0), (5.0, 1.0)):
+        library.reset([applied])
+        found = library.solve({"x": [np.nan, 0.0]})
+        assert found.status == INPUT_NOT_FINITE
+        assert found.control == limit
+
+
+def test_golden_solves_have_each_kind_of_end_and_tell_other_bits(tmp_path: Path) -> None:
+    out = _written("rates", tmp_path)
+    test = (out / "src" / "plant_mpc_selftest.c").read_text(encoding="utf-8")
+    rows = re.findall(r"^    \{[01], (\d), (\d+), ", test, re.MULTILINE)
+    assert {int(status) for status, _ in rows} == {SOLVED, INFEASIBLE, INPUT_NOT_FINITE}
+    for compiler, level in itertools.product(("gcc", "clang"), ("-O0", "-O3")):
+        require_tool(compiler, install=f"apt install {compiler}")
+        path = build_library(out, tmp_path / f"{compiler}{level}.so", [compiler], (level,))
+        assert ControllerLibrary.of_folder(out, path).selftest() == 0
+    source = out / "src" / "plant_mpc.c"
+    text = source.read_text(encoding="utf-8")
+    changed = re.sub(r"(const double KEEP = )0.99;", r"\1 0.985;", text)
+    assert changed != text
+    source.write_text(changed, encoding="utf-8")
+    path = build_library(out, tmp_path / "other.so")
+    assert ControllerLibrary.of_folder(out, path).selftest() == 16
 
 
 def test_a_struct_that_nobody_began_is_refused(tmp_path: Path) -> None:
