@@ -7,8 +7,8 @@ compiled and given 100 problems: states far out, weights of 0, limits that are e
 each other, hard bounds that cannot hold, NaN and infinite numbers, from a plan and without. Three
 promises are looked at in each:
 
-- what is called solved is optimal to twice the tolerance and the rounding of the largest multiplier,
-  by the interpreter, which knows nothing of the solver; NaN is not;
+- what is called solved is optimal to twice the tolerance and the rounding of the largest
+  multiplier, by the interpreter, which knows nothing of the solver; NaN is not;
 - controls are finite and inside their limits wherever these leave room, whatever the status;
 - no byte outside of the structs is written: 64 before and behind each.
 """
