@@ -7,6 +7,7 @@ from typing import Any
 
 from backends.c_language.literals import Dtype
 from backends.ports.metadata import metadata_text
+from backends.predictive_control.form import PlanLayout
 from backends.predictive_control.inputs import InputField
 from backends.predictive_control.members import StructMember
 from backends.predictive_control.rows import Rows
@@ -20,6 +21,8 @@ def about_text(
     dtype: Dtype,
     struct: Iterable[StructMember],
     fields: Iterable[InputField],
+    *,
+    plan: PlanLayout,
     rows: Rows,
 ) -> str:
     """The JSON file of a controller."""
@@ -34,7 +37,8 @@ def about_text(
             "prefix": prefix,
             "dtype": dtype,
             "horizon": problem.horizon,
-            "structure": "staged",
+            "structure": plan.structure,
+            "plan": {"places": list(plan.places), "step": plan.step},
             "iterations": problem.iterations,
             "tolerance": problem.tolerance,
             "states": quantities(problem.states),

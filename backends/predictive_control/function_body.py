@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index, c_strides
@@ -13,16 +12,28 @@ from backends.c_language.used_names import used_names
 from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
+from backends.predictive_control.placed_matrix import PlacedMatrix
+from backends.predictive_control.series import Place
 from compiler.ir.ops import AnyRead, Constant, ReadSignal, ReadState, Window
-from compiler.ir.program import Formula, Graph
+from compiler.ir.program import Formula, Graph, NodeId
 from compiler.ir.types import Type
-from compiler.jacobian.matrices import Matrix, MatrixBlock, Vector
+from compiler.jacobian.matrices import Vector
 
 _UNROLL = 4
 _BLOCK = 8
 _SIDE_BY_SIDE = 4
 """Partial sums: a processor adds them up at once. The judge allows for any order of a sum."""
-_ARRAYS = ("z", "given", "weight", "kept", "results", "slopes", "curvature", "limit")
+_ARRAYS = (
+    "z",
+    "given",
+    "weight",
+    "kept",
+    "results",
+    "slopes",
+    "curvature",
+    "steady",
+    "limit",
+)
 
 
 class FunctionBody:
@@ -33,7 +44,7 @@ class FunctionBody:
         graph: Graph,
         functions: FunctionTable,
         formulas: tuple[Formula, ...],
-        places: Mapping[str, tuple[str, int]],
+        places: Mapping[str, Place],
     ) -> None:
         self._graph = graph
         self._places = places
@@ -60,26 +71,57 @@ class FunctionBody:
         """Where a leaf of the graph stands."""
         match op:
             case ReadState(name):
-                array, first = self._places[name]
+                place = self._places[name]
             case ReadSignal(name):
-                array, first = self._places[name]
+                place = self._places[name]
             case _:
                 raise AssertionError("a trained problem reads states and signals alone")
-        return part(array, type, first)
+        return ArrayView(Name(place.array), type.shape, place.strides, Index(place.first))
 
     def push(self, op: Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
         """Never called: derivatives read whole windows."""
         raise AssertionError("derivatives have no windows of buffers")
 
-    def write_known(self, array: str, wider: WiderMatrix) -> None:
+    def write(
+        self,
+        matrices: Iterable[PlacedMatrix],
+        moved: Mapping[NodeId, NodeId],
+        results: Sequence[tuple[NodeId, ArrayView]] = (),
+    ) -> None:
+        """Results, and the entries that the arrays have; `moved` says which nodes these are."""
+        wanted = [
+            (
+                placed,
+                [
+                    (block, moved[block.node])
+                    for block in placed.matrix.blocks
+                    if block.node in moved and placed.has(block, self._shape(moved[block.node]))
+                ],
+            )
+            for placed in matrices
+        ]
+        entries = [node for _, blocks in wanted for _, node in blocks]
+        lowered = self.lowered([*(node for node, _ in results), *entries])
+        for node, view in results:
+            lowered.store(node, view)
+        for placed, blocks in wanted:
+            self._write_known(placed)
+            for block, node in blocks:
+                for part, view in placed.parts(block, lowered.value(node)):
+                    lowered.store_part(node, part, view)
+
+    def _shape(self, node: NodeId) -> tuple[int, ...]:
+        return self._graph[node].type.shape
+
+    def _write_known(self, placed: PlacedMatrix) -> None:
         """Entries that are always the same number."""
-        if not wider.rows:
+        first, last = placed.first, placed.last
+        if first == last:
             return
-        first, last = min(wider.rows) * wider.width, (max(wider.rows) + 1) * wider.width
-        place = ArrayView(Name(array), (last,), (1,))
+        place = ArrayView(Name(placed.array), (last,), (1,))
         with self.scope.loop(last - first) as (index, inner):
             inner.assign(place.element([index.plus(Index(first))]), Real(0.0))
-        for number, value in wider.known().items():
+        for number, value in placed.known().items():
             self.scope.assign(place.element([Index(number)]), Real(value))
 
     def finished(
@@ -99,35 +141,12 @@ class FunctionBody:
         return Function(f"{prefix}_{name}", "void", arguments, body, doc, static=True)
 
 
-@dataclass(frozen=True, slots=True)
-class WiderMatrix:
-    """A matrix in an array with more rows and longer ones."""
-
-    matrix: Matrix
-    rows: Sequence[int]
-    """Where its rows are; those of one quantity follow each other."""
-    width: int
-
-    def place(self, number: int) -> int:
-        """Where the entry of that number stands."""
-        row, column = divmod(number, self.matrix.shape[1])
-        return self.rows[row] * self.width + column
-
-    def entries(self, array: str, block: MatrixBlock, shape: tuple[int, ...]) -> ArrayView:
-        """Where the entries of a block stand."""
-        columns = self.matrix.shape[1]
-        steps = [divmod(stride, columns) for stride in block.strides]
-        strides = tuple(rows * self.width + column for rows, column in steps)
-        return ArrayView(Name(array), shape, strides, Index(self.place(block.offset)))
-
-    def known(self) -> dict[int, float]:
-        """Numbers other than 0 that are always the same, by their places."""
-        return {self.place(i): x for i, x in enumerate(self.matrix.known) if x}
-
-
-def vector_places(array: str, vector: Vector) -> dict[str, tuple[str, int]]:
+def vector_places(array: str, vector: Vector) -> dict[str, Place]:
     """Where each quantity of a vector begins in its array."""
-    return {member.name: (array, member.first) for member in vector.members}
+    return {
+        member.name: Place(array, member.first, c_strides(Type(member.axes).shape))
+        for member in vector.members
+    }
 
 
 def part(array: str, type: Type, first: int) -> ArrayView:

@@ -30,6 +30,8 @@ class ControllerLibrary:
 
     def __init__(self, about: Mapping[str, Any], library: ctypes.CDLL) -> None:
         self._prefix: str = about["prefix"]
+        self._plan: dict[str, Any] = about["plan"]
+        self._horizon: int = about["horizon"]
         self._library = library
         self._state = np.zeros(1, struct_type(about["struct"]))
         self._in = np.zeros(1, struct_type(about["in"]))
@@ -74,6 +76,12 @@ class ControllerLibrary:
     def member(self, name: str) -> Array:
         """A member of the struct, as it is now."""
         return self._state[0][name].copy()
+
+    def plan(self) -> Array:
+        """(x, u) of all stages, (N+1, nx+nu); there is no control at the end."""
+        at = np.asarray(self._plan["places"])
+        stages = self._plan["step"] * np.arange(self._horizon + 1)
+        return self._state[0]["z"].ravel()[stages[:, None] + at]
 
     def _decided(self, function: str, values: Mapping[str, ArrayLike]) -> Decision:
         for name, value in values.items():

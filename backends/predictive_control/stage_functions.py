@@ -9,12 +9,9 @@ from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index, c_strides
 from backends.c_language.tree import Function, Name
 from backends.predictive_control.cut import Cut, cut_at_values, kept_signal
-from backends.predictive_control.function_body import (
-    FunctionBody,
-    WiderMatrix,
-    part,
-    vector_places,
-)
+from backends.predictive_control.function_body import FunctionBody, part, vector_places
+from backends.predictive_control.placed_matrix import PlacedMatrix
+from backends.predictive_control.series import Place
 from compiler.hessian.step_derivatives import StepDerivatives, multiplier
 from compiler.ir.program import Formula, Graph, NodeId
 from compiler.jacobian.matrices import Vector
@@ -24,12 +21,28 @@ from compiler.jacobian.matrices import Vector
 class StageArrays:
     """How the arrays of the solver are laid out."""
 
-    variables: int
-    """Numbers in a row of a matrix: states, then controls."""
+    variables: Mapping[str, Place]
+    """Where a stage finds states and controls."""
     results: Mapping[str, int]
     """Where the first number of each result stands among those of any stage."""
     given: Vector
     """Disturbances and references."""
+    slopes: PlacedMatrix
+    curvature: PlacedMatrix
+
+    @property
+    def places(self) -> dict[str, Place]:
+        """Where all that values read stands."""
+        return {**self.variables, **vector_places("given", self.given)}
+
+    def wanted(self, graph: Graph) -> list[NodeId]:
+        """The nodes of which the arrays have entries."""
+        return [
+            block.node
+            for placed in (self.slopes, self.curvature)
+            for block in placed.matrix.blocks
+            if placed.has(block, graph[block.node].type.shape)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,22 +75,29 @@ class StageWriter:
 
     def stage(self, name: str, found: StepDerivatives, arrays: StageArrays) -> StageFunctions:
         """`<prefix>_<name>value` and `<prefix>_<name>slopes` of these derivatives."""
-        cut = cut_at_values(found)
-        sizes = [found.graph[node].type.size for node in cut.kept]
-        firsts = [sum(sizes[:number]) for number in range(len(sizes))]
-        places = {kept_signal(number): ("kept", first) for number, first in enumerate(firsts)}
-        places |= vector_places("z", found.variables) | vector_places("given", arrays.given)
-        places |= {
-            multiplier(name): ("weight", first)
-            for name, first in arrays.results.items()
-            if name in found.values
-        }
+        cut = cut_at_values(found, arrays.wanted(found.graph))
+        types = [found.graph[node].type for node in cut.kept]
+        firsts = [sum(type.size for type in types[:number]) for number in range(len(types))]
+        places = dict(arrays.places)
+        for number, (first, type) in enumerate(zip(firsts, types, strict=True)):
+            places[kept_signal(number)] = Place("kept", first, c_strides(type.shape))
+        for result, first in arrays.results.items():
+            if result in found.values:
+                shape = found.graph[found.values[result]].type.shape
+                places[multiplier(result)] = Place("weight", first, c_strides(shape))
         return StageFunctions(
             self._values(f"{name}value", found, cut, places, firsts, arrays),
             self._slopes(f"{name}slopes", found, cut, places, arrays),
-            sum(sizes),
+            sum(type.size for type in types),
             any(matrix.perhaps_infinite for matrix in found.matrices),
         )
+
+    def steady(self, found: StepDerivatives, arrays: StageArrays, placed: PlacedMatrix) -> Function:
+        """`<prefix>_steady`: the slopes that are the same at all stages."""
+        body = FunctionBody(found.graph, self._functions, self._formulas, arrays.places)
+        body.write((placed,), {node: node for node in placed.matrix.nodes})
+        doc = "Computes the slopes of a stage's results that stay the same along the horizon."
+        return body.finished("steady", self._real, ("given",), ("steady",), doc)
 
     def limits(self, graph: Graph, limits: Sequence[PlacedLimit], given: Vector) -> Function:
         """`<prefix>_limits`: the limits of a stage, by their sides."""
@@ -102,7 +122,7 @@ class StageWriter:
         name: str,
         found: StepDerivatives,
         cut: Cut,
-        places: Mapping[str, tuple[str, int]],
+        places: Mapping[str, Place],
         firsts: list[int],
         arrays: StageArrays,
     ) -> Function:
@@ -122,29 +142,12 @@ class StageWriter:
         name: str,
         found: StepDerivatives,
         cut: Cut,
-        places: Mapping[str, tuple[str, int]],
+        places: Mapping[str, Place],
         arrays: StageArrays,
     ) -> Function:
         body = FunctionBody(cut.slopes, self._functions, self._formulas, places)
-        assert found.hessian is not None
-        of_results = [
-            arrays.results[member.name] + number
-            for member in found.results.members
-            for number in range(member.size)
-        ]
-        variables = list(range(found.variables.size))
-        matrices = {
-            "slopes": WiderMatrix(found.jacobian, of_results, arrays.variables),
-            "curvature": WiderMatrix(found.hessian, variables, arrays.variables),
-        }
-        roots = [cut.moved[n] for wider in matrices.values() for n in wider.matrix.nodes]
-        lowered = body.lowered(roots)
-        for array, wider in matrices.items():
-            body.write_known(array, wider)
-            for block in wider.matrix.blocks:
-                node = cut.moved[block.node]
-                place = wider.entries(array, block, cut.slopes[node].type.shape)
-                lowered.store(node, place)
+        matrices = (arrays.slopes, arrays.curvature)
+        body.write(matrices, cut.moved)
         doc = "Computes slopes and weighted curvature of the results where they were computed last."
         read = ("z", "given", "weight", "kept")
         return body.finished(name, self._real, read, ("slopes", "curvature"), doc)

@@ -3,9 +3,10 @@
 Each limit c(w) ≥ 0 has a slack t > 0 with c(w) = t and a multiplier z, t·z → μ; a soft one has an
 excess v > 0 more, c(w) + v = t, which costs w₁ v + w₂ v², with the multiplier ν = w₁ + 2 w₂ v − z,
 v·ν → μ (Nocedal, Wright: Numerical Optimization, 2006, ch. 19). Slacks and excesses are eliminated,
-so that each step is one Riccati recursion. Costates follow from the plan: the gradient in
-the states is 0 always. The curvature is exact where the recursion has a minimum with it, and that
-of the nearest convex stages where not. Steps are cut back by an ℓ₁ merit function.
+so that each step is one Riccati recursion, or one dense system in the controls alone. Costates
+follow from the plan: the gradient in the states is 0 always. The curvature is exact where the step
+has a minimum with it, and that of the nearest convex stages where not. Steps are cut back by an ℓ₁
+merit function.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from compiler.optimal_control.horizon import Array, Given
 from msnn.control.barrier_limits import BarrierLimits
+from msnn.control.condensed_step import condensed_step
 from msnn.control.horizon_functions import HorizonFunctions, Values
 from msnn.control.iterate import Direction, Iterate, Point
 from msnn.control.riccati import newton_step
@@ -230,7 +232,8 @@ class InteriorPoint:
         pull = limits.by_row(z - stiffness * offset)
         gradient = slopes.cost + np.einsum("km,kmw->kw", pull, slopes.rows)
         held_gaps = self._held_gaps(now)
-        found = newton_step(whole, gradient, slopes.following, point.gaps, self._held, held_gaps)
+        step = condensed_step if self._f.structure == "condensed" else newton_step
+        found = step(whole, gradient, slopes.following, point.gaps, self._held, held_gaps)
         if found is None:
             return None
         states, controls = found

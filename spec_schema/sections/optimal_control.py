@@ -38,7 +38,7 @@ from spec_schema.units.quantity import Quantity
 from spec_schema.yaml_tree.nodes import Node, Scalar
 
 Hessian: TypeAlias = Literal["exact", "gauss_newton"]
-Structure: TypeAlias = Literal["auto", "staged"]
+Structure: TypeAlias = Literal["auto", "staged", "condensed"]
 Mode: TypeAlias = Literal["converged", "fixed"]
 
 
@@ -158,7 +158,7 @@ class InteriorPoint(Entry):
 
     noun: ClassVar[str] = "the interior_point solver"
 
-    structure: Annotated[Structure, choice("auto", "staged")] = "auto"
+    structure: Annotated[Structure, choice("auto", "staged", "condensed")] = "auto"
     """Stage by stage (`staged`), or what computes least of what there is."""
     mode: Annotated[Mode, choice("converged", "fixed")] = "converged"
     """Until the tolerance is reached, or always `iterations` of them."""

@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from backends.c_language.functions import FunctionTable
 from backends.c_language.tree import Function
-from backends.predictive_control.function_body import (
-    FunctionBody,
-    WiderMatrix,
-    part,
-    vector_places,
-)
+from backends.predictive_control.function_body import FunctionBody, part, vector_places
+from backends.predictive_control.placed_matrix import PlacedMatrix
 from compiler.hessian.step_derivatives import StepDerivatives, next_value, step_derivatives
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Program
@@ -91,24 +89,27 @@ class _Writer:
     ) -> Function:
         places = vector_places("z", self.numbers) | vector_places("given", self.inputs)
         body = FunctionBody(found.graph, self.table, self.program.formulas, places)
-        matrix = found.jacobian
-        lowered = body.lowered([*(found.values[result] for result in results), *matrix.nodes])
         firsts: dict[str, int] = {}
         size = 0
         for result in results:
             firsts[result] = size
             size += found.results.member(result).size
-            node = found.values[result]
-            lowered.store(node, part("results", found.graph[node].type, firsts[result]))
         rows = [
             firsts[member.name] + number
             for member in found.results.members
             for number in range(member.size)
         ]
-        wider = WiderMatrix(matrix, rows, self.numbers.size)
-        body.write_known("slopes", wider)
-        for block in matrix.blocks:
-            place = wider.entries("slopes", block, found.graph[block.node].type.shape)
-            lowered.store(block.node, place)
+        width = self.numbers.size
+        slopes = PlacedMatrix(
+            "slopes",
+            found.jacobian,
+            rows=np.array(rows, np.int64) * width,
+            columns=np.arange(width),
+            first=0,
+            last=size * width,
+        )
+        values = [(found.values[result], firsts[result]) for result in results]
+        stored = [(node, part("results", found.graph[node].type, first)) for node, first in values]
+        body.write((slopes,), {node: node for node in found.jacobian.nodes}, stored)
         read, written = ("z", "given"), ("results", "slopes")
         return body.finished(name, self.real, read, written, doc)
