@@ -8,7 +8,7 @@ each other, hard bounds that cannot hold, NaN and infinite numbers, from a plan 
 promises are looked at in each:
 
 - what is called solved is optimal to twice the tolerance and the rounding of the largest
-  multiplier, by the interpreter, which knows nothing of the solver; NaN is not;
+  multiplier of a control, by the interpreter, which knows nothing of the solver; NaN is not;
 - controls are finite and inside their limits wherever these leave room, whatever the status;
 - no byte outside of the structs is written: 64 before and behind each.
 """
@@ -41,6 +41,8 @@ GUARD, PATTERN = 64, 0xA5
 STATUSES = ("solved", "capped", "infeasible", "input not finite", "not initialised")
 WEIGHTS = ("q", "w", "e")
 WIDTHS = (0.0, 1e-12, 0.5, 2.0, 20.0, -1.0)
+NO_ROOM = 1e-9
+"""Limits nearer to each other than this, by the scale, hold a control (`LEAST_ROOM`)."""
 OFTEN = (0.1, 0.05, 0.3, 0.4, 0.1, 0.05)
 
 
@@ -169,9 +171,12 @@ def solve_plant(text: str, count: int, random: np.random.Generator, folder: Path
             plan, multipliers = plan_of(problem, library), multipliers_of(problem, rows, library)
             with np.errstate(all="ignore"):
                 residual = judge.residuals(Given(x, {}, along), plan, multipliers).largest
-            # multipliers of limits without room take slopes of any size, as exact as they are
+            # multipliers of controls without room take slopes of any size, as exact as they are;
+            # the other limit is as far as there is room
             sides = (multipliers.control_min, multipliers.control_max)
-            rounding = 64 * np.finfo(float).eps * max(float(np.max(side)) for side in sides)
+            room = max((high - low for low, high in limits if high - low < NO_ROOM), default=0.0)
+            exact = 1e3 * np.finfo(float).eps + 2 * room
+            rounding = exact * max(float(np.max(side)) for side in sides)
             if not residual <= 2 * problem.tolerance + rounding:
                 found["WRONG: called solved"] += 1
                 print(f"residual {residual} of\n{text}\nx = {x.tolist()}, {known}")

@@ -70,20 +70,21 @@ def test_nothing_is_found_in_a_controller_and_its_filter(
         for figure in figures.values():
             least, mean, most = figure["instructions"]
             assert 0 < least <= mean <= most
-            assert figure["data"] == 0
+            # the square root of the C library keeps errno where the core has none
+            assert figure["data"] == 0 or target.startswith("Cortex-M0")
             assert figure["stack_painted"] <= (figure["stack_bound"] or 1 << 20)
         assert figures["feedback"]["instructions"][2] < figures["solve"]["instructions"][0]
         # the structs of both
         assert 2_000 < figures["solve"]["bss"] < 8_000
     report = (folder / "REPORT.md").read_text(encoding="utf-8")
-    assert re.search(r"\\n\\| Cortex-M4F -O2 solve \\| \\d+ \\| ", report)
+    assert re.search(r"\n\| Cortex-M4F -O2 solve \| \d+ \| ", report)
 
 
 def test_a_filter_alone_is_verified(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require(GCC, CLANG, ARM_GCC, ARM_QEMU)
-    text = re.sub(r"mpc:\\n  horizon.*?(?=estimator)", "", PLANT, flags=re.DOTALL)
+    text = re.sub(r"mpc:\n  horizon.*?(?=estimator)", "", PLANT, flags=re.DOTALL)
     folder = exported(tmp_path, text)
-    assert not list(folder.glob("*_mpc.json"))
+    assert not list(folder.glob("src/*_mpc.c"))
     code, said = verified(capsys, folder, "--targets", "host,m4")
     assert code == 0, said
     figures = said["golden solves", "Cortex-M4F -Os"]["figures"]
@@ -100,8 +101,8 @@ FAULTS = {
     ),
     "a control beyond its limit": (
         "plant_mpc.c",
-        "        out->u[i] = u;\\n",
-        "        out->u[i] = u * 1.01f;\\n",
+        "        out->u[i] = u;\n",
+        "        out->u[i] = u * 1.01f;\n",
         "drawn numbers",
         "error: a control",
     ),
@@ -115,14 +116,14 @@ FAULTS = {
     "a write behind the struct": (
         "plant_ekf.c",
         "    return commit(e);",
-        "    ((unsigned char *)e)[sizeof *e] = 0;\\n    return commit(e);",
+        "    ((unsigned char *)e)[sizeof *e] = 0;\n    return commit(e);",
         "drawn numbers",
         "error: a byte outside of the structs was written",
     ),
     "an index that is too large": (
         "plant_ekf.c",
-        "    for (int i = 0; i < ALL; i++) {\\n        e->gain[i] /= sum;",
-        "    for (int i = 0; i < ALL + 1; i++) {\\n        e->gain[i] /= sum;",
+        "    for (int i = 0; i < ALL; i++) {\n        e->gain[i] /= sum;",
+        "    for (int i = 0; i < ALL + 1; i++) {\n        e->gain[i] /= sum;",
         "sanitizers",
         "runtime error: index 1 out of bounds",
     ),

@@ -11,6 +11,10 @@ import pytest
 from backends.c.host.build import build_library
 from backends.predictive_control import write_controller
 from backends.predictive_control.library import ControllerLibrary
+from backends.predictive_control.rows import rows_of
+from backends.predictive_control.solution import multipliers_of, plan_of
+from compiler.optimal_control.horizon import Given
+from compiler.optimal_control.kkt import Judge
 from msnn.exports.judged_controller import compare_controller
 from msnn.model.load import load_model
 from tests.conditions import require_tool
@@ -246,6 +250,38 @@ def test_hard_limits_that_cannot_hold_are_infeasible(tmp_path: Path) -> None:
     library = _library("equal_bounds_and_one_sample", tmp_path)
     assert library.solve({"x": [-1.0, 1.0]}).status == INFEASIBLE
     assert library.solve({"x": [0.1, 0.1]}).status == SOLVED
+
+
+def test_a_hard_limit_is_not_exceeded_by_what_pays(tmp_path: Path) -> None:
+    """A limit that is kept to the tolerance, with a steep cost behind it, saves more than that."""
+    text = """
+msnn: 1
+name: plant
+sample_time: 1 s
+inputs: {u: {between: hold}}
+states:
+  x: {next: 0.9 * x - 0.206 * w + 0.299 * u, init: 0}
+  w: {next: -0.384 * x + 1.43 * w + 0.98 * u + 0.2 * w**2, init: 0}
+outputs: {y: 1 * x}
+mpc:
+  horizon: 2
+  controls: [u]
+  cost:
+    stage: 73.2 * ((x + 1.6957)**2 + w**2) + 20.77 * u**2
+    terminal: 49.7 * (x + 1.6957)**2
+  bounds: {u: {min: -9.6, max: 10.4}, x: {max: -0.5, hard: true}}
+"""
+    problem = load(tmp_path, text).control
+    assert problem is not None
+    out = tmp_path / "c"
+    write_controller(problem, {}, out, prefix="plant", dtype="float64")
+    library = ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+    state = np.array([0.11222874877812497, 0.02267833726484067])
+    assert library.solve({"x": state}).status == SOLVED
+    plan = plan_of(problem, library)
+    multipliers = multipliers_of(problem, rows_of(problem), library)
+    found = Judge(problem).residuals(Given(state, {}, {}), plan, multipliers)
+    assert found.largest <= 2 * problem.tolerance
 
 
 def test_a_capped_plan_that_breaks_a_hard_limit_is_infeasible(tmp_path: Path) -> None:
