@@ -92,12 +92,12 @@ def test_a_filter_alone_is_verified(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 FAULTS = {
-    "another order of a sum": (
-        "plant_mpc.c",
-        "sum += a[i] * dz[i];",
-        "sum = a[i] * dz[i] + sum * (1 + 1e-7f);",
+    "another rounding": (
+        "plant_ekf.c",
+        "sum += f * v;",
+        "sum += f * v * 1.0000001f;",
         "golden solves",
-        "the self-test of plant_mpc returned 0x00000010",
+        "the self-test of plant_ekf returned 0x00000004",
     ),
     "a control beyond its limit": (
         "plant_mpc.c",
