@@ -48,5 +48,5 @@ lock: setup
 
 clean:
 	rm -rf .venv build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache
-	rm -rf examples/*/build examples/*/data
+	rm -rf examples/*/build examples/*/data examples/*/runs
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -32,6 +32,7 @@ def main() -> int:
     for spec in ("vehicle", "controller", "mlp"):  # both controllers take the vehicle's weights
         msnn("train", f"{spec}.msnn.yaml")
         msnn("validate", f"{spec}.msnn.yaml")
+    msnn("export", "vehicle.msnn.yaml", "--check")  # the predictive controller
     exported = json.loads(msnn("export", "controller.msnn.yaml", "--check", "--format", "json"))
     print("driving on the test road", flush=True)
     judged = judge.judge(HERE)

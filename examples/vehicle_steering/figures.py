@@ -26,6 +26,14 @@ STYLE = {
     "lines.linewidth": 0.9,
 }
 SPARSE = 8  # samples from point to point of a curve
+COLOURS = {  # of Okabe and Ito, which colour-blind readers tell apart too
+    "kinematic": "0.7",
+    "filters": "#E69F00",
+    "mlp": "#56B4E9",
+    "stanley": "k",
+    "mpc": "#009E73",
+    "controller": "#D55E00",
+}
 
 
 def write(judged: Judged, folder: Path) -> None:
@@ -43,12 +51,14 @@ def _curvature(judged: Judged, path: Path) -> None:
     wheels, vehicle = judged.traces["wheels"], judged.traces["vehicle"]
     above.plot(vehicle.time[::SPARSE], vehicle.true[::SPARSE], "k")
     above.set_ylabel("curvature, 1/m")
-    for trace, name, colour in ((wheels, "wheels", "0.7"), (vehicle, "vehicle", "C0")):
+    curves = (
+        (wheels, COLOURS["kinematic"], TITLES["wheels"]),
+        (vehicle, "#0072B2", TITLES["vehicle"]),
+        (judged.traces["controller"], COLOURS["controller"], "controller and learned vehicle"),
+    )
+    for trace, colour, label in curves:
         error = 1e3 * (trace.predicted - trace.true)
-        below.plot(trace.time[::SPARSE], error[::SPARSE], colour, label=TITLES[name])
-    own = judged.traces["controller"]
-    error = 1e3 * (own.predicted - own.true)
-    below.plot(own.time[::SPARSE], error[::SPARSE], "C1", label="controller and learned vehicle")
+        below.plot(trace.time[::SPARSE], error[::SPARSE], colour, label=label)
     below.set(xlabel="time, s", ylabel="error, 0.001/m", ylim=(-4, 4))
     _legend_above(below)
     _save(figure, path)
@@ -60,10 +70,11 @@ def _paths(judged: Judged, path: Path) -> None:
     road, nominal = draw(TEST), VARIATIONS[0].name
     above.plot(-road.y[::40], road.x[::40], "k", linewidth=0.6)  # turned: it leads down
     above.set(aspect="equal", xlabel="m", ylabel="m", title="the test road")
-    for name in ("kinematic", "filters", "mlp", "stanley", "controller"):
+    for name, colour in COLOURS.items():
         run = judged.runs[name, nominal]
         width = 1.4 if name == "controller" else 0.8
-        below.plot(run.way[::SPARSE], run.offset[::SPARSE], linewidth=width, label=TITLES[name])
+        way, offset = run.way[::SPARSE], run.offset[::SPARSE]
+        below.plot(way, offset, color=colour, linewidth=width, label=TITLES[name])
     below.set(xlabel="along the road, m", ylabel="offset to the left, m")
     _legend_above(below)
     _save(figure, path)
@@ -92,7 +103,7 @@ def _learned(folder: Path, path: Path) -> None:
 
 def _legend_above(axes: plt.Axes) -> None:
     """In a line over the axes, where it covers no curve."""
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5, fontsize=7, frameon=False)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=6, fontsize=7, frameon=False)
 
 
 def _parameters(folder: Path, spec: str) -> dict[str, Array]:

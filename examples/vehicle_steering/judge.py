@@ -13,11 +13,13 @@ from drivers import Kinematic, Stanley
 from learned import Exported, fit_filters, fit_lead
 from multi_body import Car, MultiBody
 from open_loop import Drive, Trace, read, steered, through_kinematics, through_vehicle
+from predictive import Predictive, Solve
 from roads import draw
 from setting import REAR_SLIP, SUBSTEPS, TEST, VARIATIONS, Roads, Variation
 
-CONTROLLERS = ("controller", "mlp", "filters", "kinematic", "stanley")
-PREVIEWING = CONTROLLERS[:4]
+CONTROLLERS = ("controller", "mlp", "mpc", "filters", "kinematic", "stanley")
+PREVIEWING = CONTROLLERS[:5]
+VEHICLE = "vehicle.msnn.yaml"
 SEED = 7  # of the sensors' noise in the tests, the same for all
 
 
@@ -27,6 +29,8 @@ class Judged:
 
     runs: dict[tuple[str, str], Run]
     """By controller and variation."""
+    solves: list[Solve]
+    """Of the predictive controller, in all variations."""
     traces: dict[str, Trace]
     """Curvatures on the recorded test drive, of both vehicles and of controllers."""
     lead: int
@@ -43,27 +47,25 @@ def judge(folder: Path, car_of: Callable[..., Car] = MultiBody, roads: Roads = T
     cases = [(name, variation, SUBSTEPS) for variation in VARIATIONS for name in CONTROLLERS]
     cases.append(("controller", nominal, 4 * SUBSTEPS))
     with ProcessPoolExecutor(min(os.cpu_count() or 1, 4), get_context("spawn")) as pool:
-        done = [pool.submit(_driven, folder, car_of, roads, *case) for case in cases]
-        runs = [case.result() for case in done]
-    by_case = {(name, v.name): r for (name, v, _), r in zip(cases[:-1], runs[:-1], strict=True)}
-    coarse, fine = by_case["controller", nominal.name].offset, runs[-1].offset
-    rows = min(len(coarse), len(fine))
-    drive = read(folder / "data" / "test" / "drive.csv")
-    car, vehicle = car_of(nominal), folder / "vehicle.msnn.yaml"
-    traces = {
-        "vehicle": through_vehicle(vehicle, drive, drive["delta"]),
+        planned = {name: pool.submit(_planned, folder, car_of, name) for name in PREVIEWING}
+        driven = [pool.submit(_driven, folder, car_of, roads, *case) for case in cases]
+        traces = {name: trace.result() for name, trace in planned.items()}
+        done = [case.result() for case in driven]
+    *runs, finer = [found for found, _ in done]
+    by_case = {(name, v.name): r for (name, v, _), r in zip(cases[:-1], runs, strict=True)}
+    coarse = by_case["controller", nominal.name]
+    rows = min(len(coarse.offset), len(finer.offset))
+    drive, car = _test_drive(folder), car_of(nominal)
+    recorded = {
+        "vehicle": through_vehicle(folder / VEHICLE, drive, drive["delta"]),
         "wheels": through_kinematics(drive, car.wheelbase),
     }
-    for name in PREVIEWING:
-        asked = steered(controller(folder, name, car), drive)
-        traces[name] = through_vehicle(
-            vehicle, drive, np.append(asked, drive["delta"][len(asked) :])
-        )
     return Judged(
         runs=by_case,
-        traces=traces,
+        solves=[solve for _, solves in done for solve in solves],
+        traces={**recorded, **traces},
         lead=fit_lead(_training(folder), car.wheelbase),
-        finer_steps=float(np.max(np.abs(coarse[:rows] - fine[:rows]))),
+        finer_steps=float(np.max(np.abs(coarse.offset[:rows] - finer.offset[:rows]))),
         translated=_translated(car),
     )
 
@@ -77,6 +79,8 @@ def controller(folder: Path, name: str, car: Car) -> Controller:
             return fit_filters(_training(folder))
         case "stanley":
             return Stanley(car.wheelbase, car.to_front, REAR_SLIP)
+        case "mpc":
+            return Predictive(folder / VEHICLE)
         case _:
             spec = folder / f"{name}.msnn.yaml"
             return Exported(spec, planned_speeds=name == "controller")
@@ -89,9 +93,24 @@ def _driven(
     name: str,
     variation: Variation,
     substeps: int,
-) -> Run:
+) -> tuple[Run, list[Solve]]:
+    """A run on the road, and what was solved for it."""
     car = car_of(variation, substeps)
-    return run(car, controller(folder, name, car), draw(roads), SEED)
+    steering = controller(folder, name, car)
+    found = run(car, steering, draw(roads), SEED)
+    return found, steering.solves if isinstance(steering, Predictive) else []
+
+
+def _planned(folder: Path, car_of: Callable[..., Car], name: str) -> Trace:
+    """The learned vehicle, steered by a controller for which the test drive is the planned path."""
+    drive = _test_drive(folder)
+    asked = steered(controller(folder, name, car_of(VARIATIONS[0])), drive)
+    whole = np.append(asked, drive["delta"][len(asked) :])
+    return through_vehicle(folder / VEHICLE, drive, whole)
+
+
+def _test_drive(folder: Path) -> Drive:
+    return read(folder / "data" / "test" / "drive.csv")
 
 
 def _training(folder: Path) -> list[Drive]:

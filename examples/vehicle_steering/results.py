@@ -1,6 +1,7 @@
 """Reduces what was measured to numbers, and writes them as a file and as the tables of README."""
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from setting import VARIATIONS
 TITLES = {
     "controller": "controller (this example)",
     "mlp": "perceptron",
+    "mpc": "predictive",
     "filters": "filters by least squares",
     "kinematic": "kinematic",
     "stanley": "Stanley",
@@ -30,6 +32,7 @@ def numbers(judged: Judged, exported: dict[str, Any]) -> dict[str, Any]:
             variation.name: {name: _driven(judged, name, variation.name) for name in CONTROLLERS}
             for variation in VARIATIONS
         },
+        "solves": _solves(judged),
         "kinematic_lead": judged.lead,
         "finer_steps": judged.finer_steps,
         "translated": judged.translated,
@@ -51,7 +54,8 @@ def write(found: dict[str, Any], folder: Path) -> None:
 
 def tables(found: dict[str, Any]) -> str:
     """The tables of README."""
-    return "\n\n".join((_open_loop(found), _closed_loop(found), _export(found["export"])))
+    parts = (_open_loop(found), _closed_loop(found), _solved(found["solves"]))
+    return "\n\n".join((*parts, _export(found["export"])))
 
 
 def _open_loop(found: dict[str, Any]) -> str:
@@ -69,16 +73,16 @@ def _open_loop(found: dict[str, Any]) -> str:
 
 
 def _closed_loop(found: dict[str, Any]) -> str:
-    names = [TITLES[name] for name in CONTROLLERS]
+    loops = found["closed_loop"]
     lines = [
         "Offset from the middle, largest and rms [m]; steering rate, largest and rms [rad/s]:",
         "",
-        f"| car | {' | '.join(names)} |",
-        "|---|" + "---|" * len(names),
+        f"| controller | {' | '.join(loops)} |",
+        "|---|" + "---|" * len(loops),
     ]
-    for variation, rows in found["closed_loop"].items():
-        cells = [_cell(rows[name]) for name in CONTROLLERS]
-        lines.append(f"| {variation} | {' | '.join(cells)} |")
+    for name in CONTROLLERS:
+        cells = [_cell(rows[name]) for rows in loops.values()]
+        lines.append(f"| {TITLES[name]} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
@@ -86,6 +90,18 @@ def _cell(row: dict[str, Any]) -> str:
     if not row["arrived"]:
         return "lost"
     return f"{row['max']:.2f}, {row['rms']:.2f}; {row['rate_max']:.2f}, {row['rate_rms']:.3f}"
+
+
+def _solved(solves: dict[str, Any]) -> str:
+    statuses = ", ".join(f"{count:,} {status}" for status, count in solves["statuses"].items())
+    median, late, longest = solves["ms"]
+    return (
+        f"Statuses of the {solves['count']:,} problems that the predictive controller solves in "
+        f"closed loop: {statuses}. It takes {solves['iterations']:.1f} iterations on average, "
+        f"{solves['most_iterations']} at most. Called from Python it takes {median:.1f} ms of "
+        f"the processor's time in the median, {late:.1f} ms at most in 99 of 100 samples, "
+        f"{longest:.0f} ms in the longest."
+    )
 
 
 def _export(exported: dict[str, Any]) -> str:
@@ -99,6 +115,19 @@ def _export(exported: dict[str, Any]) -> str:
         lines.append(f"| {title} | {least}, {mean:.0f}, {most} |")
         lines.append(f"| flash, RAM, stack, bytes | {memory} |")
     return "\n".join(lines)
+
+
+def _solves(judged: Judged) -> dict[str, Any]:
+    solves = judged.solves
+    taken = 1e3 * np.array([solve.taken for solve in solves])
+    iterations = [solve.iterations for solve in solves]
+    return {
+        "count": len(solves),
+        "statuses": dict(Counter(solve.status for solve in solves)),
+        "iterations": float(np.mean(iterations)),
+        "most_iterations": max(iterations),
+        "ms": [float(np.median(taken)), float(np.quantile(taken, 0.99)), float(taken.max())],
+    }
 
 
 def _driven(judged: Judged, name: str, variation: str) -> dict[str, Any]:

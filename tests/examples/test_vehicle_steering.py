@@ -170,6 +170,10 @@ def test_a_car_is_recorded_learned_steered_and_judged(
     assert {"steer", "from_target", "from_past"} <= outputs
     assert "vehicle.rho_hat" not in outputs
 
+    # the car as it is and with a delay: what differs is a number that the car is given
+    variations = (setting.VARIATIONS[0], setting.VARIATIONS[-1])
+    for module in (judge, results):
+        monkeypatch.setattr(module, "VARIATIONS", variations)
     judged = judge.judge(tmp_path, car_of, setting.Roads(sideways=3.0, bends=1, seed=9))
     figures.write(judged, tmp_path)
     assert len(list((tmp_path / "figures").glob("*.svg"))) == 3
@@ -182,6 +186,17 @@ def test_a_car_is_recorded_learned_steered_and_judged(
     told = json.loads((tmp_path / "results.json").read_text())
     # this car needs 0.0032 v² more steering than its wheelbase of 2.7 m says
     assert told["open_loop"]["vehicle"]["mse"] < 0.01 * told["open_loop"]["wheels"]["mse"]
+    # 0.006 of it; told a path that is one sample late, 0.026
+    assert told["open_loop"]["mpc"]["mse"] < 0.02 * told["open_loop"]["kinematic"]["mse"]
     for variation, rows in told["closed_loop"].items():
         assert rows["controller"]["arrived"], variation
         assert rows["controller"]["max"] < 1.5, variation
+        assert rows["mpc"]["max"] < 1.5, variation
+    assert set(told["solves"]["statuses"]) == {"SOLVED"}
+    assert told["solves"]["count"] == sum(len(judged.runs["mpc", v.name].way) for v in variations)
+
+
+def test_the_page_says_what_the_results_say(example: Any) -> None:
+    results = example("results")
+    found = json.loads((EXAMPLE / "results.json").read_text(encoding="utf-8"))
+    assert results.tables(found) in (EXAMPLE / "README.md").read_text(encoding="utf-8")

@@ -18,6 +18,7 @@ from compiler.hessian.step_derivatives import (
 )
 from compiler.jacobian.interpret import JacobianInterpreter
 from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.matrices import Jacobian
 from tests.every_op.gradients import Array, Problem, Variables, log_of_members
 
 
@@ -38,7 +39,11 @@ def by_compiler(p: Problem, found: StepDerivatives) -> DerivativeValues:
 
 def first_slopes(p: Problem, variables: Variables) -> tuple[Array, Array]:
     """J (members, results, variables) and λᵀJ, by the rows of `jacobian`."""
-    slopes = jacobian(p.program, parameters=True)
+    return slopes_of(jacobian(p.program, parameters=True), p, variables)
+
+
+def slopes_of(slopes: Jacobian, p: Problem, variables: Variables) -> tuple[Array, Array]:
+    """As `first_slopes`, for many variables of one problem."""
     log, times, weights, states = log_of_members(p, variables)
     found = JacobianInterpreter(slopes, p.program, weights).matrices(log, times, states)
     of_states = np.concatenate([found["A"], found["B"], found["dx_dp"]], axis=2)
@@ -54,6 +59,7 @@ def by_differences(p: Problem, found: StepDerivatives) -> Array:
     """Central differences of the slopes."""
     hessian = np.zeros((p.members, found.variables.size, found.variables.size))
     kinds = {name: kind for kind, name in p.variables}
+    slopes = jacobian(p.program, parameters=True)
     for member in found.variables.members:
         kind = kinds[member.name]
         value = p.variables[kind, member.name]
@@ -65,8 +71,8 @@ def by_differences(p: Problem, found: StepDerivatives) -> Array:
             above, below = value.copy(), value.copy()
             above[place] += step
             below[place] -= step
-            first = first_slopes(p, {**p.variables, (kind, member.name): above})[1]
-            second = first_slopes(p, {**p.variables, (kind, member.name): below})[1]
+            first = slopes_of(slopes, p, {**p.variables, (kind, member.name): above})[1]
+            second = slopes_of(slopes, p, {**p.variables, (kind, member.name): below})[1]
             width = np.reshape(above[place] - below[place], (-1, 1))
             hessian[:, member.first + number] = (first - second) / width
     return hessian
