@@ -58,14 +58,13 @@ class InteriorPoint:
         *,
         iterations: int,
         tolerance: float,
-        stops: bool,
     ) -> Outcome:
         """From a scaled plan on; `before` has the multipliers of a neighbouring problem.
 
-        With `stops` it ends once the residual is at most the tolerance, else after `iterations`.
+        It ends once the residual is at most the tolerance, after `iterations` anyway.
         """
         with np.errstate(all="ignore"):
-            return self._solved(states, controls, before, iterations, tolerance, stops=stops)
+            return self._solved(states, controls, before, iterations, tolerance)
 
     def _solved(
         self,
@@ -74,8 +73,6 @@ class InteriorPoint:
         before: Iterate | None,
         iterations: int,
         tolerance: float,
-        *,
-        stops: bool,
     ) -> Outcome:
         steepest = float(np.max(self._limits.linear, initial=1.0))
         first = barrier = _FIRST_BARRIER * steepest if before is None else _WARM_BARRIER
@@ -83,7 +80,7 @@ class InteriorPoint:
         for count in range(iterations + 1):
             point = self._linearised(now, values)
             residual = self._residual(point)
-            is_over = not np.isfinite(residual) or (stops and residual <= tolerance)
+            is_over = not np.isfinite(residual) or residual <= tolerance
             if is_over or count == iterations:
                 return self._ended(now, values, residual, count)
             while barrier > tolerance / 10 and self._error(point, barrier) < 10 * barrier:
