@@ -95,5 +95,5 @@ def unknown_code(code: str, meant: str | None) -> Diagnostic:
 def not_exported_c(folder: str) -> Diagnostic:
     """E1046: `msnn verify` of a folder that holds no C export of this version."""
     message = f"{folder} holds no C that this version of msnn exported"
-    repair = "export it again: `msnn export SPEC --to c` (or mpc), then name the folder `build/export/c`"
+    repair = "export it again: `msnn export SPEC --to c`, then name the folder `build/export/c`"
     return error("E1046", None, message, help=repair)
