@@ -123,13 +123,13 @@ def heat(count: int) -> Array:
     """A rod that is heated and measured at one end: most of its states are hardly observable."""
     random = np.random.default_rng(2)
     rows = np.empty((count, 2))
-    T = np.zeros(PLACES)
+    warm = np.zeros(PLACES)
     for k in range(count):
         power = np.sin(0.01 * k)
-        rows[k] = power, T[0] + 0.01 * random.normal()
-        bend = np.diff(T, prepend=T[0], append=T[-1])
-        T = T + 0.25 * np.diff(bend) - 0.01 * T + 0.01 * random.normal(size=PLACES)
-        T[0] += 0.1 * power
+        rows[k] = power, warm[0] + 0.01 * random.normal()
+        bend = np.diff(warm, prepend=warm[0], append=warm[-1])
+        warm = warm + 0.25 * np.diff(bend) - 0.01 * warm + 0.01 * random.normal(size=PLACES)
+        warm[0] += 0.1 * power
     return rows
 
 

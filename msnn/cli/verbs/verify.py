@@ -13,7 +13,10 @@ from msnn.cli.exit_codes import ExitCode
 
 def verify(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="What `msnn export --to c` or `--to mpc` wrote: build/export/c.")
+        Path,
+        typer.Argument(
+            metavar="DIR", help="What `msnn export --to c` or `--to mpc` wrote: build/export/c."
+        ),
     ],
     targets: Annotated[
         str,

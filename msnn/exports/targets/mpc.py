@@ -62,12 +62,14 @@ def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Pa
     from backends.predictive_control.estimation import write_filter
 
     files: tuple[Path, ...] = ()
-    named = {"prefix": plan.prefix, "dtype": plan.float_type}
+    prefix, dtype = plan.prefix, plan.float_type
     control, estimation = plan.options.control, plan.options.estimation
     if control is not None:
-        files += write_controller(control, _own(control.program, weights), folder, **named)
+        own = _own(control.program, weights)
+        files += write_controller(control, own, folder, prefix=prefix, dtype=dtype)
     if estimation is not None:
-        files += write_filter(estimation, _own(estimation.program, weights), folder, **named)
+        own = _own(estimation.program, weights)
+        files += write_filter(estimation, own, folder, prefix=prefix, dtype=dtype)
     return files
 
 
