@@ -49,7 +49,7 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
     columns, at_end = (numbers_of(problem, each.variables) for each in (found, end))
     jacobian = np.zeros((stages.size, nx + nu), np.bool_)
     of_results = [stages.results[m.name] + i for m in found.results.members for i in range(m.size)]
-    jacobian[np.ix_(of_results, columns)] = _entries(found.jacobian)
+    jacobian[np.array(of_results, np.int64)[:, None], columns] = _entries(found.jacobian)
     assert found.hessian is not None
     assert end.hessian is not None
     curved = np.zeros(nx + nu, np.bool_)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.predictive_control.classes import Classes, classes_of
-from backends.predictive_control.form import Form, PlanLayout
+from backends.predictive_control.form import Addresses, Form, PlanLayout
 from backends.predictive_control.placed_matrix import NOWHERE, PlacedMatrix
 from backends.predictive_control.rows import Rows
 from backends.predictive_control.series import Series, places_in_series, series_of
@@ -39,14 +39,14 @@ def condensed_form(problem: ControlProblem, rows: Rows) -> Form:
         places_of_memory=series.of_memory(),
         newest=form.newest,
         plan=PlanLayout("condensed", _places(problem, series), 1),
-        facts={
-            "of_stage": lambda array, k: f"(c->{array} + {k})",
-            "state": lambda i: f"STATE[{i}]",
-            "memory": lambda i: f"REMEMBERED[{i}]",
-            "control": lambda i: f"CONTROL[{i}]",
-            "measured": lambda i: f"c->measured[NEWEST[{i}]]",
-            **_tables(problem, rows, series, classes),
-        },
+        addresses=Addresses(
+            stage="(c->{} + {})",
+            state="STATE[{}]",
+            memory="REMEMBERED[{}]",
+            control="CONTROL[{}]",
+            measured="c->measured[NEWEST[{}]]",
+        ),
+        facts=_tables(problem, rows, series, classes),
     )
 
 

@@ -22,6 +22,36 @@ class PlanLayout:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Addresses:
+    """How the templates address numbers; each is a text with places for what it is asked for."""
+
+    stage: str
+    """The numbers of an array that a stage reads, of the array and the stage."""
+    state: str
+    """Where among them a state is."""
+    memory: str
+    """Where a number of x is."""
+    control: str
+    measured: str
+    """What was measured of a state."""
+
+    def of_stage(self, array: str, k: str) -> str:
+        return self.stage.format(array, k)
+
+    def of_state(self, i: str) -> str:
+        return self.state.format(i)
+
+    def of_memory(self, i: str) -> str:
+        return self.memory.format(i)
+
+    def of_control(self, i: str) -> str:
+        return self.control.format(i)
+
+    def of_measured(self, i: str) -> str:
+        return self.measured.format(i)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
     """A problem in the form of one structure."""
 
@@ -37,5 +67,6 @@ class Form:
     newest: tuple[int, ...]
     """The numbers of x that have gaps from stage to stage."""
     plan: PlanLayout
+    addresses: Addresses
     facts: Mapping[str, Any]
-    """What the templates ask of it: how they address numbers, and tables."""
+    """Sizes and tables for the templates."""

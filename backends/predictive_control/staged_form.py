@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from backends.c_language.places import c_strides
-from backends.predictive_control.form import Form, PlanLayout
+from backends.predictive_control.form import Addresses, Form, PlanLayout
 from backends.predictive_control.placed_matrix import PlacedMatrix
 from backends.predictive_control.rows import Rows
 from backends.predictive_control.series import Place
@@ -44,14 +44,14 @@ def staged_form(problem: ControlProblem, rows: Rows) -> Form:
         places_of_memory=tuple(range(nx)),
         newest=tuple(range(nx)),
         plan=PlanLayout("staged", tuple(range(width)), width),
-        facts={
-            "of_stage": lambda array, k: f"c->{array}[{k}]",
-            "state": lambda i: i,
-            "memory": lambda i: i,
-            "control": lambda i: f"STATES + {i}",
-            "measured": lambda i: f"c->measured[{i}]",
-            "plain": 0,
-        },
+        addresses=Addresses(
+            stage="c->{}[{}]",
+            state="{}",
+            memory="{}",
+            control="STATES + {}",
+            measured="c->measured[{}]",
+        ),
+        facts={"plain": 0},
     )
 
 

@@ -96,6 +96,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
     struct = members(sizes, made.shapes, numbers.real)
     facts = {
         **made.facts,
+        "at": made.addresses,
         "condensed": structure == "condensed",
         "members": struct,
         **origin(problem.program.spec_hash),
@@ -137,7 +138,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "limits": [0.0 if limit is None else limit for limit in sides],
         "limits_move": rows.move,
         "scales": [row.scale for row in rows.rows],
-        "state_scales": [scales[at] for at in made.newest],
+        "state_scales": [scales[at] for at in made.newest] or [1.0],
         "linear": [row.linear for row in rows.rows],
         "quadratic": [row.quadratic for row in rows.rows],
         "hard": hard if any(hard) else [],

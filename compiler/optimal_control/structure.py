@@ -50,6 +50,20 @@ def estimate(problem: ControlProblem) -> Estimate:
     return Estimate(staged, _condensed(n, nu, form), form.states)
 
 
+def numbers_of(problem: ControlProblem, structure: Chosen) -> int:
+    """About how many numbers a controller keeps, activations and weights apart."""
+    n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
+    paths = sum(problem.type(path.value).size for path in problem.path_limits)
+    sides = 12 * (nu + paths)
+    if structure == "staged":
+        width = nx + nu
+        return n * (width * width + (nx + 1 + paths) * (width + 1) + (nu + 5) * width + sides)
+    states = window_form(problem).states
+    series = 2 * (nx + n * (states + nu))
+    by_stage = (states + 1 + paths) * (states + nu + 1) + (states + nu) ** 2 + 2 * states + sides
+    return series + n * by_stage + (n * nu) ** 2 + states * nu * n**2
+
+
 def _condensed(n: int, nu: int, form: WindowForm) -> int:
     samples = sum(1 for sample in form.memory if not sample.is_control)
     sensitivities = form.states * samples * nu * n**2 // 2

@@ -105,9 +105,7 @@ def window_form(problem: ControlProblem) -> WindowForm:
 
 def _pushed(program: Program) -> dict[str, NodeId]:
     """The newest sample of each state that is a buffer."""
-    known = {
-        node.op.state: node.args[0] for _, node in program.step if isinstance(node.op, Window)
-    }
+    known = {node.op.state: node.args[0] for _, node in program.step if isinstance(node.op, Window)}
     return {
         state.name: known[state.name] for state in program.states if _is_shifted(program, state)
     }

@@ -1,7 +1,7 @@
 """Solves the quadratic problem of one Newton step in the controls alone.
 
-With the states eliminated, dx_k = S_k v + s_k, du_k = T_k v + t_k, where v are the controls that are
-decided: all, or the first of each block. What remains of the problem of `riccati` is
+With the states eliminated, dx_k = S_k v + s_k, du_k = T_k v + t_k, where v are the controls that
+are decided: all, or the first of each block. What remains of the problem of `riccati` is
 
     min ½ vᵀ H v + gᵀ v,   H = Σ_k (S_k; T_k)ᵀ H_k (S_k; T_k)
 """
@@ -43,15 +43,16 @@ def condensed_step(
         along[k + 1, :nx] = slopes[k] @ along[k]
         along[k + 1, :nx, count] += gaps[k]
     bent = hessian @ along
-    whole = np.tensordot(along, bent, axes=([0, 1], [0, 1]))
-    linear = whole[:count, count] + np.einsum("kwv,kw->v", along[:, :, :count], gradient)
-    own = (whole[:count, :count] + whole[:count, :count].T) / 2
+    whole: Array = np.tensordot(along, bent, axes=([0, 1], [0, 1]))
+    linear: Array = whole[:count, count] + np.einsum("kwv,kw->v", along[:, :, :count], gradient)
+    own: Array = (whole[:count, :count] + whole[:count, :count].T) / 2
     try:
         factor = np.linalg.cholesky(own)
     except LinAlgError:
         return None
     if not np.all(np.diagonal(factor) ** 2 > LEAST_CURVATURE * np.max(np.abs(own), initial=0.0)):
         return None
-    found = np.append(-np.linalg.solve(own, linear), 1.0)
+    best: Array = np.linalg.solve(own, -linear).astype(np.float64)
+    found = np.concatenate([best, np.ones(1)])
     moves: Array = along @ found
     return moves[:, :nx], moves[:n, nx:]
