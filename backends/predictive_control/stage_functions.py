@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index, c_strides
-from backends.c_language.scope import LocalNames, Scope
-from backends.c_language.tree import Argument, Discard, Function, Name, Real
-from backends.c_language.used_names import used_names
-from backends.c_lowering.graph import GraphLowering
-from backends.c_lowering.local_values import LocalValues
-from backends.c_lowering.spec_notes import SpecNotes
+from backends.c_language.tree import Function, Name
 from backends.predictive_control.cut import Cut, cut_at_values, kept_signal
+from backends.predictive_control.function_body import FunctionBody, part, vector_places
 from backends.predictive_control.placed_matrix import PlacedMatrix
 from backends.predictive_control.series import Place
 from compiler.hessian.step_derivatives import StepDerivatives, multiplier
-from compiler.ir.ops import AnyRead, Constant, ReadSignal, ReadState, Window
 from compiler.ir.program import Formula, Graph, NodeId
-from compiler.ir.types import Type
 from compiler.jacobian.matrices import Vector
-
-_UNROLL = 4
-_BLOCK = 8
-_SIDE_BY_SIDE = 4
-"""Partial sums: a processor adds them up at once. The judge allows for any order of a sum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +33,7 @@ class StageArrays:
     @property
     def places(self) -> dict[str, Place]:
         """Where all that values read stands."""
-        return {**self.variables, **_vector_places("given", self.given)}
+        return {**self.variables, **vector_places("given", self.given)}
 
     def wanted(self, graph: Graph) -> list[NodeId]:
         """The nodes of which the arrays have entries."""
@@ -105,14 +94,14 @@ class StageWriter:
 
     def steady(self, found: StepDerivatives, arrays: StageArrays, placed: PlacedMatrix) -> Function:
         """`<prefix>_steady`: the slopes that are the same at all stages."""
-        body = _Body(found.graph, self._functions, self._formulas, arrays.places)
+        body = FunctionBody(found.graph, self._functions, self._formulas, arrays.places)
         body.write((placed,), {node: node for node in placed.matrix.nodes})
         doc = "Computes the slopes of a stage's results that stay the same along the horizon."
         return body.finished("steady", self._real, ("given",), ("steady",), doc)
 
     def limits(self, graph: Graph, limits: Sequence[PlacedLimit], given: Vector) -> Function:
         """`<prefix>_limits`: the limits of a stage, by their sides."""
-        body = _Body(graph, self._functions, self._formulas, _vector_places("given", given))
+        body = FunctionBody(graph, self._functions, self._formulas, vector_places("given", given))
         lowered = body.lowered([limit.node for limit in limits])
         for limit in limits:
             type = graph[limit.node].type
@@ -137,14 +126,14 @@ class StageWriter:
         firsts: list[int],
         arrays: StageArrays,
     ) -> Function:
-        body = _Body(found.graph, self._functions, self._formulas, places)
+        body = FunctionBody(found.graph, self._functions, self._formulas, places)
         lowered = body.lowered([*found.values.values(), *cut.kept])
         for member in found.results.members:
             node = found.values[member.name]
-            place = _part("results", found.graph[node].type, arrays.results[member.name])
+            place = part("results", found.graph[node].type, arrays.results[member.name])
             lowered.store(node, place)
         for node, first in zip(cut.kept, firsts, strict=True):
-            lowered.store(node, _part("kept", found.graph[node].type, first))
+            lowered.store(node, part("kept", found.graph[node].type, first))
         doc = "Computes the results of a stage and keeps what its slopes need of them."
         return body.finished(name, self._real, ("z", "given"), ("results", "kept"), doc)
 
@@ -156,131 +145,9 @@ class StageWriter:
         places: Mapping[str, Place],
         arrays: StageArrays,
     ) -> Function:
-        body = _Body(cut.slopes, self._functions, self._formulas, places)
+        body = FunctionBody(cut.slopes, self._functions, self._formulas, places)
         matrices = (arrays.slopes, arrays.curvature)
         body.write(matrices, cut.moved)
         doc = "Computes slopes and weighted curvature of the results where they were computed last."
         read = ("z", "given", "weight", "kept")
         return body.finished(name, self._real, read, ("slopes", "curvature"), doc)
-
-
-def _vector_places(array: str, vector: Vector) -> dict[str, Place]:
-    return {
-        member.name: Place(array, member.first, c_strides(Type(member.axes).shape))
-        for member in vector.members
-    }
-
-
-def _part(array: str, type: Type, first: int) -> ArrayView:
-    return ArrayView(Name(array), type.shape, c_strides(type.shape), Index(first))
-
-
-class _Body:
-    """One function while it is written; also where its graph finds its leaves."""
-
-    def __init__(
-        self,
-        graph: Graph,
-        functions: FunctionTable,
-        formulas: tuple[Formula, ...],
-        places: Mapping[str, Place],
-    ) -> None:
-        self._graph = graph
-        self._places = places
-        self._functions = functions
-        names = LocalNames(functions.prefix, _names_of_spec(graph))
-        for array in (
-            "z",
-            "given",
-            "weight",
-            "kept",
-            "results",
-            "slopes",
-            "curvature",
-            "steady",
-            "limit",
-        ):
-            names.reserve(array)
-        self.scope = Scope(names)
-        notes = SpecNotes(graph, formulas)
-        self._locals = LocalValues(
-            functions,
-            notes,
-            _UNROLL,
-            parallel_sums=_SIDE_BY_SIDE,
-            block=_BLOCK,
-            names_constants=True,
-        )
-
-    def lowered(self, roots: Iterable[int]) -> GraphLowering:
-        return GraphLowering(self._graph, list(roots), self, self.scope, self._locals)
-
-    def read(self, op: AnyRead, type: Type) -> ArrayView:
-        match op:
-            case ReadState(name):
-                place = self._places[name]
-            case ReadSignal(name):
-                place = self._places[name]
-            case _:
-                raise AssertionError("a trained problem reads states and signals alone")
-        return ArrayView(Name(place.array), type.shape, place.strides, Index(place.first))
-
-    def push(self, op: Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
-        raise AssertionError("derivatives have no windows of buffers")
-
-    def write(self, matrices: Iterable[PlacedMatrix], moved: Mapping[NodeId, NodeId]) -> None:
-        """The entries that the arrays have; `moved` says which nodes of the graph they are."""
-        wanted = [
-            (
-                placed,
-                [
-                    (block, moved[block.node])
-                    for block in placed.matrix.blocks
-                    if block.node in moved and placed.has(block, self._shape(moved[block.node]))
-                ],
-            )
-            for placed in matrices
-        ]
-        lowered = self.lowered([node for _, blocks in wanted for _, node in blocks])
-        for placed, blocks in wanted:
-            self._write_known(placed)
-            for block, node in blocks:
-                for part, view in placed.parts(block, lowered.value(node)):
-                    lowered.store_part(node, part, view)
-
-    def _shape(self, node: NodeId) -> tuple[int, ...]:
-        return self._graph[node].type.shape
-
-    def _write_known(self, placed: PlacedMatrix) -> None:
-        """Entries that are always the same number."""
-        first, last = placed.first, placed.last
-        if first == last:
-            return
-        place = ArrayView(Name(placed.array), (last,), (1,))
-        with self.scope.loop(last - first) as (index, inner):
-            inner.assign(place.element([index.plus(Index(first))]), Real(0.0))
-        for number, value in placed.known().items():
-            self.scope.assign(place.element([Index(number)]), Real(value))
-
-    def finished(
-        self, name: str, real: str, read: tuple[str, ...], written: tuple[str, ...], doc: str
-    ) -> Function:
-        statements = self.scope.statements
-        constants = self._locals.constants(statements)
-        used = used_names(statements)
-        unused = [Discard(array) for array in (*read, *written) if array not in used]
-        arguments = (
-            *(Argument(f"const {real} *", array) for array in read),
-            *(Argument(f"{real} *", array) for array in written),
-        )
-        body = (*unused, *constants, *statements)
-        prefix = self._functions.prefix
-        return Function(f"{prefix}_{name}", "void", arguments, body, doc, static=True)
-
-
-def _names_of_spec(graph: Graph) -> Iterator[str]:
-    for node in graph.nodes:
-        if node.label:
-            yield node.label
-        if isinstance(node.op, Constant) and node.op.name:
-            yield node.op.name

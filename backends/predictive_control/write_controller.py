@@ -24,13 +24,13 @@ from backends.predictive_control.inputs import input_fields, quantity_lines
 from backends.predictive_control.members import Sizes, members
 from backends.predictive_control.numbers import Numbers
 from backends.predictive_control.rows import Rows, rows_of
+from backends.predictive_control.selftest import selftest_texts
 from backends.predictive_control.stage_functions import (
     PlacedLimit,
     StageFunctions,
     StageWriter,
 )
 from backends.predictive_control.staged_form import staged_form
-from backends.predictive_control.starts import drawn_starts
 from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.structure import Chosen, chosen_structure
 from compiler.optimal_control.trained import trained
@@ -57,12 +57,14 @@ def write_controller(
     dtype: Dtype,
 ) -> tuple[Path, ...]:
     """Writes `include/<prefix>_mpc.h`, `src/<prefix>_mpc*.c`; returns their paths."""
-    texts = controller_texts(trained(problem, weights), prefix, dtype)
+    known = trained(problem, weights)
+    texts = controller_texts(known, prefix, dtype)
+    texts |= selftest_texts(known, prefix, dtype, texts)
     return tuple(write_text(folder / name, text) for name, text in texts.items())
 
 
 def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict[str, str]:
-    """Texts by path, of a problem without parameters."""
+    """Texts by path, of a problem without parameters; without the self-test."""
     problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
     controller = Controller(problem.program.name, f"{prefix}_mpc")
     name = controller.prefix
@@ -76,7 +78,6 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
     given = made.stages.given.size
     nx, nu = problem.states.size, problem.controls.size
     results = made.stages.size
-    draws = drawn_starts(problem)
     scales = [problem.state_scales[m.name] for m in problem.states.members for _ in range(m.size)]
     sides = [limit for row in rows.rows for limit in (row.minimum, row.maximum)]
     hard = [int(row.hard) for row in rows.rows]
@@ -150,11 +151,6 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "log_terms": 15 if dtype == "float64" else 7,
         "functions": [Printer(name, dtype).function(function) for function in functions],
         "kernels": bool(table.kernels),
-        "starts": draws,
-        "tolerance": numbers.literal(problem.tolerance),
-        "nan": "NAN" if dtype == "float32" else "(double)NAN",
-        "lowest": [_end(row.minimum, float("-inf"), rows.move) for row in rows.rows[:nu]],
-        "highest": [_end(row.maximum, float("inf"), rows.move) for row in rows.rows[:nu]],
     }
 
     def text(template: str, title: str) -> str:
@@ -163,8 +159,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
     texts = {
         f"include/{name}.h": text("header.h.j2", "Predictive controller"),
         f"src/{name}.c": text("controller.c.j2", "Predictive controller"),
-        f"{name}.json": about_text(problem, name, dtype, struct, fields, made.plan),
-        f"src/{name}_selftest.c": text("selftest.c.j2", "Self-test of the predictive controller"),
+        f"{name}.json": about_text(problem, name, dtype, struct, fields, plan=made.plan, rows=rows),
     }
     if table.kernels:
         kernels = c_sources(table.kernels, numbers.real, name)
@@ -197,10 +192,6 @@ def _nearest_to_zero(low: float | None, high: float | None, moves: bool) -> floa
         return 0.0
     value = 0.0 if low is None else max(low, 0.0)
     return value if high is None else min(value, high)
-
-
-def _end(limit: float | None, without: float, moves: bool) -> float:
-    return without if limit is None or moves else limit
 
 
 def _about(problem: ControlProblem, structure: Chosen) -> str:

@@ -25,8 +25,8 @@ OF_TEXT, OF_MAPPING = Path("text.msnn.yaml"), Path("mapping.msnn.yaml")
 
 if TYPE_CHECKING:
     from backends.torch_module.step_module import StepModule
+    from compiler.state_estimation.kalman_filter import KalmanFilter
     from msnn.control.controller import Controller
-    from msnn.control.kalman_filter import KalmanFilter
     from msnn.control.method import Solver
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
@@ -215,7 +215,7 @@ def export(
 
     findings = Findings()
     known = known_in(model, weights)
-    names, _ = writable_targets([target], model.spec.export, has_control=model.control is not None)
+    names, _ = writable_targets([target], model.spec.export, is_online=model.is_online)
     plans = plan_exports(model, names, findings, weights=known)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)

@@ -16,13 +16,13 @@ from compiler.hessian.step_derivatives import multiplier, next_value, step_deriv
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.ops import Constant
 from compiler.ir.types import Type
+from compiler.jacobian.matrices import by_name
 from compiler.optimal_control.horizon import (
     Array,
     Given,
     Multipliers,
     Plan,
     block_starts,
-    by_name,
     flat,
     limits_along,
     log_of,

@@ -125,10 +125,10 @@ class FmuExport(FloatTargetEntry):
 
 
 class MpcExport(FloatTargetEntry):
-    """The controller of the `mpc` section; names start with `prefix`, by default the spec's name.
+    """The controller of the `mpc` section and the filter of the `estimator`, where there are any.
 
-    What it controls, and what is fed back, stands in that section: `outputs` and `close` are none
-    of its keys.
+    Names start with `prefix`, by default the spec's name. What is controlled, measured and fed
+    back stands in those sections: `outputs` and `close` are none of its keys.
     """
 
     noun: ClassVar[str] = "the mpc export"

@@ -26,8 +26,7 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.liveness import reads_log
 from compiler.ir.program import History, Tape
 from compiler.ir.types import Type
-from compiler.jacobian.matrices import vector_of
-from compiler.optimal_control.horizon import by_name
+from compiler.jacobian.matrices import by_name, vector_of
 from compiler.state_estimation.augmented import augmented
 from compiler.state_estimation.problem import EstimationProblem
 
@@ -75,14 +74,15 @@ class KalmanFilter:
         known = problem.program.parameters
         self._weights = {p.name: np.asarray(weights[p.name], float) for p in known}
         program = augmented(problem.program, problem.parameters)
-        self._all = vector_of("x", [(s.name, s.axes, s.unit) for s in program.states])
-        self._size = self._all.size
+        self.numbers = vector_of("x", [(s.name, s.axes, s.unit) for s in program.states])
+        """ξ: states, then estimated parameters."""
+        self._size = self.numbers.size
         self._derivatives = step_derivatives(program, inputs=(), hessian=False)
         self._judge = DerivativeInterpreter(self._derivatives, program, self._weights, self.dtype)
         self._columns = self._places()
-        self._drift: Array = self._deviations(initial=False) ** 2 * problem.sample_time
+        self.drift: Array = self._deviations(initial=False) ** 2 * problem.sample_time
         self.covariance: Array = np.zeros((self._size, self._size), self.dtype)
-        self._vector: Array = np.zeros(self._size, self.dtype)
+        self.vector: Array = np.zeros(self._size, self.dtype)
         self._known: set[str] = set()
         self.reset()
 
@@ -90,7 +90,7 @@ class KalmanFilter:
         """Begins anew, from states where they are given; others as `init` says without a log."""
         problem = self.problem
         program = problem.program
-        self._vector = np.zeros(self._size, self.dtype)
+        self.vector = np.zeros(self._size, self.dtype)
         self.covariance = np.diag(self._deviations(initial=True) ** 2).astype(self.dtype)
         alone = [s for s in program.states if not reads_log(program.start, s.start)]
         alone = [state for state in alone if state.name not in problem.registers]
@@ -124,7 +124,7 @@ class KalmanFilter:
             return self._told(FilterStatus.INPUT_NOT_FINITE, {})
         if not self._is_complete:
             return self._told(FilterStatus.NOT_INITIALISED, {})
-        vector, covariance = self._vector.copy(), self.covariance.copy()
+        vector, covariance = self.vector.copy(), self.covariance.copy()
         innovations: dict[str, Array] = {}
         for name, value in given.items():
             measurement = known[name]
@@ -143,8 +143,14 @@ class KalmanFilter:
         vector = self._within(vector)
         if not (np.all(np.isfinite(vector)) and np.all(np.isfinite(covariance))):
             return self._told(FilterStatus.DIVERGED, innovations)
-        self._vector, self.covariance = vector, covariance
+        self.vector, self.covariance = vector, covariance
         return self._told(FilterStatus.FILTERED, innovations)
+
+    def expected(self, inputs: Mapping[str, ArrayLike] | None = None) -> dict[str, Array]:
+        """What would be measured of each signal at t, were the estimate right."""
+        log = self._log(inputs or {}, wanted=False)
+        known = self.problem.measured
+        return {m.signal: self._expected(m.value, log, self.vector)[0] for m in known}
 
     def predict(self, inputs: Mapping[str, ArrayLike] | None = None) -> FilterStatus:
         """Goes on to t+1, with the inputs that act from t on."""
@@ -153,29 +159,35 @@ class KalmanFilter:
             return FilterStatus.INPUT_NOT_FINITE
         if not self._is_complete:
             return FilterStatus.NOT_INITIALISED
-        results, jacobian = self._evaluated(log, self._vector)
-        names = [next_value(member.name) for member in self._all.members]
+        results, jacobian = self._evaluated(log, self.vector)
+        names = [next_value(member.name) for member in self.numbers.members]
         transition = jacobian[self._rows(names)]
         vector = np.concatenate([*(np.ravel(results[name]) for name in names), np.empty(0)])
         covariance = transition @ self.covariance @ transition.T
-        covariance = (covariance + covariance.T) / 2 + np.diag(self._drift).astype(self.dtype)
+        covariance = (covariance + covariance.T) / 2 + np.diag(self.drift).astype(self.dtype)
         if not (np.all(np.isfinite(vector)) and np.all(np.isfinite(covariance))):
             return FilterStatus.DIVERGED
-        self._vector = self._within(vector.astype(self.dtype))
+        self.vector = self._within(vector.astype(self.dtype))
         self.covariance = covariance
         return FilterStatus.FILTERED
 
     # ---- inside
 
     @property
+    def is_known(self) -> NDArray[np.bool_]:
+        """Whether each number of ξ was ever given."""
+        parts = [np.full(m.size, m.name in self._known) for m in self.numbers.members]
+        return np.concatenate([*parts, np.empty(0, np.bool_)])
+
+    @property
     def _is_complete(self) -> bool:
-        return self._known >= {member.name for member in self._all.members}
+        return bool(np.all(self.is_known))
 
     def _deviations(self, *, initial: bool) -> Array:
         """Of ξ: at first, or in a second. A register that is fed back is known but its newest."""
         found = np.zeros(self._size)
         table = {**self.problem.deviations, **self.problem.parameters}
-        for member in self._all.members:
+        for member in self.numbers.members:
             if member.name in table:
                 std = table[member.name].initial if initial else table[member.name].drift
                 values = np.full(Type(member.axes).shape, std)
@@ -187,7 +199,7 @@ class KalmanFilter:
     def _places(self) -> NDArray[np.int64]:
         """Where the numbers of ξ are among the variables of the derivatives."""
         known = self._derivatives.variables
-        parts = [np.arange(m.size) + known.member(m.name).first for m in self._all.members]
+        parts = [np.arange(m.size) + known.member(m.name).first for m in self.numbers.members]
         return np.concatenate([*parts, np.empty(0, int)]).astype(np.int64)
 
     def _rows(self, names: list[str]) -> NDArray[np.int64]:
@@ -197,7 +209,7 @@ class KalmanFilter:
 
     def _evaluated(self, log: Mapping[str, Array], vector: Array) -> tuple[dict[str, Array], Array]:
         """Results, and their slopes by ξ."""
-        found = self._judge.values(log, 0, by_name(self._all, vector[None]))
+        found = self._judge.values(log, 0, by_name(self.numbers, vector[None]))
         results = {name: value[0] for name, value in found.results.items()}
         return results, found.matrices["J"][0][:, self._columns]
 
@@ -243,23 +255,23 @@ class KalmanFilter:
         if name in tapes:
             name = tapes[name]
             value = np.repeat(value[..., None], self._length(name), -1)
-        if all(member.name != name for member in self._all.members):
+        if all(member.name != name for member in self.numbers.members):
             raise ValueError(f"no state or fed-back signal `{name}`")
         self._set(name, value)
 
     def _set(self, name: str, value: Array) -> None:
-        member = self._all.member(name)
+        member = self.numbers.member(name)
         shape = Type(member.axes).shape
         if value.shape != shape:
             raise ValueError(f"`{name}` has shape {value.shape}, not {shape}")
-        self._vector[member.first : member.first + member.size] = value.ravel()
+        self.vector[member.first : member.first + member.size] = value.ravel()
         self._known.add(name)
 
     def _within(self, vector: Array) -> Array:
         """Parameters kept within their bounds."""
         found = vector.copy()
         for name, numbers in self.problem.parameters.items():
-            member = self._all.member(name)
+            member = self.numbers.member(name)
             part = slice(member.first, member.first + member.size)
             low = -np.inf if numbers.minimum is None else numbers.minimum
             high = np.inf if numbers.maximum is None else numbers.maximum
@@ -269,8 +281,8 @@ class KalmanFilter:
     def _told(self, status: FilterStatus, innovations: dict[str, Array]) -> Estimate:
         std = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
         found, deviations = (
-            {name: value[0] for name, value in by_name(self._all, v[None]).items()}
-            for v in (self._vector, std)
+            {name: value[0] for name, value in by_name(self.numbers, v[None]).items()}
+            for v in (self.vector, std)
         )
         own = self.problem.parameters
         return Estimate(
