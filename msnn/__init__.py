@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         mpc,
         stepper,
     )
+    from msnn.api.reports import report
     from msnn.api.trainings import compare, stage_loss, train, train_folds
     from msnn.errors.failures import MissingExtraError
     from msnn.model.model import Model
@@ -51,6 +52,7 @@ __all__ = [
     "linearize",
     "load",
     "mpc",
+    "report",
     "simulate",
     "stage_loss",
     "stepper",
@@ -68,6 +70,7 @@ _HOMES = {
     "SpecError": "spec_schema.diagnostics.diagnostic",
     "import_nnodely": "msnn.api.imports",
     **dict.fromkeys(("check_data", "simulate", "validate"), "msnn.api.measurements"),
+    "report": "msnn.api.reports",
     **dict.fromkeys(("compare", "stage_loss", "train", "train_folds"), "msnn.api.trainings"),
 }
 

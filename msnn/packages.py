@@ -58,7 +58,7 @@ H5PY = OptionalPackage("h5py", "hdf5", "reads HDF5 and MATLAB 7.3 files")
 ASAMMDF = OptionalPackage("asammdf", "mdf", "reads MDF")
 ROSBAGS = OptionalPackage("rosbags", "ros", "reads ROS bags")
 TENSORBOARD = OptionalPackage("tensorboard", "tensorboard", "draws curves of trainings")
-ZIGLANG = OptionalPackage("ziglang", "zig", "is a C compiler")
+ZIGLANG = OptionalPackage("ziglang", "zig", "is a C compiler, and runs models in reports")
 
 OPTIONAL = (
     TORCH,

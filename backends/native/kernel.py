@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from backends.c_language.literals import Dtype
 from backends.known_terms import KnownTerms
 from backends.native.compile_kernel import compiled_kernel
+from backends.native.kept_sources import kept_source
 from backends.native.kernel_data import KernelData
 from backends.native.kernel_source import KernelSource, kernel_source
 from backends.native.kernel_structs import (
@@ -39,6 +40,11 @@ class Losses:
     gradient: FloatArray
 
 
+@kept_source
+def _source(program: Program, dtype: Dtype, *, reproducible: bool) -> KernelSource:
+    return kernel_source(training_step(program), dtype, reproducible=reproducible)
+
+
 class Kernel:
     """One program, its loops closed, compiled for this machine. Raises CompilerMissingError."""
 
@@ -55,9 +61,7 @@ class Kernel:
         self._kept_bytes = kept_bytes
         self._memory = np.zeros(0, np.uint8)
         self._reserved, self._reservation = (0, 0), WorkStruct()
-        self.source: KernelSource = kernel_source(
-            training_step(program), dtype, reproducible=reproducible
-        )
+        self.source = _source(program, dtype, reproducible=reproducible)
         self.program = program
         self.dtype = np.dtype(dtype)
         self.lanes = LANES[dtype]

@@ -32,6 +32,7 @@ VERBS = (
     "verify",
     "a2l",
     "show",
+    "report",
     "explain",
     "schema",
     "diff",

@@ -52,6 +52,8 @@ sys.exit(code)
         ("diff", "plant.msnn.yaml", "plant.msnn.yaml"),
         ("show", "--resolved", "plant.msnn.yaml"),
         ("show", "--graph", "mermaid", "plant.msnn.yaml"),
+        ("show", "--graph", "svg", "plant.msnn.yaml"),
+        ("report", "--help"),
         ("show", "--latex", "plant.msnn.yaml"),
         ("show", "--interface", "plant.msnn.yaml"),
         ("compile", "plant.msnn.yaml"),
