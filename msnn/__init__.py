@@ -17,6 +17,7 @@ from msnn.project.package_names import check_package_names
 check_package_names()
 
 if TYPE_CHECKING:
+    from msnn.api.imports import import_nnodely
     from msnn.api.measurements import check_data, simulate, validate
     from msnn.api.models import (
         compile,
@@ -47,6 +48,7 @@ __all__ = [
     "compile",
     "estimator",
     "export",
+    "import_nnodely",
     "initial_weights",
     "linearize",
     "load",
@@ -68,6 +70,7 @@ _HOMES = {
     ),
     "Model": "msnn.model.model",
     "SpecError": "spec_schema.diagnostics.diagnostic",
+    "import_nnodely": "msnn.api.imports",
     **dict.fromkeys(("check_data", "simulate", "validate"), "msnn.api.measurements"),
     "report": "msnn.api.reports",
     **dict.fromkeys(("compare", "stage_loss", "train", "train_folds"), "msnn.api.trainings"),
