@@ -52,13 +52,15 @@ ELFTOOLS = OptionalPackage(
     "elftools", "a2l", "reads the addresses of variables for `msnn a2l`", distribution="pyelftools"
 )
 MATPLOTLIB = OptionalPackage("matplotlib", "plot", "draws plots")
+PANDAS = OptionalPackage("pandas", "pandas", "makes frames of results")
+OPENPYXL = OptionalPackage("openpyxl", "excel", "reads Excel workbooks")
 PYARROW = OptionalPackage("pyarrow", "parquet", "reads Parquet")
 SCIPY = OptionalPackage("scipy", "mat", "reads MATLAB files")
 H5PY = OptionalPackage("h5py", "hdf5", "reads HDF5 and MATLAB 7.3 files")
 ASAMMDF = OptionalPackage("asammdf", "mdf", "reads MDF")
 ROSBAGS = OptionalPackage("rosbags", "ros", "reads ROS bags")
 TENSORBOARD = OptionalPackage("tensorboard", "tensorboard", "draws curves of trainings")
-ZIGLANG = OptionalPackage("ziglang", "zig", "is a C compiler")
+ZIGLANG = OptionalPackage("ziglang", "zig", "is a C compiler, and runs models in reports")
 PYGLS = OptionalPackage("pygls", "lsp", "speaks to editors: `msnn lsp`")
 
 OPTIONAL = (
@@ -69,6 +71,8 @@ OPTIONAL = (
     FMPY,
     ELFTOOLS,
     MATPLOTLIB,
+    PANDAS,
+    OPENPYXL,
     PYARROW,
     SCIPY,
     H5PY,

@@ -7,6 +7,7 @@ import os
 import shlex
 import shutil
 import sys
+from pathlib import Path
 
 _COMPILERS = ("gcc", "clang", "cc")
 
@@ -39,3 +40,12 @@ def find_compiler() -> tuple[str, ...]:
     if importlib.util.find_spec("ziglang") is not None:
         return (sys.executable, "-m", "ziglang", "cc")
     raise CompilerMissingError
+
+
+def installed_as(compiler: tuple[str, ...]) -> tuple[int, ...]:
+    """What changes when another compiler is installed under the name of this one."""
+    found = shutil.which(compiler[0])
+    if found is None:
+        return ()
+    status = Path(found).stat()
+    return status.st_ino, status.st_size, status.st_mtime_ns

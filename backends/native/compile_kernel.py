@@ -10,9 +10,10 @@ import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
-from backends.files.c_compiler import CompilerMissingError, find_compiler
+from backends.files.c_compiler import CompilerMissingError, find_compiler, installed_as
 from backends.files.run_compiler import CompilerTooSlowError, Finished, run_compiler
 from backends.native.kernel_cache.folders import candidates, has_room, opened
 from backends.native.kernel_cache.stored_kernel import StoredKernel
@@ -21,6 +22,7 @@ FLAGS = (
     "-std=gnu11",
     "-O3",
     "-funroll-loops",
+    "--param=lra-max-considered-reload-pseudos=50",
     "-march=native",
     "-ffp-contract=off",
     "-fno-math-errno",
@@ -33,7 +35,11 @@ FLAGS = (
 """Never -ffast-math: gcc then links code that turns denormals off in the whole process, NaN cannot
 be told from numbers, and the math kernels lose the roundings they are made of. Nor contraction:
 each compiler fuses other products. The emitter itself writes long sums as several short ones, and
-`fused` where one rounding is enough (lanes/fused_products.py)."""
+`fused` where one rounding is enough (lanes/fused_products.py).
+
+gcc gives registers to the long blocks of large models in about a fifth less of its time where it
+looks at 50 values that it might spill instead of 500, and its code is as fast
+(benchmarks/kernel_build); clang ignores it."""
 
 
 class KernelBuildError(Exception):
@@ -73,7 +79,9 @@ def compiled_kernel(source: str) -> Built:
     CompilerMissingError and KernelBuildError.
     """
     compiler = find_compiler()
-    described = "\n".join((source, *FLAGS, *compiler, _version(compiler), _processor()))
+    described = "\n".join(
+        (source, *FLAGS, *compiler, _version(compiler, installed_as(compiler)), _processor())
+    )
     key = hashlib.sha256(described.encode()).hexdigest()[:32]
 
     def build(library: Path, folder: Path) -> None:
@@ -117,8 +125,10 @@ def _run(compiler: tuple[str, ...], source: str, library: Path, folder: Path) ->
     return _ended(compiler, command, source, folder)
 
 
-def _version(compiler: tuple[str, ...]) -> str:
-    """What the compiler says of itself."""
+@cache
+def _version(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
+    """What the compiler says of itself, asked once as long as its file stays."""
+    del file
     return _ended(compiler, [*compiler, "--version"]).output.partition("\n")[0]
 
 

@@ -6,8 +6,9 @@ import re
 import shlex
 import subprocess
 from dataclasses import dataclass
+from functools import cache
 
-from backends.files.c_compiler import CompilerMissingError, find_compiler
+from backends.files.c_compiler import CompilerMissingError, find_compiler, installed_as
 from backends.native.compile_kernel import FLAGS
 
 _FEATURES = {
@@ -44,18 +45,10 @@ def kernel_description() -> KernelDescription | None:
     """The description, or None where no compiler says anything of itself."""
     try:
         compiler = find_compiler()
-        told = subprocess.run(
-            [*compiler, *FLAGS, "-dM", "-E", "-x", "c", "-"],
-            input="",
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=_SECONDS,
-            start_new_session=True,
-        )
+        told = _macros(compiler, installed_as(compiler))
     except (CompilerMissingError, OSError, subprocess.SubprocessError):
         return None
-    macros = dict(re.findall(r"^#define (\w+) ?(.*)$", told.stdout, re.MULTILINE))
+    macros = dict(re.findall(r"^#define (\w+) ?(.*)$", told, re.MULTILINE))
     family = "clang" if "__clang__" in macros else "gcc"
     version = macros.get("__VERSION__", "").strip('"').strip()
     found = dict.fromkeys(name for macro, name in _FEATURES.items() if macro in macros)
@@ -65,3 +58,19 @@ def kernel_description() -> KernelDescription | None:
         flags=FLAGS,
         features=tuple(found),
     )
+
+
+@cache
+def _macros(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
+    """What the compiler defines for kernels, asked once as long as its file stays."""
+    del file
+    told = subprocess.run(
+        [*compiler, *FLAGS, "-dM", "-E", "-x", "c", "-"],
+        input="",
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=_SECONDS,
+        start_new_session=True,
+    )
+    return told.stdout

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from backends.c_language.functions import FunctionNames
 from backends.c_language.places import ArrayView, Index
+from backends.native.kept_sources import kept_source
 from backends.native.kernel_functions import ModelFunctions, Stored
 from backends.native.kernel_source import (
     PREFIX,
@@ -32,6 +33,7 @@ class RolloutSource:
     width: int
 
 
+@kept_source
 def rollout_source(program: Program) -> RolloutSource:
     """The kernel of one program whose loops are closed, in float64: its outputs and its losses."""
     builder = GraphBuilder(program.step)

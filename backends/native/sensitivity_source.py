@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from backends.c_language.functions import FunctionNames
 from backends.c_language.places import ArrayView, Index
+from backends.native.kept_sources import kept_source
 from backends.native.kernel_functions import ModelFunctions, Stored
 from backends.native.kernel_source import (
     PREFIX,
@@ -39,6 +40,7 @@ class SensitivitySource:
     marked: bool
 
 
+@kept_source
 def sensitivity_source(found: Sensitivities) -> SensitivitySource:
     """The kernel of one program whose loops are closed, in float64."""
     memory = LaneMemory(forward_only(found.program, found.losses))

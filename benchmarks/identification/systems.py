@@ -5,6 +5,7 @@ The peers run this file in environments of their own: it needs numpy and nothing
 
 from __future__ import annotations
 
+import resource
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -130,6 +131,12 @@ def records(system: System, seed: int) -> dict[str, np.ndarray]:
         noise = NOISE * np.std(outputs) * random.normal(size=ROWS)
         found |= {f"{name}_u": u, f"{name}_y": outputs + noise, f"{name}_clean": outputs}
     return found
+
+
+def processor_seconds() -> float:
+    """What this process and those that it waited for have computed, whatever else runs."""
+    both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(each.ru_utime + each.ru_stime for each in both)
 
 
 def first_values(system: System) -> np.ndarray:

@@ -65,7 +65,9 @@ def main() -> None:
         for engine in chosen.engines:
             for verb in ("validate", "simulate"):
                 for times in ("first", "again"):
-                    seconds, computed, megabytes = measured(folder, verb, engine)
+                    command = [verb, "spring.msnn.yaml", "--initial", "--engine", engine]
+                    command += ["--out", "simulation.csv"] if verb == "simulate" else []
+                    seconds, computed, megabytes = measured(folder, command)
                     print(
                         f"{verb} --engine {engine}, {times}: {chosen.rows} rows in {seconds:.1f} s "
                         f"({computed:.1f} s of a processor), at most {megabytes:.0f} MB",
@@ -92,11 +94,9 @@ def write_record(path: Path, rows: int) -> None:
         np.savetxt(file, np.column_stack([force, states]), fmt="%.6g", delimiter=",")
 
 
-def measured(folder: Path, verb: str, engine: str) -> tuple[float, float, float]:
+def measured(folder: Path, arguments: list[str]) -> tuple[float, float, float]:
     """Seconds, those of a processor, and the peak of memory in MB of one command."""
-    command = [sys.executable, "-m", "msnn", verb, "spring.msnn.yaml", "--initial"]
-    command += ["--engine", engine] if engine != "today" else []
-    command += ["--out", "simulation.csv"] if verb == "simulate" else []
+    command = [sys.executable, "-m", "msnn", *arguments]
     paths = {"PYTHONPATH": str(ROOT), "MSNN_CACHE": str(folder / "kernels")}
     began = time.perf_counter()
     process = subprocess.Popen(

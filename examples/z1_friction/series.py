@@ -61,7 +61,7 @@ def trained(percent: int) -> Path:
     out = Path("runs", split)
     command = ["train", "z1_friction.msnn.yaml", "--set", f"data.source.train=data/{split}"]
     whole = [sys.executable, "-m", "msnn", *command, "--out", str(out), "--quiet"]
-    subprocess.run(whole, cwd=HERE, check=True)
+    subprocess.run(whole, cwd=HERE, check=True, stdout=subprocess.DEVNULL)
     return HERE / out / WEIGHTS
 
 

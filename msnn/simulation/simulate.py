@@ -9,8 +9,8 @@ from typing import overload
 import numpy as np
 
 from compiler.differentiation.estimated_starts import estimated_states, with_read_starts
-from compiler.ir.liveness import states_beside_the_log
-from compiler.ir.program import NodeId, Program, Signal
+from compiler.ir.liveness import extents, states_beside_the_log
+from compiler.ir.program import NodeId, Program, Role, Signal
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BETWEEN_ROWS, UNASSIGNED, Dataset, FloatArray, IntArray, Record
 from msnn.data.reads import reads
@@ -43,7 +43,7 @@ class StepPlaces:
         return int(self.rows[step]) != BETWEEN_ROWS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Simulation:
     """A free run over one stretch of a record without gap; arrays are (steps, *shape)."""
 
@@ -53,6 +53,8 @@ class Simulation:
     outputs: Mapping[str, FloatArray]
     logged: Mapping[str, FloatArray]
     """What was measured of the signal that an output predicts; NaN where it was not."""
+    inputs: Mapping[str, FloatArray]
+    """What it read at the row of each step, of every input that is not fed back."""
     places: StepPlaces
     bands: Mapping[str, FloatArray]
     """Half the width of the prediction interval of outputs, where intervals were asked for."""
@@ -60,6 +62,10 @@ class Simulation:
     @property
     def steps(self) -> int:
         return len(self.places.rows)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.outputs)
+        return f"<Simulation of {self.record.file}: {self.steps} steps of {names}>"
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,9 +245,16 @@ def _simulation(
         first=t0 - record.start,
         outputs=outputs,
         logged=logged,
+        inputs={name: data.series[name][t0 : t0 + steps] for name in _read(program)},
         places=places,
         bands=bands,
     )
+
+
+def _read(program: Program) -> list[str]:
+    """The inputs that the steps of a program read."""
+    read = extents(program.step, log=False)
+    return [s.name for s in program.signals if s.role is Role.INPUT and s.name in read]
 
 
 def _places(program: Program, data: Dataset, record: Record, rows: range) -> StepPlaces:

@@ -26,6 +26,13 @@ def incomparable_unit(written: str, wanted: str, span: Span) -> Diagnostic:
     return error("E0503", span, f"{written} is not a unit of {wanted}", f"expected {wanted}")
 
 
+def unit_of_none(name: str, written: str, span: Span) -> Diagnostic:
+    """E0978: a number with a unit, of something that has none."""
+    message = f"`{name}` has no unit in which {written} is a number"
+    repair = f"give `{name}` its `unit:`, or write the number alone"
+    return error("E0978", span, message, "nothing says how to convert it", help=repair)
+
+
 def units_differ(
     operation: str,
     found: str,

@@ -280,6 +280,7 @@ def test_plots_draw_over_the_time_of_the_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from msnn.reports import plotting
+    from msnn.reports.pictures.simulation import plot_simulation
 
     write(tmp_path, "a.csv", log(40))
     plant = model(tmp_path, "{source: {train: a.csv}, time: t, split: {by: fraction, val: 0.25}}")
@@ -291,10 +292,10 @@ def test_plots_draw_over_the_time_of_the_log(
 
     monkeypatch.setattr(plotting, "saved_figure", keep)
     runs = msnn.simulate(plant)
-    plotting.plot_simulation(tmp_path / "a.png", simulation_program(plant.program), runs)
-    line = drawn[0].axes[0].lines[0]
-    np.testing.assert_array_equal(line.get_xdata(), log(40)["t"])
-    assert line.get_label() == "a.csv, train, val"
+    plot_simulation(tmp_path / "a.png", simulation_program(plant.program), runs)
+    axis = drawn[0].axes[0]
+    np.testing.assert_array_equal(axis.lines[0].get_xdata(), log(40)["t"])
+    assert axis.get_title(loc="left") == "a.csv, train, val"
 
 
 def test_recordings_with_times_of_their_own_join_alike(tmp_path: Path) -> None:

@@ -79,3 +79,6 @@ def test_the_commands_name_the_engines_that_there_are(msnn: CommandLine) -> None
     assert said.code == 1
     assert "error[E1043]: there is no engine `nativ`" in said.err
     assert "did you mean `native`?" in said.err
+    assert "fmu, all" in said.err
+    said = msnn("simulate", "plant/plant.msnn.yaml", "--initial", "--engine", "all")
+    assert "fmu, all" not in said.err

@@ -341,3 +341,19 @@ def test_the_c_of_a_model_is_counted_once_however_often_it_is_trained(msnn: Comm
     words = ["compare", SPEC, "--set", "train.0.epochs=2", "--seeds", "2", "--jobs", "1"]
     assert msnn(*words).code == 0
     assert [line.cost is not None for line in read(Path("runs") / LOG)] == [True, False]
+
+
+@pytest.mark.skipif(bool(missing_tools()), reason="instructions cannot be counted here")
+def test_the_c_of_another_training_is_counted_where_the_first_does_not_end(msnn: CommandLine):
+    spec = Path(SPEC)
+    text = spec.read_text()
+    text = text.replace("  k: {init", "  gate: {init: {uniform: {min: -1, max: 1}}}\n  k: {init")
+    # infinite where a seed draws a gate above 0, as the first one does, and else 1
+    spec.write_text(text.replace("c*v - k*x)", "c*v - k*x*exp(1e4*max(gate, 0)))"))
+    words = ["compare", SPEC, "--set", "train.0.epochs=1", "--jobs", "1", "--seeds", "4"]
+    assert msnn(*words).code == 0
+    latest = {line.key: line for line in read(Path("runs") / LOG)}
+    assert next(line.state for line in latest.values()) == "diverged"
+    ended = [line for line in latest.values() if line.state == "finished"]
+    assert len(ended) > 1
+    assert [line.seed for line in ended if line.cost is not None] == [ended[0].seed]

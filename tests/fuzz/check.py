@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 
 from compiler.elaboration.compile import compile_spec
-from msnn.reports.graph import mermaid_text
+from msnn.reports.diagram.mermaid import mermaid_text
 from msnn.reports.latex import latex_text
 from msnn.reports.show import interface_text, windows_text
 from spec_schema.diagnostics.diagnostic import SpecError

@@ -27,7 +27,7 @@ from msnn.exports.target import AnyPlan
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.model.weights_file import initial_weights
-from msnn.reports.graph import mermaid_text
+from msnn.reports.diagram.mermaid import mermaid_text
 from msnn.reports.latex import latex_text
 from msnn.reports.show import interface_text, windows_text
 from spec_schema.diagnostics.diagnostic import Findings, SpecError

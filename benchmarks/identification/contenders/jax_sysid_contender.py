@@ -15,7 +15,7 @@ jax.config.update("jax_enable_x64", True)
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from jax_sysid.models import Model  # noqa: E402
-from systems import SYSTEMS, first_values, step  # noqa: E402
+from systems import SYSTEMS, first_values, processor_seconds, step  # noqa: E402
 
 system = SYSTEMS[sys.argv[1]]
 data = np.load(sys.argv[2])
@@ -37,21 +37,23 @@ def simulated(model, name):
     return np.asarray(found)[:, 0]
 
 
-seconds = []
+seconds, computed = [], []
 for _ in range(2):
-    began = time.perf_counter()
+    began, before = time.perf_counter(), processor_seconds()
     model = Model(system.states, 1, 1, state_fcn=following, output_fcn=measured)
     model.init(params=[np.ones(len(first))], x0=np.zeros(system.states))
     model.loss(rho_x0=0.0, rho_th=0.0, train_x0=False)
     model.optimization(adam_epochs=0, lbfgs_epochs=1000, iprint=-1)
     model.fit(data["train_y"][:, None], data["train_u"][:, None])
     seconds.append(time.perf_counter() - began)
+    computed.append(processor_seconds() - before)
 error = simulated(model, "train") - data["train_y"]
 clean = simulated(model, "test") - data["test_clean"]
 print(
     json.dumps(
         {
             "seconds": seconds,
+            "computed": computed,
             "loss": float(np.mean(error**2)),
             "test": float(np.std(clean)),
             "parameters": (np.asarray(model.params[0]) * first).tolist(),

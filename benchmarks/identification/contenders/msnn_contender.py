@@ -12,7 +12,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parents[3])]
 
-from systems import SYSTEMS, first_values  # noqa: E402
+from systems import SYSTEMS, first_values, processor_seconds  # noqa: E402
 
 import msnn  # noqa: E402
 
@@ -41,16 +41,17 @@ output = [line.split(":")[0].strip() for line in system.spec.splitlines()][syste
 text = SPEC.format(
     name=sys.argv[1], dt=system.sample_time, parameters=listed, states=system.spec, output=output
 )
-seconds = []
+seconds, computed = [], []
 with tempfile.TemporaryDirectory() as place:
     file = Path(place) / "system.msnn.yaml"
     file.write_text(text, encoding="utf-8")
     frames = {"train": {"u": data["train_u"], "y": data["train_y"]}}
     for _ in range(2):
-        began = time.perf_counter()
+        began, before = time.perf_counter(), processor_seconds()
         model = msnn.load(file)
         found = msnn.train(model, frames, runs=None)
         seconds.append(time.perf_counter() - began)
+        computed.append(processor_seconds() - before)
     outputs = {}
     for name in ("train", "test"):
         frame = {"u": data[f"{name}_u"], "y": data[f"{name}_y"]}
@@ -64,6 +65,7 @@ print(
     json.dumps(
         {
             "seconds": seconds,
+            "computed": computed,
             "loss": float(np.mean(error**2)),
             "test": float(np.std(clean)),
             "parameters": parameters,

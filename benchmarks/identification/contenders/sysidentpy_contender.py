@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from sysidentpy.basis_function import Polynomial  # noqa: E402
 from sysidentpy.model_structure_selection import FROLS  # noqa: E402
 from sysidentpy.parameter_estimation import LeastSquares  # noqa: E402
+from systems import processor_seconds  # noqa: E402
 
 data = np.load(sys.argv[2])
 
@@ -45,17 +46,19 @@ def fitted():
     return best
 
 
-seconds = []
+seconds, computed = [], []
 for _ in range(2):
-    began = time.perf_counter()
+    began, before = time.perf_counter(), processor_seconds()
     model = fitted()
     seconds.append(time.perf_counter() - began)
+    computed.append(processor_seconds() - before)
 error = simulated(model, "train") - data["train_y"]
 clean = simulated(model, "test") - data["test_clean"]
 print(
     json.dumps(
         {
             "seconds": seconds,
+            "computed": computed,
             "loss": float(np.mean(error**2)),
             "test": float(np.std(clean)),
             "parameters": [],

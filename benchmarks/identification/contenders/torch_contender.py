@@ -12,7 +12,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from systems import SYSTEMS, first_values, step
+from systems import SYSTEMS, first_values, processor_seconds, step
 
 torch.set_num_threads(1)
 system = SYSTEMS[sys.argv[1]]
@@ -59,14 +59,16 @@ def fitted():
     return raw.detach()
 
 
-began = time.perf_counter()
+began, before = time.perf_counter(), processor_seconds()
 raw = fitted()
 seconds = [time.perf_counter() - began]
+computed = [processor_seconds() - before]
 clean = simulated(raw, "test") - data["test_clean"]
 print(
     json.dumps(
         {
             "seconds": seconds,
+            "computed": computed,
             "loss": float(loss(raw)),
             "test": float(clean.std()),
             "parameters": (raw * first).tolist(),

@@ -68,7 +68,7 @@ def _problem(
             name=name,
             signal=_signal(program, name),
             value=f"{_KEPT}{name}",
-            std=_in_unit(std, step.step[step.output(f"{_KEPT}{name}").node].type.unit, findings),
+            std=_in_unit(name, std, _unit(program, step, name), findings),
         )
         for name, std in section.measured.items()
     ]
@@ -88,6 +88,12 @@ def _signal(program: Program, output: str) -> str:
     predicts = program.output(output).predicts
     assert predicts is not None
     return predicts.signal
+
+
+def _unit(program: Program, step: Program, output: str) -> Unit | None:
+    """That of the output, else that of the signal it is compared with."""
+    unit = step.step[step.output(f"{_KEPT}{output}").node].type.unit
+    return unit or program.signal(_signal(program, output)).unit
 
 
 def _with_measurements(
@@ -165,7 +171,7 @@ def _deviations(
                 findings.report(errors.not_estimated(key, name, std.span, named))
                 continue
             state = named[name]
-            number = _in_unit(std, state.unit, findings)
+            number = _in_unit(name, std, state.unit, findings)
             before = found.get(state.name, EstimatedNumbers(initial=0.0, drift=0.0))
             found[state.name] = (
                 replace(before, initial=number)
@@ -185,34 +191,43 @@ def _parameters(
             findings.report(errors.not_a_read_parameter(name, entry.place.key, read))
             continue
         unit = program.parameter(name).unit
-        low, high = _limit(entry.min, unit, findings), _limit(entry.max, unit, findings)
+        low, high = (_limit(name, end, unit, findings) for end in (entry.min, entry.max))
         if low is not None and high is not None and low > high:
             suffix = "" if unit is None else f" {unit.text}"
             ends = f"{low:g}{suffix}", f"{high:g}{suffix}"
             findings.report(reversed_bound(name, *ends, entry.place.key))
         found[name] = EstimatedNumbers(
-            initial=_in_unit(entry.std, unit, findings),
-            drift=0.0 if entry.walk is None else _in_unit(entry.walk, unit, findings),
+            initial=_in_unit(name, entry.std, unit, findings),
+            drift=0.0 if entry.walk is None else _in_unit(name, entry.walk, unit, findings),
             minimum=low,
             maximum=high,
         )
     return found
 
 
-def _in_unit(std: Quantity, unit: Unit | None, findings: Findings) -> float:
+def _in_unit(name: str, std: Quantity, unit: Unit | None, findings: Findings) -> float:
     """A deviation in the unit of what deviates; a bare number is in it already."""
-    if std.unit is None or unit is None:
-        return std.value
-    if not std.unit.same_dimension(unit):
-        findings.report(units.incomparable_unit(std.unit.text, unit.text, std.span))
-        return std.value
-    return std.value * std.unit.factor_to(unit)
+    own = _comparable(name, std, unit, findings)
+    return std.value if own is None or unit is None else std.value * own.factor_to(unit)
 
 
-def _limit(limit: Quantity | None, unit: Unit | None, findings: Findings) -> float | None:
-    if limit is None or limit.unit is None or unit is None:
-        return None if limit is None else limit.value
-    if not limit.unit.same_dimension(unit):
-        findings.report(units.incomparable_unit(limit.unit.text, unit.text, limit.span))
+def _limit(
+    name: str, limit: Quantity | None, unit: Unit | None, findings: Findings
+) -> float | None:
+    if limit is None:
         return None
-    return limit.unit.convert(limit.value, unit)
+    own = _comparable(name, limit, unit, findings)
+    return limit.value if own is None or unit is None else own.convert(limit.value, unit)
+
+
+def _comparable(name: str, written: Quantity, unit: Unit | None, findings: Findings) -> Unit | None:
+    """The unit of what is written; None for a bare number, and for one that says nothing here."""
+    if written.unit is None:
+        return None
+    if unit is None:
+        findings.report(units.unit_of_none(name, written.text, written.span))
+        return None
+    if not written.unit.same_dimension(unit):
+        findings.report(units.incomparable_unit(written.unit.text, unit.text, written.span))
+        return None
+    return written.unit

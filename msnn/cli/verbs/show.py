@@ -15,6 +15,7 @@ class GraphFormat(StrEnum):
     """What draws the graph."""
 
     MERMAID = "mermaid"
+    SVG = "svg"
 
 
 def show(
@@ -35,7 +36,8 @@ def show(
         bool, typer.Option("--interface", help="Print the ports of every export.")
     ] = False,
     graph: Annotated[
-        GraphFormat | None, typer.Option("--graph", help="Print signals and formulas as a graph.")
+        GraphFormat | None,
+        typer.Option("--graph", help="Print signals and formulas as a graph: text, or a picture."),
     ] = None,
     latex: Annotated[bool, typer.Option("--latex", help="Print the equations as LaTeX.")] = False,
     settings: Settings = None,
@@ -46,15 +48,18 @@ def show(
 
     Of a model: inputs with unit and window, outputs, states, parameters, dimensions, losses. Of the
     folder of a run: stages with their losses, learned parameters with standard errors, warnings,
-    how to go on; --plot draws the losses. With one of the views it is that of the model it kept.
+    how to go on; --plot draws the losses and learned functions. With one of the views it is that of
+    the model it kept.
     """
     from msnn.cli.console import json_result, report_model, result
+    from msnn.model.kept_run import followed
     from msnn.model.load import load_model
 
     views = (program, windows, resolved, interface, graph is not None, latex)
     if sum(views) > 1:
         message = "choose one of --program, --windows, --resolved, --interface, --graph, --latex"
         raise typer.BadParameter(message)
+    spec = spec if spec.is_dir() else followed(spec)
     if spec.is_dir() and not any(views):
         if settings:
             message = "--set takes a spec or a view of the model: what a run reached is as it is"
@@ -86,8 +91,12 @@ def show(
         from msnn.exports.describe import exports_text
 
         result(exports_text(model))
+    elif graph is GraphFormat.SVG:
+        from msnn.reports.diagram.svg import architecture_svg
+
+        result(architecture_svg(model.spec))
     elif graph is not None:
-        from msnn.reports.graph import mermaid_text
+        from msnn.reports.diagram.mermaid import mermaid_text
 
         result(mermaid_text(model.spec))
     elif latex:
@@ -116,6 +125,8 @@ def _show_run(folder: Path, plot: Path | None, format: ResultFormat) -> None:
     else:
         result(run_text(run))
     if plot is not None:
-        from msnn.reports.plotting import plot_losses
+        from msnn.api.reports import functions_of_run
+        from msnn.reports.pictures.run import plot_run
 
-        note(f"drawn: {plot_losses(plot, [stage.epochs for stage in run.stages])}")
+        epochs = [stage.epochs for stage in run.stages]
+        note(f"drawn: {plot_run(plot, epochs, functions_of_run(run))}")

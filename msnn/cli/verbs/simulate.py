@@ -109,7 +109,7 @@ def simulate(
         rows = sum(run.steps for run in found)
         result(f"{out}: {count(len(found), 'run')}, {count(rows, 'step')}")
     if plot is not None:
-        from msnn.reports.plotting import plot_simulation
+        from msnn.reports.pictures.simulation import plot_simulation
 
         say = note if format is ResultFormat.JSON else result
         say(str(plot_simulation(plot, program, found)))

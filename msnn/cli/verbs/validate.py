@@ -58,6 +58,7 @@ def validate(
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
+    from msnn.simulation.engines.open_rollouts import known_engine
     from msnn.validation.engines_report import EnginesReport, engines_record, engines_table
     from msnn.validation.errors_report import coverage_table, regions_table, residuals_table
     from msnn.validation.report import (
@@ -71,6 +72,7 @@ def validate(
     if intervals and engine == EVERY_ENGINE:
         message = "are counted by one engine, not by `--engine all`"
         raise typer.BadParameter(message, param_hint="'--intervals'")
+    known_engine(engine, EVERY_ENGINE)
     refuse_two_origins(weights, initial)
     refuse_undrawable(plot)
     model = load_model(spec, settings or ())
@@ -118,9 +120,9 @@ def validate(
         )
         result("\n\n".join(table for table in tables if table))
     if plot is not None:
-        from msnn.reports.plotting import plot_validation
+        from msnn.reports.pictures.validation import plot_validation
 
-        note(f"drawn: {plot_validation(plot, found.measurements)}")
+        note(f"drawn: {plot_validation(plot, found)}")
     if not found.passed:
         note("a limit is broken")
         raise typer.Exit(ExitCode.LIMIT_BROKEN)

@@ -82,10 +82,14 @@ def open_rollouts(
             raise AssertionError("`known_engine` knows no other, and exports are opened elsewhere")
 
 
-def known_engine(name: str) -> str:
-    """The name, if it is one of `ENGINES` that runs here. Raises SpecError, MissingExtraError."""
-    if name not in ENGINES:
-        raise SpecError([kernels.unknown_engine(name, ENGINES)])
+def known_engine(name: str, *more: str) -> str:
+    """The name, if it is one of `ENGINES` that runs here, or one more that a caller knows.
+
+    Raises SpecError and MissingExtraError.
+    """
+    known = (*ENGINES, *more)
+    if name not in known:
+        raise SpecError([kernels.unknown_engine(name, known)])
     if name == "torch":
         TORCH.require("runs models with `--engine torch`")
     return name

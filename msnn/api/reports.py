@@ -1,0 +1,195 @@
+"""Writes the report of a run: one page with its pictures, tables, formulas and running model."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from compiler.passes.close_loop import LoopError
+from msnn.errors.runs import no_run
+from msnn.model.kept_run import WEIGHTS, run_of
+from msnn.model.model_data import sources_of
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+if TYPE_CHECKING:
+    from msnn.data.dataset import Dataset, FloatArray
+    from msnn.model.model import Model
+    from msnn.reports.learned_functions import LearnedFunction
+    from msnn.reports.run_summary import Run
+    from msnn.simulation.engines.progress import RolloutProgress
+    from msnn.simulation.simulate import Simulation
+    from msnn.training.records.run_log import RunLine
+    from msnn.validation.validate import ValidationReport
+
+PAGE = "report.html"
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenReport:
+    """The page, and what it lacks."""
+
+    path: Path
+    warnings: tuple[Diagnostic, ...]
+    is_live: bool
+    """Whether the model runs in it."""
+
+
+def report(
+    run: str | Path,
+    file: str | Path | None = None,
+    *,
+    data_root: str | Path | None = None,
+    engine: str = "auto",
+    verification: str | Path | None = None,
+    progress: RolloutProgress | None = None,
+) -> WrittenReport:
+    """Writes a run as one HTML page that needs nothing else, by default `report.html` in the run.
+
+        written = msnn.report("runs/plant/latest", "plant.html")
+        print(written.path, written.warnings)
+
+    The data are those of the spec, below `data_root`; without them the page has no records.
+    `engine` simulates as in `validate`. `verification` is a file that `msnn verify --format json`
+    has written. Without the extra `zig` the model does not run in the page. Raises SpecError for
+    what is no run, and for one that has no weights.
+    """
+    from backends.files.atomic_write import write_text
+    from msnn.errors import reports as errors
+    from msnn.model.load import load_model
+    from msnn.model.model_weights import choose_weights
+    from msnn.reports.learned_functions import learned_functions
+    from msnn.reports.page.live import NotLive, live_model
+    from msnn.reports.page.page import Contents, page_text
+    from msnn.reports.run_summary import read_run
+
+    if (folder := run_of(Path(run))) is None:
+        raise SpecError([no_run(str(run), ())])
+    found = read_run(folder)
+    model = load_model(found.folder)
+    checks = None if verification is None else _verification(Path(verification))
+    chosen = choose_weights(model, None, found.folder.parent)
+    warnings: list[Diagnostic] = []
+    data, simulations, validation = _measured(
+        model, chosen.weights, data_root, engine, progress, warnings
+    )
+    live = live_model(model, chosen.weights, data)
+    if isinstance(live, NotLive):
+        warnings.append(errors.no_part("running model", live.reason))
+    with sources_of(model):
+        functions = learned_functions(model, chosen.weights, data)
+    text = page_text(
+        Contents(
+            run=found,
+            model=model,
+            weights=chosen.weights,
+            data=data,
+            simulations=simulations,
+            validation=validation,
+            functions=functions,
+            live=live,
+            line=_line(found.folder),
+            verification=checks,
+            left_out=[*(warning.message for warning in warnings), *_undrawn(model)],
+        )
+    )
+    path = found.folder / PAGE if file is None else Path(file)
+    return WrittenReport(write_text(path, text), tuple(warnings), not isinstance(live, NotLive))
+
+
+def _undrawn(model: Model) -> list[str]:
+    if not model.read.used:
+        return []
+    return ["Of a model with sub-models only taps are drawn of what was learned."]
+
+
+def functions_of_run(run: Run) -> tuple[LearnedFunction, ...]:
+    """What a run has learned, as functions; over the range of its data, where these are here.
+
+    None of a run that has no weights.
+    """
+    from msnn.model.load import load_model
+    from msnn.model.model_data import read_data
+    from msnn.model.weights_file import read_weights
+    from msnn.reports.learned_functions import learned_functions
+
+    weights = run.folder / WEIGHTS
+    if not weights.is_file():
+        return ()
+    model = load_model(run.folder)
+    try:
+        data = read_data(model, None, "picture")
+    except SpecError:  # a run does not keep its data: taps need none
+        data = None
+    with sources_of(model):
+        return learned_functions(model, read_weights(weights, model.program), data)
+
+
+def _measured(
+    model: Model,
+    weights: Mapping[str, FloatArray],
+    data_root: str | Path | None,
+    engine: str,
+    progress: RolloutProgress | None,
+    warnings: list[Diagnostic],
+) -> tuple[Dataset | None, tuple[Simulation, ...], ValidationReport | None]:
+    """The data of the spec, free runs over them, what is measured; none of what cannot be had."""
+    from msnn.api.measurements import validate
+    from msnn.errors import reports as errors
+    from msnn.exports.exported_rollouts import chosen_engine
+    from msnn.exports.prepare import loop_fault
+    from msnn.model.model_data import read_data
+    from msnn.simulation.engines.progress import nobody
+    from msnn.simulation.simulate import simulate, simulation_program
+
+    data: Dataset | None = None
+    runs: tuple[Simulation, ...] = ()
+    validation: ValidationReport | None = None
+    try:
+        data = read_data(model, data_root, "report")
+        chosen = chosen_engine(model, engine)
+        program = simulation_program(model.program)
+        with sources_of(model):
+            found = simulate(program, data, weights, engine=chosen, progress=progress or nobody)
+        runs = found.runs
+        warnings += found.warnings
+    except LoopError as error:
+        warnings.append(errors.no_part("records", loop_fault(error, None).message))
+    except SpecError as error:
+        warnings.append(errors.no_part("records", error.diagnostics[0].message))
+    try:
+        validation = validate(model, weights, data_root=data_root, engine=engine, progress=progress)
+        warnings += (warning for warning in validation.warnings if warning not in warnings)
+    except SpecError as error:
+        warnings.append(errors.no_part("errors", error.diagnostics[0].message))
+    return data, runs, validation
+
+
+def _line(folder: Path) -> RunLine | None:
+    """The line of the run in the log of trainings beside it."""
+    from msnn.training.records import run_log
+
+    for above in folder.absolute().parents[:3]:
+        lines = run_log.read(above / run_log.LOG)
+        for line in reversed(lines):
+            if line.folder is not None and (above / line.folder).resolve() == folder.resolve():
+                return line
+    return None
+
+
+def _verification(file: Path) -> dict[str, Any]:
+    """What `msnn verify --format json` wrote; SpecError for any other file."""
+    from msnn.errors import reports as errors
+    from spec_schema.reading.endless_files import refuse_endless
+
+    try:
+        refuse_endless(file)
+        found = json.loads(file.read_text(encoding="utf-8"))
+        _ = found["model"]
+        for result in found["results"]:
+            _ = result["check"], result["target"], result["detail"], result["verdict"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SpecError([errors.not_verification(str(file))]) from error
+    return found

@@ -1,0 +1,1 @@
+"""Draws the architecture of a model: its parts in layers, from inputs to outputs."""

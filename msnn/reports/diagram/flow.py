@@ -1,0 +1,142 @@
+"""Chooses what an architecture diagram shows of a spec: boxes, wires, feedback."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from msnn.reports.diagram.parts import Kind, formulas_of, parts_of
+from spec_schema.expressions.tree import Call, Name
+from spec_schema.sections.references import calls_in, names_in
+from spec_schema.sections.spec import Spec
+
+_SHOWN: tuple[Kind, ...] = ("inputs", "states", "layers", "equations", "outputs")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """A part that is drawn; the parameters it uses stand in it."""
+
+    name: str
+    kind: Kind
+    about: str
+    uses: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """From one box to another."""
+
+    source: str
+    target: str
+
+
+@dataclass(frozen=True, slots=True)
+class Flow:
+    """Boxes in the order of the spec; wires that go forward, without a circle, and those back."""
+
+    boxes: tuple[Box, ...]
+    forward: tuple[Wire, ...]
+    back: tuple[Wire, ...]
+    """Into states, whose value at the next sample they make, and into inputs that are predicted."""
+
+
+def flow_of(spec: Spec) -> Flow:
+    """The boxes and wires of a spec; losses and targets are left out.
+
+    What a layer is called with goes into the layer, and the layer into what calls it. A wire into
+    a state is feedback unless it comes from an input. What still runs in a circle (a layer that is
+    called twice may) is feedback too, where it closes the circle.
+    """
+    found = parts_of(spec)
+    kinds: dict[str, Kind] = {part.name: part.kind for part in found.parts}
+    wires: dict[Wire, None] = {}
+    uses: dict[str, list[str]] = {}
+    for part in found.parts:
+        if part.kind not in _SHOWN:
+            continue
+        for wire in _wires(spec, formulas_of(spec, part.kind, part.name), part.name):
+            kind = kinds.get(wire.source)
+            if kind == "parameters" and wire.source not in uses.setdefault(wire.target, []):
+                uses[wire.target].append(wire.source)
+            elif kind in _SHOWN and (wire.source != wire.target or kind == "states"):
+                wires[wire] = None
+        if part.kind == "layers" and (sets := spec.layers[part.name].fuzzify) is not None:
+            wires |= {Wire(each.value, part.name): None for each in sets.over}
+    wires |= {Wire(a.source, a.target): None for a in found.arrows if a.predicts}
+    wires = {wire: None for wire in wires if kinds.get(wire.target) in _SHOWN}
+    boxes = tuple(
+        Box(name=p.name, kind=p.kind, about=p.about, uses=tuple(uses.get(p.name, ())))
+        for p in found.parts
+        if p.kind in _SHOWN
+    )
+    back = [wire for wire in wires if _feeds_back(wire, kinds)]
+    forward, circular = _without_circles(boxes, [wire for wire in wires if wire not in back])
+    return Flow(boxes, tuple(forward), (*back, *circular))
+
+
+def _wires(spec: Spec, value: Any, target: str) -> Iterator[Wire]:
+    """From what formulas name, by way of the layers that they call, to what they define."""
+    outside = Counter(names_in(value))
+    for call in _layer_calls(spec, value):
+        assert isinstance(call.function, Name)
+        layer, inside = call.function.name, (call.arguments, call.keywords)
+        outside -= Counter([layer, *names_in(inside)])
+        yield from _wires(spec, inside, layer)
+        yield Wire(layer, target)
+    for name in outside:
+        if name in spec.functions:
+            called = spec.functions[name]
+            own = {argument.value for argument in called.args}
+            for wire in _wires(spec, called.expr, target):
+                if wire.source not in own:
+                    yield wire
+        else:
+            yield Wire(name, target)
+
+
+def _layer_calls(spec: Spec, value: Any) -> list[Call]:
+    """The calls of layers that stand in no other call of a layer."""
+    found: list[Call] = []
+    inner: set[int] = set()
+    for call in calls_in(value):
+        if id(call) in inner or not isinstance(call.function, Name):
+            continue
+        if call.function.name in spec.layers:
+            found.append(call)
+            inner |= {id(each) for each in calls_in((call.arguments, call.keywords))}
+    return found
+
+
+def _feeds_back(wire: Wire, kinds: Mapping[str, Kind]) -> bool:
+    target = kinds[wire.target]
+    return target == "inputs" or (target == "states" and kinds[wire.source] != "inputs")
+
+
+def _without_circles(boxes: Iterable[Box], wires: Iterable[Wire]) -> tuple[list[Wire], list[Wire]]:
+    """The wires that can all go one way, and those that would close a circle."""
+    following: dict[str, list[str]] = {}
+    forward: list[Wire] = []
+    circular: list[Wire] = []
+    for wire in wires:
+        if _reaches(following, wire.target, wire.source):
+            circular.append(wire)
+        else:
+            following.setdefault(wire.source, []).append(wire.target)
+            forward.append(wire)
+    return forward, circular
+
+
+def _reaches(following: Mapping[str, list[str]], begin: str, end: str) -> bool:
+    waiting, seen = [begin], {begin}
+    while waiting:
+        name = waiting.pop()
+        if name == end:
+            return True
+        for after in following.get(name, ()):
+            if after not in seen:
+                seen.add(after)
+                waiting.append(after)
+    return False

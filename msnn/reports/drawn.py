@@ -1,0 +1,114 @@
+"""Decides what pictures of simulations show: which runs first, which numbers of vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from compiler.ir.program import Program, Signal
+from compiler.ir.types import Axis
+from msnn.data.dataset import FloatArray
+from msnn.simulation.simulate import Simulation
+from spec_schema.units.unit import Unit
+
+MOST_CHANNELS = 8
+"""Numbers of all outputs, or of all inputs, that a picture has room for."""
+MOST_ELEMENTS = 6
+"""Of one vector."""
+_FIRST = ("test", "val", "train")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """One number of an output or a signal, over the steps of a run."""
+
+    name: str
+    """`v`, or of a vector `q[1]`."""
+    source: str
+    """The output or signal that it is of."""
+    index: tuple[int, ...]
+    unit: str
+    low: float | None
+    high: float | None
+    """Ends of its declared range."""
+    predicts: tuple[str, int] | None = None
+    """The channel that it predicts, and how many samples ahead."""
+    predicted_source: str = ""
+    """The signal of that channel."""
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """Its numbers among the (steps, *shape) of its source."""
+        return np.asarray(values[(slice(None), *self.index)], np.float64)
+
+
+def shown_first(runs: Sequence[Simulation]) -> list[Simulation]:
+    """The runs with those of the test set first, then validation, then training."""
+
+    def rank(run: Simulation) -> int:
+        sets = set(run.places.sets)
+        places = [place for place, name in enumerate(_FIRST) if name in sets]
+        return min(places, default=len(_FIRST))
+
+    return sorted(runs, key=rank)
+
+
+def element_name(name: str, index: tuple[int, ...]) -> str:
+    """`q` or `q[1, 0]`."""
+    return f"{name}[{', '.join(map(str, index))}]" if index else name
+
+
+def channels(signals: Sequence[Signal]) -> list[Channel]:
+    """The numbers of signals, the first few of each vector."""
+    found: list[Channel] = []
+    for signal in signals:
+        low, high = signal.range or (None, None)
+        for index in _indices(signal.axes):
+            name = element_name(signal.name, index)
+            unit = unit_of(signal.unit)
+            found.append(
+                Channel(name=name, source=signal.name, index=index, unit=unit, low=low, high=high)
+            )
+    return found[:MOST_CHANNELS]
+
+
+def output_channels(program: Program) -> list[Channel]:
+    """The numbers of outputs, those that predict something first."""
+    found: list[Channel] = []
+    for output in sorted(program.outputs, key=lambda output: output.predicts is None):
+        type = program.step[output.node].type
+        low, high = program.expected_range(output.name) or (None, None)
+        unit, predicts = type.unit, output.predicts
+        if predicts is not None:
+            # a simulation drops the signals that it does not read
+            for signal in (s for s in program.signals if s.name == predicts.signal):
+                unit = unit or signal.unit
+                if low is None and high is None and signal.range is not None:
+                    low, high = signal.range
+        for index in _indices(type.axes):
+            found.append(
+                Channel(
+                    name=element_name(output.name, index),
+                    source=output.name,
+                    index=index,
+                    unit=unit_of(unit),
+                    low=low,
+                    high=high,
+                    predicts=None
+                    if predicts is None
+                    else (element_name(predicts.signal, index), predicts.ahead),
+                    predicted_source="" if predicts is None else predicts.signal,
+                )
+            )
+    return found[:MOST_CHANNELS]
+
+
+def _indices(axes: Sequence[Axis]) -> list[tuple[int, ...]]:
+    return list(islice(np.ndindex(*(axis.size for axis in axes)), MOST_ELEMENTS))
+
+
+def unit_of(unit: Unit | None) -> str:
+    """As axes have it: nothing where there is none, or where a number has none."""
+    return "" if unit is None or unit.text == "1" else unit.text

@@ -1,0 +1,160 @@
+"""Lays out the charts of errors, of rollouts and of training for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.reports.drawn import unit_of
+from msnn.reports.page.packing import Plain, listed, packed
+from msnn.reports.run_summary import Run, TrainedStage
+from msnn.validation.correlations import Correlation
+from msnn.validation.measurement import Measurement
+from msnn.validation.validate import MetricRow
+from msnn.validation.words import rollout_text
+
+_COLORS = 7
+_MOST_INPUTS = 4
+_MOST_MEASUREMENTS = 8
+
+
+def error_charts(
+    measurements: Sequence[Measurement], rows: Sequence[MetricRow]
+) -> Iterator[tuple[str, Plain]]:
+    """A title and a chart each: correlations of errors, and how errors grow along rollouts."""
+    for found in measurements[:_MOST_MEASUREMENTS]:
+        title = f"{found.of}, {rollout_text(found)}, {found.data}"
+        correlations = _correlations(found)
+        if correlations is not None:
+            yield f"Errors of {title}: are they noise?", correlations
+        if found.curve is not None:
+            yield f"Errors of {title}: how they grow", _growth(found, rows)
+
+
+def _correlations(found: Measurement) -> Plain | None:
+    """Each correlation in the band of noise, a panel for the errors and one for each input."""
+    first = found.judged.residuals[0]
+    if first.itself is None:
+        return None
+    each = [("themselves", first.itself), *list(first.inputs.items())[:_MOST_INPUTS]]
+    hidden = len(first.inputs) + 1 - len(each)
+    note = "Shaded: where 99 % of the correlations of noise lie."
+    return {
+        "label": f"Correlation of the errors of {found.of} with themselves and with inputs",
+        "xlabel": "lag / samples",
+        "padded": True,
+        "note": note + (f" {hidden} more inputs are not drawn." if hidden else ""),
+        "panels": [
+            {
+                "label": f"with {name}",
+                "height": 120,
+                "zero": True,
+                "lines": [{"y": 0, "solid": True, "color": "muted"}],
+                "series": _in_band(name, correlation, number),
+            }
+            for number, (name, correlation) in enumerate(each)
+        ],
+    }
+
+
+def _in_band(name: str, found: Correlation, number: int) -> list[Plain]:
+    ends = np.array([found.lags[0] - 0.5, found.lags[-1] + 0.5])
+    color = f"c{number % _COLORS + 1}"
+    band = np.full(2, found.band)
+    return [
+        {
+            "name": "noise",
+            "unlisted": True,
+            "color": color,
+            "x": listed(ends),
+            "low": listed(-band),
+            "high": listed(band),
+        },
+        {
+            "name": f"with {name}",
+            "kind": "stem",
+            "color": color,
+            "x": {"start": int(found.lags[0]), "step": 1},
+            "y": listed(found.values),
+        },
+    ]
+
+
+def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
+    curve = found.curve
+    assert curve is not None
+    unit = unit_of(found.unit)
+    limits = [
+        {"y": row.maximum, "label": "limit of the mean", "far": True}
+        for row in rows
+        if row.metric == "rmse" and row.maximum is not None and _is_of(row, found)
+    ]
+    return {
+        "label": f"Root mean square error of {found.of} along its rollouts",
+        "xlabel": "step of the rollout",
+        "padded": True,
+        "panels": [
+            {
+                "label": f"rmse / {unit}" if unit else "rmse",
+                "height": 190,
+                "zero": True,
+                "lines": limits,
+                "series": [
+                    {
+                        "name": f"rmse of {found.of}",
+                        "color": "simulated",
+                        "x": listed((curve.first + curve.last) / 2),
+                        "y": listed(curve.rmse),
+                    }
+                ],
+            }
+        ],
+    }
+
+
+def _is_of(row: MetricRow, found: Measurement) -> bool:
+    return (row.of, row.horizon, row.closed, row.data) == (
+        found.of,
+        found.horizon,
+        found.closed,
+        found.data,
+    )
+
+
+def training_charts(run: Run) -> Iterator[tuple[str, Plain]]:
+    """A chart a stage: the loss on the training data and what was watched, over epochs."""
+    for stage in run.stages:
+        if len(stage.epochs) > 1:
+            yield f"Stage {stage.reached.stage}", _losses(stage)
+
+
+def _losses(stage: TrainedStage) -> Plain:
+    epochs = np.array([event.epoch for event in stage.epochs], np.float64)
+    total = np.array([event.total for event in stage.epochs])
+    monitor = np.array([event.monitor for event in stage.epochs])
+    best = stage.reached.best_epoch
+    return {
+        "label": f"Loss and monitor over the epochs of stage {stage.reached.stage}",
+        "xlabel": "epoch",
+        "padded": True,
+        "x": packed(epochs),
+        "panels": [
+            {
+                "label": "loss",
+                "height": 200,
+                "log": _positive(total) and _positive(monitor),
+                "lines": [{"x": best, "label": "best", "color": "muted"}],
+                "series": [
+                    {"name": "loss, training", "color": "c1", "y": packed(total)},
+                    {"name": "monitor", "color": "c2", "y": packed(monitor)},
+                ],
+            }
+        ],
+    }
+
+
+def _positive(values: FloatArray) -> bool:
+    known = values[np.isfinite(values)]
+    return len(known) > 0 and bool((known > 0).all())

@@ -1,0 +1,202 @@
+"""Lays simulated records out for the page: measured over simulated, errors, inputs, in order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compiler.ir.program import Program, Role, Signal
+from compiler.ir.types import Type
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.reports.drawn import Channel, channels, output_channels, shown_first
+from msnn.reports.page.packing import Plain, finite, packed, series
+from msnn.simulation.simulate import Simulation
+from msnn.validation.metrics import Errors, score
+
+_EXACT = 400_000
+"""Numbers that are kept as they are: 2.1 MB of the page."""
+_REST = 90_000
+"""Numbers of records that are thinned: half a megabyte."""
+_POINTS = 1_200
+"""Of each series of a thinned record, where there is room."""
+_FEWEST = 60
+_MOST_RECORDS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """What the page draws of the data, and what it leaves out."""
+
+    shown: list[Plain]
+    left_out: list[str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ports:
+    """What the running model reads of a record: samples before a run and after it, signals."""
+
+    back: int
+    ahead: int
+    signals: frozenset[str]
+
+
+def records(program: Program, data: Dataset, runs: Sequence[Simulation], ports: Ports) -> Records:
+    """Every run, those of the test set first; as many as there is room for, in full first.
+
+    `program` is the model's, in window form; an input that an output predicts is fed back, and not
+    drawn as one.
+    """
+    ordered = shown_first(runs)
+    outputs = output_channels(program)
+    signals = _signals(program, data, ports.signals)
+    drawn = [channel.name for channel in channels(_open(program))]
+    lines = 3 * len(outputs) + len(signals)  # of what is thinned measured and error too
+    exact, rest = _EXACT, _REST
+    shown: list[Plain] = []
+    for run in ordered[:_MOST_RECORDS]:
+        many = run.steps * (len(outputs) + len(signals))
+        if many <= exact:
+            block, exact = 1, exact - many
+        elif not shown and many <= 20 * _EXACT:
+            block, exact = int(np.ceil(2 * run.steps * lines / exact)), 0
+        else:
+            points = min(_POINTS, rest // max(lines, 1))
+            if points < _FEWEST:
+                break
+            block, rest = max(int(np.ceil(2 * run.steps / points)), 1), rest - points * lines
+        shown.append(_record(run, data, outputs, signals, drawn, ports, block))
+    left_out = _left_out(len(runs) - len(shown), program)
+    return Records(shown, left_out)
+
+
+def _left_out(records: int, program: Program) -> list[str]:
+    said = [f"{records} more records are not drawn: the page would grow beyond 3 MB"]
+    found = said if records else []
+    outputs = sum(program.step[output.node].type.size for output in program.outputs)
+    inputs = sum(Type(signal.axes).size for signal in _open(program))
+    for kind, every, drawn in (
+        ("outputs", outputs, len(output_channels(program))),
+        ("inputs", inputs, len(channels(_open(program)))),
+    ):
+        if every > drawn:
+            found.append(f"{every - drawn} of {every} numbers of the {kind} are not drawn")
+    return found
+
+
+def _open(program: Program) -> list[Signal]:
+    """The inputs that a simulation reads from the record."""
+    predicted = {o.predicts.signal for o in program.outputs if o.predicts is not None}
+    return [s for s in program.signals if s.role is Role.INPUT and s.name not in predicted]
+
+
+def _signals(program: Program, data: Dataset, ports: frozenset[str]) -> list[Channel]:
+    """Elements of all that is read from the record, and of what outputs predict."""
+    predicted = {o.predicts.signal for o in program.outputs if o.predicts is not None}
+    wanted = [s for s in program.signals if s.name in data.series]
+    wanted = [s for s in wanted if s.role is Role.INPUT or s.name in predicted | ports]
+    return channels(wanted)
+
+
+def _record(
+    run: Simulation,
+    data: Dataset,
+    outputs: Sequence[Channel],
+    signals: Sequence[Channel],
+    drawn: Sequence[str],
+    ports: Ports,
+    block: int,
+) -> Plain:
+    t0 = run.record.start + run.first
+    begin = max(run.record.start, t0 - ports.back)
+    end = min(run.record.stop, t0 + run.steps + ports.ahead)
+    rows = slice(begin, end)
+    kept = {
+        channel.name: {**series(channel.of(data.series[channel.source][rows]), block)}
+        for channel in signals
+    }
+    for found in kept.values():
+        found["at"] = begin - t0
+    sets = [name or "no set" for name in dict.fromkeys(run.places.sets)]
+    told = f"{run.record.file} · {', '.join(sets)}" if sets else run.record.file
+    note = (
+        f"Drawn by the lowest and highest of {block} neighbours: zooming in shows no more."
+        if block > 2
+        else ""
+    )
+    return {
+        "name": told,
+        "steps": run.steps,
+        "whole": block <= 2,
+        "timed": run.places.time is not None,
+        "x": _places(run),
+        "note": note,
+        "signals": kept,
+        "outputs": [_output(run, data, channel, block, t0) for channel in outputs],
+        "inputs": [
+            {
+                "signal": channel.name,
+                "unit": channel.unit,
+                "low": finite(channel.low),
+                "high": finite(channel.high),
+            }
+            for channel in signals
+            if channel.name in drawn
+        ],
+    }
+
+
+def _places(run: Simulation) -> Plain:
+    """Seconds, or rows; evenly spaced ones need two numbers."""
+    along: FloatArray = np.asarray(
+        run.places.rows if run.places.time is None else run.places.time, np.float64
+    )
+    if len(along) < 2:
+        return {"start": float(along[0]), "step": 1.0}
+    step = float(along[-1] - along[0]) / (len(along) - 1)
+    even = along[0] + step * np.arange(len(along))
+    if step > 0 and np.abs(even - along).max() < 0.01 * step:
+        return {"start": float(along[0]), "step": step}
+    return packed(along)
+
+
+def _output(
+    run: Simulation, data: Dataset, channel: Channel, block: int, t0: int
+) -> dict[str, Any]:
+    simulated = channel.of(run.outputs[channel.source])
+    found: dict[str, Any] = {
+        "name": channel.name,
+        "unit": channel.unit,
+        "low": finite(channel.low),
+        "high": finite(channel.high),
+        "simulated": series(simulated, block),
+        "measured": None,
+        "fit": None,
+        "rmse": None,
+    }
+    if channel.source not in run.logged:
+        return found
+    measured = channel.of(run.logged[channel.source])
+    errors = Errors.of(simulated, measured)
+    found["fit"] = finite(score("fit", errors).value)
+    found["rmse"] = finite(score("rmse", errors).value)
+    found["measured"] = _measured(run, data, channel, measured, block, t0)
+    if block > 2:
+        found["error"] = series(simulated - measured, block)
+    return found
+
+
+def _measured(
+    run: Simulation, data: Dataset, channel: Channel, measured: FloatArray, block: int, t0: int
+) -> Plain:
+    """The signal that is kept anyway, some samples ahead, or its own numbers."""
+    assert channel.predicts is not None
+    name, ahead = channel.predicts
+    series_of = channel.of(data.series[channel.predicted_source])
+    there = series_of[t0 + ahead : min(t0 + ahead + run.steps, run.record.stop)]
+    kept, rest = measured[: len(there)], measured[len(there) :]
+    if block <= 2 and np.array_equal(there, kept, equal_nan=True) and np.isnan(rest).all():
+        return {"signal": name, "ahead": ahead}
+    return series(measured, block)

@@ -1,0 +1,233 @@
+"""Fills the tables of the page: measurements, parameters, records, signals, memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compiler.ir.program import Program
+from msnn.data.dataset import UNASSIGNED, Dataset
+from msnn.exports.describe import range_text
+from msnn.reports.drawn import channels
+from msnn.training.records.run_log import Cost
+from msnn.validation.measurement import Measurement
+from msnn.validation.report import limits
+from msnn.validation.validate import MetricRow
+from msnn.validation.words import rollout_text, unit_text
+
+_MOST_NUMBERS = 6
+_MOST_LISTED = 256
+_MOST_ROWS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The cells of a row; `verdict` colours the last one, `more` is shown on demand."""
+
+    cells: tuple[str, ...]
+    verdict: str = ""
+    more: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table with its caption; columns whose indices are in `numbers` end at the right."""
+
+    caption: str
+    header: tuple[str, ...]
+    rows: tuple[Row, ...]
+    numbers: tuple[int, ...] = ()
+
+
+def short(value: float | None, digits: int = 5) -> str:
+    """A number for people; a dash for none."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def limits_table(rows: Sequence[MetricRow]) -> Table:
+    """What the spec asks to be measured, with its limits."""
+    verdicts = {True: "kept", False: "broken", None: ""}
+    return Table(
+        "What the spec asks",
+        ("of", "metric", "value", "unit", "limit", "how", "data", "verdict"),
+        tuple(
+            Row(
+                (
+                    row.of,
+                    row.metric,
+                    short(row.value),
+                    unit_text(row.unit),
+                    limits(row),
+                    rollout_text(row),
+                    row.data,
+                    verdicts[row.passed],
+                ),
+                {True: "good", False: "bad", None: ""}[row.passed],
+            )
+            for row in rows
+        ),
+        (2,),
+    )
+
+
+def measurements_table(measurements: Sequence[Measurement]) -> Table:
+    """Every metric of each output and way to simulate it."""
+    metrics = ("fit", "rmse", "mae", "max_abs", "r2")
+    return Table(
+        "Every metric",
+        ("of", "how", "data", "fit %", "rmse", "mae", "max", "r²", "unit", "values"),
+        tuple(
+            Row(
+                (
+                    found.of,
+                    rollout_text(found),
+                    found.data,
+                    *(short(found.metrics[metric].value) for metric in metrics),
+                    unit_text(found.unit),
+                    str(found.scored),
+                )
+            )
+            for found in measurements
+        ),
+        (3, 4, 5, 6, 7, 9),
+    )
+
+
+def parameters_table(record: Mapping[str, Any], program: Program) -> Table:
+    """Learned values with units, standard errors and docs; long arrays open on demand."""
+    docs = {parameter.name: parameter.doc for parameter in program.parameters}
+    rows: list[Row] = []
+    for found in record["parameters"]:
+        values, errors = found["values"], found["standard_errors"]
+        remark = "" if found["learn"] else "fixed"
+        if found["at_bound"]:
+            remark = "at its bound"
+        elif found["learn"] and None in (errors or ()):
+            remark = "not identifiable"
+        rows.append(
+            Row(
+                (
+                    found["name"],
+                    _numbers(values),
+                    _errors(errors),
+                    found["unit"] or "",
+                    _numbers(found["initial"]),
+                    remark,
+                    docs.get(found["name"], "").strip().partition("\n")[0],
+                ),
+                "bad" if remark in ("at its bound", "not identifiable") else "",
+                _listed(values, errors),
+            )
+        )
+    header = ("parameter", "value", "± std. error", "unit", "initial", "remark", "doc")
+    return Table("Parameters", header, tuple(rows))
+
+
+def _numbers(values: Sequence[float | None]) -> str:
+    if len(values) <= _MOST_NUMBERS:
+        return ", ".join(short(value) for value in values)
+    known = [value for value in values if value is not None]
+    if not known:
+        return f"{len(values)} numbers"
+    return f"{len(values)} numbers, {short(min(known), 4)} … {short(max(known), 4)}"
+
+
+def _errors(errors: Sequence[float | None] | None) -> str:
+    if errors is None or not any(error is not None for error in errors):
+        return ""
+    if len(errors) <= _MOST_NUMBERS:
+        return ", ".join(short(error, 2) for error in errors)
+    known = [error for error in errors if error is not None]
+    return f"{short(min(known), 2)} … {short(max(known), 2)}"
+
+
+def _listed(values: Sequence[float | None], errors: Sequence[float | None] | None) -> str:
+    if len(values) <= _MOST_NUMBERS:
+        return ""
+    shown = [
+        short(value) + ("" if errors is None or errors[i] is None else f" ± {short(errors[i], 2)}")
+        for i, value in enumerate(values[:_MOST_LISTED])
+    ]
+    rest = len(values) - len(shown)
+    return ", ".join(shown) + (f", … {rest} more" if rest else "")
+
+
+def data_tables(program: Program, data: Dataset) -> Iterator[Table]:
+    """Records by set, and what each signal was."""
+    sets = [*data.sets, *(["no set"] if (data.set_of_row == UNASSIGNED).any() else [])]
+    rows = tuple(
+        Row((name, str(records), str(count), _duration(program, count)))
+        for name in sets
+        for records, count in [_in_set(data, name)]
+        if count
+    )
+    yield Table("Sets", ("set", "records", "rows", "time"), rows, (1, 2, 3))
+    signals = [signal for signal in program.signals if signal.name in data.series]
+    found: list[Row] = []
+    for channel in channels(signals):
+        values = channel.of(data.series[channel.source])
+        known = values[np.isfinite(values)]
+        low, mean, high, spread = (
+            (known.min(), known.mean(), known.max(), known.std()) if len(known) else [math.nan] * 4
+        )
+        found.append(
+            Row(
+                (
+                    channel.name,
+                    channel.unit,
+                    *(short(float(value), 4) for value in (low, mean, high, spread)),
+                    str(len(values) - len(known)),
+                    "" if channel.low is None else range_text((channel.low, channel.high or 0.0)),
+                )
+            )
+        )
+    header = ("signal", "unit", "least", "mean", "most", "deviation", "missing", "declared range")
+    yield Table("Signals", header, tuple(found), (2, 3, 4, 5, 6))
+
+
+def _in_set(data: Dataset, name: str) -> tuple[int, int]:
+    wanted = data.in_set(name) if name in data.sets else data.set_of_row == UNASSIGNED
+    records = sum(bool(wanted[r.start : r.stop].any()) for r in data.records)
+    return records, int(wanted.sum())
+
+
+def _duration(program: Program, rows: int) -> str:
+    if program.sample_time is None:
+        return ""
+    seconds = rows * program.sample_time
+    return f"{seconds / 60:.4g} min" if seconds >= 120 else f"{seconds:.4g} s"
+
+
+def c_table(memory: Mapping[str, int], cost: Cost | None) -> Table:
+    """Bytes of the C, and what a step costs where that was counted."""
+    rows = [Row((what, str(size), "bytes")) for what, size in memory.items()]
+    if cost is not None:
+        core = f" ({cost.core})"
+        rows += [
+            Row((f"a step{core}", f"{cost.instructions:.0f}", "instructions")),
+            Row((f"code and constants{core}", str(cost.flash), "bytes")),
+            Row((f"variables{core}", str(cost.ram), "bytes")),
+        ]
+    return Table("Footprint of the C", ("what", "size", "unit"), tuple(rows), (1,))
+
+
+def verification_table(found: Mapping[str, Any]) -> Table:
+    """The checks that `msnn verify --format json` has made."""
+    rows = tuple(
+        Row(
+            (
+                str(result["check"]),
+                str(result["target"]),
+                str(result["detail"]),
+                str(result["verdict"]),
+            ),
+            {"ok": "good", "found": "bad"}.get(str(result["verdict"]), ""),
+        )
+        for result in found["results"][:_MOST_ROWS]
+    )
+    caption = f"What `msnn verify` found of the C of {found['model']}"
+    return Table(caption, ("check", "target", "detail", "verdict"), rows)

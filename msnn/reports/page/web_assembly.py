@@ -1,0 +1,54 @@
+"""Compiles the C of an export to WebAssembly, with the harness by which a page runs it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from backends.c.host.build import CompilerFailedError
+from backends.files.run_compiler import CompilerTooSlowError, run_compiler
+from msnn.packages import ZIGLANG
+from msnn.verification.builds.harness import TEMPLATES, includes, write_harness
+from msnn.verification.exported_c import ExportedC
+
+_FLAGS = (
+    "-target",
+    "wasm32-freestanding",
+    "-std=c99",
+    "-O2",
+    "-ffreestanding",
+    "-fno-builtin",
+    "-ffp-contract=off",
+    "-nostdlib",
+    "-Wl,--no-entry",
+)
+_ROOM = 4096
+"""Bytes for what is said after the golden steps."""
+
+
+def web_assembly(model: ExportedC, folder: Path) -> bytes:
+    """The module; `folder` takes the harness and what the compiler makes.
+
+    The flags are those of the boards: no library, no fused operations. Raises MissingExtraError
+    without zig, CompilerFailedError where it rejects the C, which then calls a C library.
+    """
+    ZIGLANG.require("compiles the model of a report to WebAssembly")
+    write_harness("replay.h", model, folder)
+    room = sum(len(line) + 8 for line in model.expected) + _ROOM
+    main = write_harness("browser_main.c", model, folder, room=room)
+    freestanding = TEMPLATES / "freestanding"
+    sources = [*model.sources, main, freestanding / "library.c"]
+    module = folder / "model.wasm"
+    command = [
+        *(sys.executable, "-m", "ziglang", "cc", *_FLAGS),
+        *(f"-I{freestanding}", f"-I{folder}", *includes(model)),
+        *(str(path) for path in sources),
+        *("-o", str(module)),
+    ]
+    try:
+        done = run_compiler(command, folder=folder)
+    except CompilerTooSlowError as error:
+        raise CompilerFailedError(command, f"it {error}") from None
+    if done.code != 0:
+        raise CompilerFailedError(command, done.errors + done.output)
+    return module.read_bytes()

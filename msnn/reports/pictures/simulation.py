@@ -1,0 +1,181 @@
+"""Draws free runs: measured under simulated, errors, inputs, and what errors correlate with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compiler.ir.program import Program, Role
+from msnn.data.dataset import FloatArray
+from msnn.reports import plotting
+from msnn.reports.drawn import Channel, channels, output_channels, shown_first
+from msnn.simulation.simulate import Simulation
+from msnn.validation.correlations import Correlation, lags_of, residuals
+from msnn.validation.metrics import Errors, score
+
+_MOST_RUNS = 3
+_MOST_OUTPUTS = 4
+_MOST_INPUTS = 4
+
+
+def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
+    """Draws a column a run, those of the test set first, and writes it as its name ends.
+
+    For each output: what was measured under what was simulated with its fit and rmse, declared
+    ranges dashed, prediction intervals shaded; the error; what was read of the inputs; and the
+    correlation of the errors with themselves in the band of noise. What has no room is told.
+    """
+    shown = shown_first(runs)[:_MOST_RUNS]
+    every_output, every_input = output_channels(program), _inputs(program, shown)
+    outputs, inputs = every_output[:_MOST_OUTPUTS], every_input[:_MOST_INPUTS]
+    compared = [channel for channel in outputs if channel.predicts is not None]
+    heights = [h for c in outputs for h in ((2.2, 1.0) if c in compared else (2.2,))]
+    heights += [1.0] * len(inputs) + [1.2] * len(compared)
+    figure = plotting.new_figure(0)
+    figure.set_size_inches(max(9.0, 6.0 * len(shown)), 1.0 + 1.05 * sum(heights))
+    axes: Any = figure.subplots(
+        len(heights), len(shown), squeeze=False, gridspec_kw={"height_ratios": heights}
+    )
+    timed = all(run.places.time is not None for run in shown)
+    for column, run in zip(axes.T, shown, strict=True):
+        along = run.places.time if timed and run.places.time is not None else run.places.rows
+        _draw_run(list(column), program, run, np.asarray(along, np.float64), outputs, inputs)
+        last = len(heights) - len(compared) - 1
+        for axis in column[:last]:
+            axis.tick_params(labelbottom=False)
+        column[last].set_xlabel("time / s" if timed else "row of the file")
+    left_out = _left_out(len(runs) - len(shown), program, len(outputs), len(inputs), shown)
+    if left_out:
+        figure.supxlabel(left_out, fontsize="small", x=0.01, ha="left")
+    return plotting.saved_figure(figure, path)
+
+
+def _inputs(program: Program, shown: Sequence[Simulation]) -> list[Channel]:
+    read = {name for run in shown for name in run.inputs}
+    return channels([s for s in program.signals if s.role is Role.INPUT and s.name in read])
+
+
+def _left_out(
+    runs: int, program: Program, outputs: int, inputs: int, shown: Sequence[Simulation]
+) -> str:
+    """What the picture has no room for; empty where it has all."""
+    every = sum(program.step[output.node].type.size for output in program.outputs)
+    read = sum(values[0].size for run in shown[:1] for values in run.inputs.values())
+    missing = [
+        (runs, "runs"),
+        (every - outputs, "numbers of outputs"),
+        (read - inputs, "numbers of inputs"),
+    ]
+    said = ", ".join(f"{count} {what}" for count, what in missing if count > 0)
+    return f"not drawn: {said}" if said else ""
+
+
+def _draw_run(
+    axes: list[Any],
+    program: Program,
+    run: Simulation,
+    along: FloatArray,
+    outputs: Sequence[Channel],
+    inputs: Sequence[Channel],
+) -> None:
+    first = axes[0]
+    first.set_title(_name(run), fontsize="medium", loc="left", pad=22)
+    correlations: list[tuple[Channel, Correlation | None]] = []
+    for channel in outputs:
+        axis = axes.pop(0)
+        _draw_output(axis, run, along, channel)
+        if axis is not first:
+            axis.sharex(first)
+        if channel.predicts is None:
+            continue
+        below = axes.pop(0)
+        below.sharex(first)
+        found = _draw_error(below, program, run, along, channel)
+        correlations.append((channel, found))
+    for channel in inputs:
+        axis = axes.pop(0)
+        axis.sharex(first)
+        values = channel.of(run.inputs[channel.source])
+        axis.plot(along, values, color=plotting.INPUT, linewidth=1.0)
+        _finish(axis, channel.name, channel.unit)
+        _limits(axis, channel, values)
+    for axis, (channel, found) in zip(axes, correlations, strict=True):
+        _draw_correlation(axis, channel, found)
+
+
+def _name(run: Simulation) -> str:
+    sets = ", ".join(name or "no set" for name in dict.fromkeys(run.places.sets))
+    return plotting.plain_text(f"{run.record.file}, {sets}" if sets else run.record.file)
+
+
+def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: Channel) -> None:
+    values = channel.of(run.outputs[channel.source])
+    seen = [values]
+    if channel.source in run.logged:
+        measured = channel.of(run.logged[channel.source])
+        seen.append(measured)
+        axis.plot(along, measured, color=plotting.MEASURED, linewidth=3.0, label="measured")
+        errors = Errors.of(values, measured)
+        fit, rmse = score("fit", errors).value, score("rmse", errors).value
+        figures = [f"fit {fit:.4g} %"] if np.isfinite(fit) else []
+        figures += [f"rmse {rmse:.4g} {channel.unit}".strip()] if np.isfinite(rmse) else []
+        axis.text(
+            0.0, 1.01, ", ".join(figures), transform=axis.transAxes, fontsize="small", va="bottom"
+        )
+    axis.plot(along, values, color=plotting.SIMULATED, linewidth=1.3, label="simulated")
+    if channel.source in run.bands:
+        half = channel.of(run.bands[channel.source])
+        axis.fill_between(along, values - half, values + half, color=plotting.SIMULATED, alpha=0.2)
+    _finish(axis, channel.name, channel.unit)
+    _limits(axis, channel, np.concatenate(seen))
+    plotting.legend_above(axis)
+
+
+def _limits(axis: Any, channel: Channel, values: FloatArray) -> None:
+    """Ends of the declared range, where the values come near them."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return
+    low, high = float(known.min()), float(known.max())
+    room = 0.6 * (high - low)
+    for end in (channel.low, channel.high):
+        if end is not None and low - room <= end <= high + room:
+            axis.axhline(end, color=plotting.LIMIT, linestyle="--", linewidth=0.9, label="limit")
+
+
+def _draw_error(
+    axis: Any, program: Program, run: Simulation, along: FloatArray, channel: Channel
+) -> Correlation | None:
+    if channel.source not in run.logged:
+        axis.set_axis_off()
+        return None
+    error = channel.of(run.outputs[channel.source]) - channel.of(run.logged[channel.source])
+    axis.plot(along, error, color=plotting.ERROR, linewidth=0.9)
+    axis.axhline(0.0, color="black", linewidth=0.6)
+    _finish(axis, "error", channel.unit)
+    rows = np.arange(len(error), dtype=np.int64)
+    (found,) = residuals(error, rows, np.zeros_like(rows), {}, lags_of(program.sample_time))
+    return found.itself
+
+
+def _draw_correlation(axis: Any, channel: Channel, found: Correlation | None) -> None:
+    """In the band in which 99 % of those of noise lie."""
+    if found is None:
+        axis.set_axis_off()
+        said = f"too few samples to judge the errors of {channel.name}"
+        axis.text(0.0, 0.5, said, fontsize="small", transform=axis.transAxes)
+        return
+    axis.axhspan(-found.band, found.band, color=plotting.ERROR, alpha=0.15, linewidth=0)
+    axis.vlines(found.lags, 0.0, found.values, color=plotting.ERROR, linewidth=1.2)
+    axis.axhline(0.0, color="black", linewidth=0.6)
+    axis.set_xlabel(f"lag / samples: errors of {channel.name} with themselves, band: 99 % of noise")
+    axis.set_ylabel("correlation")
+    axis.grid(alpha=0.3)
+
+
+def _finish(axis: Any, name: str, unit: str) -> None:
+    axis.set_ylabel(f"{name} / {unit}" if unit else name, fontsize="small")
+    axis.grid(alpha=0.3)

@@ -1,0 +1,110 @@
+"""Draws validations: errors along the scored samples, what they correlate with, how they grow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from msnn.reports import plotting
+from msnn.validation.measurement import Measurement
+from msnn.validation.validate import MetricRow, ValidationReport
+from msnn.validation.words import rollout_text, unit_text
+
+_MOST_INPUTS = 3
+
+
+def plot_validation(path: Path, report: ValidationReport) -> Path:
+    """Draws a row a measurement, with its fit and rmse and the limits of the spec dashed.
+
+    Without rollouts of several steps there are two columns. Of vector outputs the correlations are
+    those of the first element; what is left out is told. The name's ending says the format, one of
+    FORMATS.
+    """
+    measurements = report.measurements
+    figure = plotting.new_figure(len(measurements))
+    columns = 3 if any(found.curve is not None for found in measurements) else 2
+    figure.set_figwidth(5.0 * columns)
+    axes: Any = figure.subplots(max(len(measurements), 1), columns, squeeze=False)
+    for row, found in zip(axes, measurements, strict=False):
+        limits = [each for each in report.rows if _is_of(each, found)]
+        _draw_errors(row[0], found, limits)
+        _draw_correlations(row[1], found)
+        if columns == 3:
+            _draw_growth(row[2], found, limits)
+    return plotting.saved_figure(figure, path)
+
+
+def _is_of(row: MetricRow, found: Measurement) -> bool:
+    return (row.of, row.horizon, row.closed, row.data) == (
+        found.of,
+        found.horizon,
+        found.closed,
+        found.data,
+    )
+
+
+def _draw_errors(axis: Any, found: Measurement, limits: Sequence[MetricRow]) -> None:
+    trace = found.trace
+    axis.fill_between(
+        trace.sample, trace.low, trace.high, linewidth=0.8, color=plotting.ERROR, alpha=0.85
+    )
+    axis.axhline(0.0, color="black", linewidth=0.8)
+    for row in limits:
+        if row.metric == "max_abs" and row.maximum is not None:
+            for end in (row.maximum, -row.maximum):
+                axis.axhline(end, color=plotting.LIMIT, linestyle="--", linewidth=0.9)
+    fit, rmse = found.metrics["fit"].value, found.metrics["rmse"].value
+    figures = [f"fit {fit:.4g} %"] if np.isfinite(fit) else []
+    figures.append(f"rmse {rmse:.4g} {unit_text(found.unit)}".strip())
+    title = f"{found.of}, {rollout_text(found)}, {found.data}\n{', '.join(figures)}"
+    axis.set_title(plotting.plain_text(title), fontsize="medium", loc="left")
+    axis.set_xlabel("scored sample")
+    axis.set_ylabel(plotting.quantity(f"error of {found.of}", found.unit))
+    axis.grid(alpha=0.3)
+
+
+def _draw_correlations(axis: Any, found: Measurement) -> None:
+    """Of the errors with themselves and with each input, each in the band of noise."""
+    first = found.judged.residuals[0]
+    if first.itself is None:
+        axis.set_axis_off()
+        return
+    every = [("themselves", first.itself), *first.inputs.items()]
+    drawn = every[: _MOST_INPUTS + 1]
+    for (name, each), color in zip(drawn, plotting.COLORS, strict=False):
+        axis.plot(
+            each.lags, each.values, ".-", markersize=3, linewidth=0.8, color=color, label=name
+        )
+        axis.axhspan(-each.band, each.band, color=color, alpha=0.12, linewidth=0)
+    axis.axhline(0.0, color="black", linewidth=0.8)
+    left_out = [f"{len(every) - len(drawn)} inputs"] if len(every) > len(drawn) else []
+    elements = len(found.judged.residuals) - 1
+    left_out += [f"{elements} elements of {found.of}"] if elements else []
+    said = f"\nnot drawn: {', '.join(left_out)}" if left_out else ""
+    axis.set_xlabel(f"lag / samples; band: 99 % of noise{said}")
+    axis.set_ylabel("correlation of errors with")
+    plotting.legend_above(axis)
+    axis.grid(alpha=0.3)
+
+
+def _draw_growth(axis: Any, found: Measurement, limits: Sequence[MetricRow]) -> None:
+    """The rmse over the steps of rollouts; the limit is one of the mean over all of them."""
+    curve = found.curve
+    if curve is None:
+        axis.set_axis_off()
+        return
+    color = plotting.SIMULATED
+    axis.plot((curve.first + curve.last) / 2, curve.rmse, ".-", markersize=3, color=color)
+    for row in limits:
+        if row.metric == "rmse" and row.maximum is not None:
+            axis.axhline(
+                row.maximum, color=plotting.LIMIT, linestyle="--", linewidth=0.9, label="limit"
+            )
+            plotting.legend_above(axis)
+    axis.set_ylim(bottom=0.0)
+    axis.set_xlabel("step of the rollout")
+    axis.set_ylabel(plotting.quantity("rmse", found.unit))
+    axis.grid(alpha=0.3)

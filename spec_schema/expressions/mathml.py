@@ -1,0 +1,173 @@
+"""Writes an expression as MathML, which browsers set as mathematics without any library."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import assert_never
+
+from spec_schema.expressions.text import length_text, number_text, time_text
+from spec_schema.expressions.tree import (
+    Binary,
+    Call,
+    Compare,
+    Duration,
+    Expression,
+    Future,
+    Length,
+    ListLiteral,
+    Member,
+    Name,
+    Negate,
+    Number,
+    Operator,
+    Past,
+    Relation,
+    Window,
+)
+
+_RELATIONS = {
+    Relation.LESS: "<",
+    Relation.LESS_EQUAL: "≤",
+    Relation.GREATER: ">",
+    Relation.GREATER_EQUAL: "≥",
+}
+_JOINTS = {
+    Operator.ADD: "<mo>+</mo>",
+    Operator.SUBTRACT: "<mo>−</mo>",
+    Operator.MULTIPLY: "<mo>·</mo>",
+    Operator.CONTRACT: "<mo>·</mo>",
+}
+_SUM, _PRODUCT, _POWER, _ATOM = range(4)
+
+
+def expression_mathml(expression: Expression) -> str:
+    """The formula without the `math` element around it; samples are indices."""
+    match expression:
+        case Number(value=value):
+            return number_mathml(value)
+        case Duration():
+            return _text(length_text(expression))
+        case Name(name=name):
+            return name_mathml(name)
+        case Member(base=base, name=name):
+            return f"<msup>{name_mathml(base)}{_text(name)}</msup>"
+        case Call():
+            return _call(expression)
+        case Negate(operand=operand):
+            return f"<mrow><mo>−</mo>{_within(operand, _PRODUCT)}</mrow>"
+        case Binary(operator=operator, left=left, right=right):
+            return _binary(operator, left, right)
+        case Compare(relation=relation, left=left, right=right):
+            sign = f"<mo>{escape(_RELATIONS[relation])}</mo>"
+            return f"<mrow>{expression_mathml(left)}{sign}{expression_mathml(right)}</mrow>"
+        case Window(operand=operand, first=first, last=last):
+            ends = [first] if last is None else [first, last]
+            return indexed(_within(operand, _ATOM), " … ".join(map(time_text, ends)))
+        case Past(operand=operand, length=length):
+            return indexed(_within(operand, _ATOM), f"t−{_length(length)} … t")
+        case Future(operand=operand, length=length):
+            return indexed(_within(operand, _ATOM), f"t … t+{_length(length)}")
+        case ListLiteral(elements=elements):
+            return f"<mrow><mo>[</mo>{_listed(map(expression_mathml, elements))}<mo>]</mo></mrow>"
+        case _:
+            assert_never(expression)
+
+
+def name_mathml(name: str) -> str:
+    """`theta_1` as θ with the index 1, `x_next` as x with the index next; words are upright."""
+    head, *rest = [part for part in name.split("_") if part] or [name]
+    base = f"<mi>{escape(head)}</mi>" if len(head) == 1 else _text(head)
+    return f"<msub>{base}{_text(','.join(rest))}</msub>" if rest else base
+
+
+def number_mathml(value: float) -> str:
+    """A number; powers of ten are written as such."""
+    mantissa, e, exponent = number_text(value).partition("e")
+    number = f"<mn>{escape(mantissa)}</mn>"
+    if not e:
+        return number
+    power = f"<msup><mn>10</mn><mn>{int(exponent)}</mn></msup>"
+    return f"<mrow>{number}<mo>·</mo>{power}</mrow>"
+
+
+def indexed(base: str, index: str) -> str:
+    """A value at a sample."""
+    return f"<msub>{base}{_text(index)}</msub>"
+
+
+def enclosed(inner: str) -> str:
+    return f"<mrow><mo>(</mo>{inner}<mo>)</mo></mrow>"
+
+
+def _text(text: str) -> str:
+    return f"<mtext>{escape(text)}</mtext>"
+
+
+def _length(length: Length) -> str:
+    return length_text(length)
+
+
+def _listed(parts: map[str]) -> str:
+    return "<mo>,</mo>".join(parts)
+
+
+def _call(call: Call) -> str:
+    if isinstance(call.function, Name) and len(call.arguments) == 1 and not call.keywords:
+        (argument,) = call.arguments
+        match call.function.name:
+            case "sqrt":
+                return f"<msqrt>{expression_mathml(argument)}</msqrt>"
+            case "abs":
+                return f"<mrow><mo>|</mo>{expression_mathml(argument)}<mo>|</mo></mrow>"
+            case "der":
+                slope = "<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
+                return f"<mrow>{slope}{_within(argument, _ATOM)}</mrow>"
+            case _:
+                pass
+    parts = [expression_mathml(argument) for argument in call.arguments]
+    parts += [
+        f"<mrow>{name_mathml(word.name)}<mo>=</mo>{expression_mathml(word.value)}</mrow>"
+        for word in call.keywords
+    ]
+    inner = "<mo>,</mo>".join(parts)
+    return f"<mrow>{_function(call.function)}{enclosed(inner)}</mrow>"
+
+
+def _function(function: Name | Member) -> str:
+    if isinstance(function, Name) and "_" not in function.name:
+        return _text(function.name)
+    if isinstance(function, Member):
+        return _text(f"{function.base}.{function.name}")
+    return expression_mathml(function)
+
+
+def _binary(operator: Operator, left: Expression, right: Expression) -> str:
+    if operator is Operator.DIVIDE:
+        above, below = expression_mathml(left), expression_mathml(right)
+        return f"<mfrac><mrow>{above}</mrow><mrow>{below}</mrow></mfrac>"
+    if operator is Operator.POWER:
+        return f"<msup>{_within(left, _ATOM)}<mrow>{expression_mathml(right)}</mrow></msup>"
+    binding = _SUM if operator in (Operator.ADD, Operator.SUBTRACT) else _PRODUCT
+    return f"<mrow>{_within(left, binding)}{_JOINTS[operator]}{_within(right, binding + 1)}</mrow>"
+
+
+def _within(expression: Expression, least: int) -> str:
+    """The formula of a part, in parentheses where it binds less than it must."""
+    text = expression_mathml(expression)
+    return text if _binding(expression) >= least else enclosed(text)
+
+
+def _binding(expression: Expression) -> int:
+    match expression:
+        case Negate() | Compare():
+            return _SUM
+        case Binary(operator=Operator.ADD | Operator.SUBTRACT):
+            return _SUM
+        case Binary(operator=Operator.MULTIPLY | Operator.CONTRACT):
+            return _PRODUCT
+        case Binary():
+            return _POWER
+        case Number(value=value) if "e" in number_text(value):
+            return _PRODUCT
+        case _:
+            return _ATOM

@@ -1,0 +1,53 @@
+"""Sources of kernels are written once for a program, and anew for another one."""
+
+from __future__ import annotations
+
+from backends.native.kept_sources import kept_source
+from tests.language.compiled import compiled
+
+SPEC = """
+sample_time: 0.1 s
+inputs: {{u: "1"}}
+parameters: {{p: {{init: 2}}}}
+outputs: {{y: {{expr: "max(p * u, {floor})", predicts: "u[t+1]"}}}}
+"""
+
+
+def test_a_program_that_is_made_again_is_not_lowered_again():
+    asked: list[str] = []
+
+    @kept_source
+    def write(program: object, dtype: str) -> str:
+        asked.append(dtype)
+        return f"{dtype} of {program}"
+
+    first = write(compiled(SPEC.format(floor="0.0")), "float64")
+    assert write(compiled(SPEC.format(floor="0.0")), "float64") == first
+    assert asked == ["float64"]
+    assert write(compiled(SPEC.format(floor="0.0")), "float32") != first
+    assert asked == ["float64", "float32"]
+
+
+def test_numbers_that_are_equal_and_not_the_same_make_two_sources():
+    asked: list[float] = []
+
+    @kept_source
+    def write(value: float) -> str:
+        asked.append(value)
+        return repr(value)
+
+    assert [write(0.0), write(-0.0), write(0.0)] == ["0.0", "-0.0", "0.0"]
+    assert len(asked) == 2
+
+
+def test_only_the_last_sources_are_kept():
+    asked: list[int] = []
+
+    @kept_source
+    def write(value: int) -> str:
+        asked.append(value)
+        return str(value)
+
+    for value in (*range(17), 16, 0):
+        write(value)
+    assert asked == [*range(17), 0]

@@ -1,0 +1,1 @@
+"""Tests of reports: pages of runs, diagrams, pictures."""

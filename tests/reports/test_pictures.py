@@ -1,0 +1,137 @@
+"""Pictures of simulations, validations and runs: what stands where, and what is left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import msnn
+from msnn.api.reports import functions_of_run
+from msnn.reports import plotting
+from msnn.reports.pictures.run import plot_run
+from msnn.reports.pictures.simulation import plot_simulation
+from msnn.reports.pictures.validation import plot_validation
+from msnn.reports.run_summary import read_run
+from msnn.simulation.simulate import simulation_program
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Takes figures in place of files."""
+    figures: list[Any] = []
+
+    def keep(figure: Any, path: Path) -> Path:
+        figures.append(figure)
+        return path
+
+    monkeypatch.setattr(plotting, "saved_figure", keep)
+    return figures
+
+
+def test_a_simulation_shows_measured_simulated_error_inputs_and_correlation(
+    trained_run: Path, drawn: list[Any], tmp_path: Path
+):
+    model = msnn.load(trained_run)
+    runs = msnn.simulate(model, weights=trained_run)
+    plot_simulation(tmp_path / "a.png", simulation_program(model.program), runs)
+    (figure,) = drawn
+    axes = [axis for axis in figure.axes if axis.get_title(loc="left")]
+    assert [axis.get_title(loc="left").rpartition(", ")[2] for axis in axes] == [
+        "test",
+        "test",
+        "val",
+    ]
+    assert len(figure.axes) == 3 * 4
+    output, error, force, correlation = figure.axes[::3]
+    labels = [line.get_label() for line in output.lines]
+    assert labels[:2] == ["measured", "simulated"]
+    assert output.texts[0].get_text().startswith("fit ")
+    assert "rmse" in output.texts[0].get_text()
+    # what the last step predicts was not measured
+    assert np.isfinite(error.lines[0].get_ydata()[:-1]).all()
+    assert force.get_ylabel() == "F / N"
+    assert {line.get_label() for line in force.lines} >= {"limit"}
+    assert "band: 99 % of noise" in correlation.get_xlabel()
+    assert figure.get_supxlabel() == f"not drawn: {len(runs) - 3} runs"
+
+
+def test_a_validation_says_fit_and_draws_limits(
+    trained_run: Path, drawn: list[Any], tmp_path: Path
+):
+    report = msnn.validate(msnn.load(trained_run), trained_run)
+    plot_validation(tmp_path / "a.png", report)
+    titles = [axis.get_title(loc="left") for axis in drawn[0].axes]
+    assert all("fit " in title and "rmse " in title for title in titles if title)
+    growth = drawn[0].axes[5]
+    assert [float(line.get_ydata()[0]) for line in growth.lines if line.get_label() == "limit"] == [
+        0.01
+    ]
+
+
+SPEC = """
+msnn: 1
+name: learner
+sample_time: 0.1 s
+inputs: {u: {unit: V, range: [-1, 1]}, w: {unit: V}}
+targets: {y: {unit: m}}
+parameters: {a: {init: 2, unit: m}, wide: {init: 0.5, unit: V}}
+layers:
+  taps: {fir: {window: 4}}
+  map:
+    interpolation: {x: [-1, 0, 1], x2: [-1, 1], y: [[0, 1], [2, 3], [4, 5]], unit: m, learn: true}
+  sets: {fuzzify: {centers: [-1, 0, 1]}}
+equations:
+  bend: a * tanh(u / wide)
+  part: sum(sets(u))
+outputs: {y_now: {expr: "bend + map(u, w) + a * taps(u / wide) * (1 + 0 * part)", predicts: "y[t]"}}
+data: {source: {train: log.csv}, split: {by: fraction, train: 0.7, val: 0.3}}
+train: [{epochs: 1, batch: 10}]
+"""
+
+
+@pytest.fixture(scope="module")
+def learner(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run whose model has a function of each kind."""
+    folder = tmp_path_factory.mktemp("learner")
+    (folder / "learner.msnn.yaml").write_text(SPEC, encoding="utf-8")
+    random = np.random.default_rng(0)
+    rows = random.uniform(-1, 1, (200, 3))
+    rows[0], rows[1] = -1, 1
+    np.savetxt(folder / "log.csv", rows, delimiter=",", header="u,w,y", comments="")
+    result = msnn.train(msnn.load(folder / "learner.msnn.yaml"), runs=folder / "runs")
+    assert result.folder is not None
+    return result.folder
+
+
+def test_learned_functions_are_those_of_the_trained_model(learner: Path):
+    found = {each.title.partition("(")[0]: each for each in functions_of_run(read_run(learner))}
+    assert set(found) == {"taps.weight: 4 taps", "map", "sets", "bend"}
+    weights = read_weights(learner)
+    bend = found["bend"]
+    expected = weights["a"] * np.tanh(bend.x / weights["wide"])
+    np.testing.assert_allclose(bend.curves[0].y, expected, rtol=1e-9)
+    assert (bend.x_label, bend.y_label) == ("u / V", "bend / m")
+    table = found["map"]
+    assert [curve.label for curve in table.curves][::4] == ["w = -1 V", "w = 1 V"]
+    for curve, column in ((table.curves[0], 0), (table.curves[-1], 1)):
+        expected = np.interp(table.x, [-1, 0, 1], weights["map.y"][:, column])
+        np.testing.assert_allclose(curve.y, expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(sum(curve.y for curve in found["sets"].curves), 1.0)
+    np.testing.assert_array_equal(found["taps.weight: 4 taps"].x, [-3, -2, -1, 0])
+
+
+def read_weights(run: Path) -> dict[str, Any]:
+    from msnn.model.weights_file import read_weights as read
+
+    return dict(read(run / "weights.safetensors", msnn.load(run).program))
+
+
+def test_a_run_shows_losses_and_functions(learner: Path, drawn: list[Any], tmp_path: Path):
+    run = read_run(learner)
+    functions = functions_of_run(run)
+    plot_run(tmp_path / "a.svg", [stage.epochs for stage in run.stages], functions)
+    titles = [axis.get_title(loc="left") for axis in drawn[0].axes]
+    assert titles == ["stage_1", *(function.title for function in functions)]
