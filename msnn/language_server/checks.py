@@ -106,7 +106,10 @@ class Checks:
             if due > time.monotonic():
                 await asyncio.sleep(due - time.monotonic())
                 continue
-            await self._check(address, self.texts[address], loop)
+            try:
+                await self._check(address, self.texts[address], loop)
+            except Exception as error:  # noqa: BLE001  (a mistake of ours ends one check, not all)
+                self._complain(f"{address}: {type(error).__name__}: {error}")
 
     async def _check(self, address: str, opened: OpenText, loop: asyncio.AbstractEventLoop) -> None:
         source, opened.due = opened.source, None

@@ -35,11 +35,13 @@ MOST = 200
 
 ItemKind = Literal["key", "name", "function", "unit", "word"]
 
-_NAME = re.compile(r"[\w.]*\Z")
-_KEY = re.compile(r"[\w.-]*\Z")
-_UNIT = re.compile(r"[^\W\d_%]*\Z")
+_IN_NAME = re.compile(r"[\w.]")
+_IN_KEY = re.compile(r"[\w.-]")
+_IN_UNIT = re.compile(r"[^\W\d_]")
 _AFTER_NUMBER = re.compile(r"\s*[+-]?[\d.]+(?:[eE][+-]?\d+)?\s+(?P<unit>\S*)\Z")
 _CALL = re.compile(r"([\w.]+)\s*\Z")
+_LONGEST_NAME = 200
+"""Characters before a bracket in which the name of what is called is looked for."""
 _EXPRESSIONS = tuple(get_args(field)[1] for field in (ExpressionField, ConditionField, ArrayField))
 _REFERENCES = tuple(get_args(field)[1] for field in (Reference, SwitchOrReference))
 _UNIT_LEAF, _QUANTITY, _PREDICTION = (
@@ -72,13 +74,15 @@ class Completion:
 
 def complete(view: View, position: Position) -> Completion | None:
     """What may stand at a place; None where anything may."""
+    if view.is_comment(position):
+        return None
     cursor = view.cursor(position)
     place = place_of(cursor.path)
     if place is None:
         return None
     as_key = cursor.is_key and (place.entry is not None or is_mapping(place))
     if as_key:
-        return _chosen(_keys(place, view, position), _KEY, cursor, view, position)
+        return _chosen(_keys(place, view, position), _IN_KEY, cursor, view, position)
     return _values(place, cursor, view, position)
 
 
@@ -87,17 +91,17 @@ def _values(
 ) -> Completion | None:
     quantity = _AFTER_NUMBER.match(cursor.before)
     if place.leaf == _UNIT_LEAF or (quantity is not None and _takes_unit(place)):
-        return _chosen(_units(), _UNIT, cursor, view, position)
+        return _chosen(_units(), _IN_UNIT, cursor, view, position)
     if place.leaf in _EXPRESSIONS:
-        return _chosen(_in_expression(place, cursor, view), _NAME, cursor, view, position)
+        return _chosen(_in_expression(place, cursor, view), _IN_NAME, cursor, view, position)
     if place.leaf == _PREDICTION:
-        return _chosen(_names(view, _LOGGED), _NAME, cursor, view, position)
+        return _chosen(_names(view, _LOGGED), _IN_NAME, cursor, view, position)
     words = _words(place)
     if words:
-        return _chosen(words, _KEY, cursor, view, position)
+        return _chosen(words, _IN_KEY, cursor, view, position)
     if place.leaf in _REFERENCES:
         dims = (Kind.DIMENSION,) if _is_dimension(cursor) else ()
-        return _chosen(_names(view, dims), _NAME, cursor, view, position)
+        return _chosen(_names(view, dims), _IN_NAME, cursor, view, position)
     return None
 
 
@@ -110,11 +114,14 @@ def _takes_unit(place: SchemaPlace) -> bool:
 
 
 def _chosen(
-    items: Iterable[Item], pattern: re.Pattern[str], cursor: Cursor, view: View, position: Position
+    items: Iterable[Item],
+    character: re.Pattern[str],
+    cursor: Cursor,
+    view: View,
+    position: Position,
 ) -> Completion:
     """The proposals that begin as what is typed, those with the same capitals first."""
-    found = pattern.search(cursor.before)
-    typed = found.group() if found is not None else ""
+    typed = cursor.before[_start_of_word(cursor.before, character) :]
     folded = typed.casefold()
     kept = [item for item in items if item.label.casefold().startswith(folded)]
     kept.sort(key=lambda item: not item.label.startswith(typed))
@@ -122,6 +129,14 @@ def _chosen(
     start = position_of(line, column - len(typed), view.source)
     range = Range(start, position_of(line, column, view.source))
     return Completion(tuple(kept[:MOST]), range, len(kept) <= MOST)
+
+
+def _start_of_word(text: str, character: re.Pattern[str]) -> int:
+    """Where the characters begin that end a text."""
+    start = len(text)
+    while start and character.fullmatch(text[start - 1]):
+        start -= 1
+    return start
 
 
 def _keys(place: SchemaPlace, view: View, position: Position) -> Iterator[Item]:
@@ -167,8 +182,7 @@ def _units() -> Iterator[Item]:
 
 
 def _in_expression(place: SchemaPlace, cursor: Cursor, view: View) -> Iterator[Item]:
-    typed = _NAME.search(cursor.before)
-    start = len(cursor.before) if typed is None else typed.start()
+    start = _start_of_word(cursor.before, _IN_NAME)
     base, dot, _ = cursor.before[start:].rpartition(".")
     if dot:
         yield from _members(base, view)
@@ -209,7 +223,7 @@ def _keywords(before: str, view: View) -> Iterator[Item]:
     for at in range(len(before) - 1, -1, -1):
         depth += (before[at] in ")]") - (before[at] in "([")
         if depth < 0:
-            function = _CALL.search(before[:at])
+            function = _CALL.search(before[max(0, at - _LONGEST_NAME) : at])
             signature = BUILTINS.get(function[1]) if function is not None else None
             for keyword in signature.keywords if signature is not None else ():
                 yield Item(f"{keyword}=", "word", f"{keyword}=", "a keyword")

@@ -44,6 +44,13 @@ def _used_file(view: View, path: tuple[str, ...], position: Position) -> str | N
     folder = Path(view.source.path).parent
     for word in line.replace("'", " ").replace('"', " ").replace(",", " ").split():
         name = os.path.normpath(folder / word.strip("{}[]"))
-        if "." in word and "\0" not in name and Path(name).is_file():
+        if "." in word and _is_file(name):
             return name
     return None
+
+
+def _is_file(name: str) -> bool:
+    try:
+        return Path(name).is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        return False

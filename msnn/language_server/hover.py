@@ -42,7 +42,7 @@ class Hover:
 def hover(view: View, position: Position) -> Hover | None:
     """What stands at a place; None where there is nothing to say."""
     word = view.word(position)
-    if word is None:
+    if word is None or view.is_comment(position):
         return None
     cursor = view.cursor(position)
     said = _of_key(cursor.path, word, view) if cursor.is_key else _of_value(cursor.path, word, view)

@@ -7,6 +7,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 from lsprotocol import types
@@ -50,7 +51,7 @@ class SpecServer(LanguageServer):
         self.text_document_publish_diagnostics(params)
 
     def _complain(self, message: str) -> None:
-        self.window_log_message(types.LogMessageParams(types.MessageType.Error, message))
+        self.window_show_message(types.ShowMessageParams(types.MessageType.Error, message))
 
     def at(
         self,
@@ -76,6 +77,11 @@ def serve() -> None:
         server.checks.end()
 
 
+def _path(address: str) -> str:
+    """The path of a file; a text that has no file yet goes by its address."""
+    return str(Path(to_fs_path(address) or address))
+
+
 def spec_server() -> SpecServer:
     """The server with all that it answers."""
     server = SpecServer()
@@ -94,15 +100,13 @@ def _follow_texts(server: SpecServer) -> None:
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
     def opened(params: types.DidOpenTextDocumentParams) -> None:
         document = params.text_document
-        path = to_fs_path(document.uri) or document.uri
-        server.checks.put(document.uri, path, document.text, document.version)
+        server.checks.put(document.uri, _path(document.uri), document.text, document.version)
 
     @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
     def changed(params: types.DidChangeTextDocumentParams) -> None:
         document = params.text_document
-        path = to_fs_path(document.uri) or document.uri
         for change in params.content_changes[-1:]:
-            server.checks.put(document.uri, path, change.text, document.version)
+            server.checks.put(document.uri, _path(document.uri), change.text, document.version)
 
     @server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
     def closed(params: types.DidCloseTextDocumentParams) -> None:
@@ -166,6 +170,9 @@ def _answer_texts(server: SpecServer) -> None:
     def repaired(params: types.CodeActionParams) -> list[types.CodeAction]:
         address = params.text_document.uri
         opened = server.checks.texts.get(address)
+        only = params.context.only
+        if only is not None and types.CodeActionKind.QuickFix not in only:
+            return []
         if opened is None or opened.checked is not opened.source:
             return []  # places of a text that is no more
         start, end = params.range.start, params.range.end

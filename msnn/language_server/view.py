@@ -16,6 +16,8 @@ from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.names import normalised
 
 _WORD = re.compile(r"[\w.]++")
+_QUOTED = re.compile(r"\"[^\"]*+\"|'[^']*+'")
+_COMMENT = re.compile(r"(?:^|\s)#")
 _SHOWN = 8
 """Lines of a declaration that are shown."""
 _LONGEST = 1_000_000
@@ -68,6 +70,12 @@ class View:
     def cursor(self, position: Position) -> Cursor:
         """What a place is in."""
         return cursor_at(self.source, *offset_of(position, self.source))
+
+    def is_comment(self, position: Position) -> bool:
+        """Whether a place is behind the `#` of a comment."""
+        line, column = offset_of(position, self.source)
+        before = _QUOTED.sub("", self.source.line(line + 1)[:column])
+        return _COMMENT.search(before) is not None
 
     def declaration(self, known: Known) -> str:
         """The lines that declare a name of the text, the first of them."""

@@ -126,6 +126,13 @@ def test_completion(text: str, some: set[str], none: set[str]):
     assert not none & labels, labels
 
 
+@pytest.mark.parametrize("text", [marked("  push:", "  # ga|in\n  push:"), PLANT + "# inp|"])
+def test_comments_are_left_alone(text: str):
+    view, position = viewed(text)
+    assert complete(view, position) is None
+    assert hover(view, position) is None
+
+
 def test_new_names_are_not_proposed():
     found = complete(*viewed(marked("  speed:", "  sp|:")))
     assert found is not None
