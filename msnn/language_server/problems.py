@@ -53,7 +53,13 @@ def repairs_of(problems: tuple[Problem, ...], path: str, chosen: Range) -> Itera
         diagnostic = problem.diagnostic
         is_here = diagnostic.span is not None and diagnostic.span.file == path
         if is_here and diagnostic.replacement is not None and problem.range.touches(chosen):
-            yield Repair(problem, f"write `{diagnostic.replacement}`", diagnostic.replacement)
+            yield Repair(problem, _title(diagnostic.replacement), diagnostic.replacement)
+
+
+def _title(text: str) -> str:
+    if not text.strip():
+        return "write a blank" if text else "remove it"
+    return f"write `{text}`"
 
 
 def _problem(diagnostic: Diagnostic, examined: Examined, path: str) -> Problem:

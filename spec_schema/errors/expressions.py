@@ -171,7 +171,8 @@ def several_values(span: Span, number: str | None = None) -> Diagnostic:
     repair = (
         f"for a decimal point write `{number}`; a list needs [ ]" if number else "a list needs [ ]"
     )
-    return error("E0341", span, "an expression has one value", "several", help=repair)
+    message = "an expression has one value"
+    return error("E0341", span, message, "several", help=repair, replacement=number)
 
 
 def malformed_window_length(method: str, span: Span) -> Diagnostic:

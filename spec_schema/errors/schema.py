@@ -36,10 +36,16 @@ def missing_key(key: str, span: Span, owner: str) -> Diagnostic:
     return error("E0203", span, message, f"`{key}` is missing here", help=repair)
 
 
-def wrong_kind(wanted: str, found: str, span: Span, repair: str | None = None) -> Diagnostic:
+def wrong_kind(
+    wanted: str,
+    found: str,
+    span: Span,
+    repair: str | None = None,
+    meant: str | None = None,
+) -> Diagnostic:
     """E0204: a value of the wrong kind."""
     message = f"expected {wanted}, found {found}"
-    return error("E0204", span, message, f"this is {found}", help=repair)
+    return error("E0204", span, message, f"this is {found}", help=repair, replacement=meant)
 
 
 def malformed_name(name: str, span: Span) -> Diagnostic:
@@ -126,8 +132,10 @@ def malformed_length(text: str, span: Span) -> Diagnostic:
 def malformed_sample_time(text: str, span: Span) -> Diagnostic:
     """E0217: a sample time that is neither a time nor a frequency."""
     label = "write a positive time such as `50 ms`, or a frequency such as `20 Hz`"
-    repair = f"in seconds it is `{text} s`" if text.replace(".", "", 1).isdigit() else None
-    return error("E0217", span, f"`{text}` is not a sample time", label, help=repair)
+    meant = f"{text} s" if text.replace(".", "", 1).isdigit() else None
+    repair = f"in seconds it is `{meant}`" if meant else None
+    message = f"`{text}` is not a sample time"
+    return error("E0217", span, message, label, help=repair, replacement=meant)
 
 
 def malformed_quantity(text: str, span: Span) -> Diagnostic:

@@ -9,10 +9,13 @@ import pytest
 
 from msnn.cli.application import run
 from msnn.cli.exit_codes import ExitCode
+from msnn.language_server.examine import examine
+from msnn.language_server.problems import problems_of
 from msnn.packages import PYGLS
 from tests.conditions import require_package
 from tests.language_server.client import Client, editor
 from tests.language_server.marked import PLANT
+from tests.language_server.test_diagnostics import SPECS, text_of
 
 _WRONG = PLANT.replace("gain * sum", "gian * sum")
 
@@ -77,6 +80,31 @@ def test_an_open_sub_model_is_checked_where_it_is_used(tmp_path: Path):
         assert place["location"]["uri"] == part.as_uri()
         client.notify("textDocument/didClose", _of(part))
         assert client.diagnostics(whole) == [], "the file on the disk holds again"
+
+
+def test_broken_specs_are_underlined_as_check_says(tmp_path: Path):
+    with editor(tmp_path) as client:
+        for path in (*SPECS[::60], *(path for path in SPECS if path.suffix == ".json")):
+            text = text_of(path)
+            if text is None:
+                continue
+            client.open(path, text)
+            found = [
+                (each["code"], each["message"].splitlines()[0], each["range"]["start"])
+                for each in client.diagnostics(path)
+            ]
+            problems = problems_of(examine(str(path), text, {}), str(path))
+            assert found == [
+                (
+                    problem.diagnostic.code,
+                    problem.text.splitlines()[0],
+                    {
+                        "line": problem.range.start.line,
+                        "character": problem.range.start.character,
+                    },
+                )
+                for problem in problems
+            ]
 
 
 _HOSTILE = (
