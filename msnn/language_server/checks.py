@@ -66,13 +66,14 @@ class Checks:
 
     def put(self, address: str, path: str, text: str, version: int | None) -> None:
         """Opens or replaces a text; it and those that use it are checked soon."""
-        opened = self.texts.get(address)
+        opened, pause = self.texts.get(address), PAUSE
         if opened is None:
+            pause = 0.0
             opened = self.texts[address] = OpenText(path, SourceText(path, text))
         # A byte order mark is not a character of the text.
         opened.source = SourceText(path, text.removeprefix("\ufeff"))
         opened.version = version
-        self._ask(opened, time.monotonic() + PAUSE)
+        self._ask(opened, time.monotonic() + pause)
 
     def close(self, address: str) -> None:
         """Forgets a text: what is in its file holds again."""
