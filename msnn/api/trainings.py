@@ -71,15 +71,15 @@ def train(
             log(options.runs, diverged(line, error))
             raise engine.TrainingDivergedError(
                 error.diagnostic,
-                shown_training(error.result, model.program, heard),
+                shown_training(error.result, model, heard),
                 is_latest=error.is_latest,
                 sources=model.sources,
             ) from None
         except engine.TrainingInterruptedError as error:
-            shown = shown_training(error.result, model.program, heard)
+            shown = shown_training(error.result, model, heard)
             raise engine.TrainingInterruptedError(shown) from None
     log(options.runs, ended(line, found, options.runs))
-    return shown_training(found, model.program, heard)
+    return shown_training(found, model, heard)
 
 
 def train_folds(
@@ -120,7 +120,7 @@ def train_folds(
     heard = Recorded(heard_by(progress), keeps_epochs=options.runs is None)
     with sources_of(model):
         found = folds.train_folds(model, read, options, heard, first)
-    return ShownFolds(found.folds, found.folder, found.count, heard)
+    return ShownFolds(found.folds, found.folder, found.count, model, heard)
 
 
 def stage_loss(

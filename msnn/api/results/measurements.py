@@ -9,7 +9,8 @@ from typing import cast
 
 from compiler.ir.program import Program
 from msnn.api.results.shown import Shown
-from msnn.reports.plotting import plot_simulation, plot_validation
+from msnn.reports.pictures.simulation import plot_simulation
+from msnn.reports.pictures.validation import plot_validation
 from msnn.simulation.simulate import Simulations
 from msnn.simulation.table import run_record, simulation_rows
 from msnn.tables import Table, count
@@ -69,7 +70,7 @@ class ShownReport(Shown, ValidationReport):
         return {name: [row[i] for row in found] for i, name in enumerate(names)}
 
     def _draw(self, path: Path) -> Path:
-        return plot_validation(path, self.measurements)
+        return plot_validation(path, self)
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -9,15 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from compiler.ir.program import Program
 from msnn.api.results.shown import Shown
-from msnn.reports.plotting import plot_losses
+from msnn.model.model import Model
+from msnn.reports.functions_of_run import functions_of_run
+from msnn.reports.learned_functions import learned_functions
+from msnn.reports.pictures.run import plot_run
 from msnn.reports.run_summary import read_run
 from msnn.reports.training_summary import Recorded, parameters_cells, stages_cells
 from msnn.tables import Table, count
 from msnn.training.folds import FoldsResult, folds_cells, folds_record
 from msnn.training.records.parameters_record import parameters_record
-from msnn.training.records.progress import EpochEnd
 from msnn.training.training_result import TrainingResult
 
 
@@ -25,7 +26,7 @@ from msnn.training.training_result import TrainingResult
 class ShownTraining(Shown, TrainingResult):
     """A training with its tables; `to_frame` has a row for every number of every parameter."""
 
-    program: Program
+    model: Model
     recorded: Recorded
 
     def _said(self) -> str:
@@ -35,7 +36,7 @@ class ShownTraining(Shown, TrainingResult):
         return f"TrainingResult: {stages}{best}, {kept}"
 
     def _record(self) -> dict[str, Any]:
-        return parameters_record(self.program, self.weights, self.standard_errors)
+        return parameters_record(self.model.program, self.weights, self.standard_errors)
 
     def _tables(self) -> Sequence[Table]:
         return [stages_cells(self.recorded.stages), parameters_cells(self._record())]
@@ -58,19 +59,20 @@ class ShownTraining(Shown, TrainingResult):
         return {name: [row[i] for row in found] for i, name in enumerate(names)}
 
     def _draw(self, path: Path) -> Path:
-        return plot_losses(path, _epochs(self.folder, self.recorded))
+        return _drawn(path, self.model, self, self.recorded)
 
 
-def shown_training(found: TrainingResult, program: Program, recorded: Recorded) -> ShownTraining:
+def shown_training(found: TrainingResult, model: Model, recorded: Recorded) -> ShownTraining:
     """The result of a training with what shows it."""
     known = {field.name: getattr(found, field.name) for field in fields(TrainingResult)}
-    return ShownTraining(**known, program=program, recorded=recorded)
+    return ShownTraining(**known, model=model, recorded=recorded)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ShownFolds(Shown, FoldsResult):
     """Trainings of folds with their table; the picture is that of the best, or of all unkept."""
 
+    model: Model
     recorded: Recorded
 
     def _said(self) -> str:
@@ -90,11 +92,15 @@ class ShownFolds(Shown, FoldsResult):
         return {name: [row.get(name) for row in rows] for name in names}
 
     def _draw(self, path: Path) -> Path:
-        return plot_losses(path, _epochs(self.best.training.folder, self.recorded))
+        return _drawn(path, self.model, self.best.training, self.recorded)
 
 
-def _epochs(folder: Path | None, recorded: Recorded) -> Sequence[Sequence[EpochEnd]]:
-    """Those in the folder, which has what a resumed run did before; else those that were heard."""
-    if folder is None:
-        return recorded.epochs
-    return [stage.epochs for stage in read_run(folder).stages]
+def _drawn(path: Path, model: Model, found: TrainingResult, recorded: Recorded) -> Path:
+    """Draws what is in the folder, which has what a resumed run did before; else what was heard.
+
+    A run without a folder shows taps alone, for its data are no longer there.
+    """
+    if found.folder is None:
+        return plot_run(path, recorded.epochs, learned_functions(model, found.weights, None))
+    run = read_run(found.folder)
+    return plot_run(path, [stage.epochs for stage in run.stages], functions_of_run(run))

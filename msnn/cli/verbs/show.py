@@ -125,7 +125,7 @@ def _show_run(folder: Path, plot: Path | None, format: ResultFormat) -> None:
     else:
         result(run_text(run))
     if plot is not None:
-        from msnn.api.reports import functions_of_run
+        from msnn.reports.functions_of_run import functions_of_run
         from msnn.reports.pictures.run import plot_run
 
         epochs = [stage.epochs for stage in run.stages]
