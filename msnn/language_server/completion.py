@@ -10,10 +10,10 @@ from typing import Literal, get_args
 from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.lowering.scope import Kind
 from msnn.language_server.cursor import Cursor
-from msnn.language_server.hover import function_text, name_text, words_of
+from msnn.language_server.hover import function_text, name_text
 from msnn.language_server.knowledge import Known, members
 from msnn.language_server.positions import Position, Range, offset_of, position_of
-from msnn.language_server.schema_place import SchemaPlace, is_mapping, place_of
+from msnn.language_server.schema_place import SchemaPlace, place_of
 from msnn.language_server.view import View
 from spec_schema.editors.key_docs import key_doc
 from spec_schema.expressions.language import BUILTINS, LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
@@ -80,7 +80,7 @@ def complete(view: View, position: Position) -> Completion | None:
     place = place_of(cursor.path)
     if place is None:
         return None
-    as_key = cursor.is_key and (place.entry is not None or is_mapping(place))
+    as_key = cursor.is_key and (place.entry is not None or place.is_mapping)
     if as_key:
         return _chosen(_keys(place, view, position), _IN_KEY, cursor, view, position)
     return _values(place, cursor, view, position)
@@ -148,7 +148,7 @@ def _keys(place: SchemaPlace, view: View, position: Position) -> Iterator[Item]:
         return
     for key in place.entry.known_keys():
         below = place.below(key)
-        opens = not below.leaf or is_mapping(below)
+        opens = not below.leaf or below.is_mapping
         insert = key if has_colon else f"{key}:" if opens else f"{key}: "
         yield Item(key, "key", insert, place.entry.noun, key_doc(place.entry, key))
 
@@ -168,8 +168,7 @@ def _words(place: SchemaPlace) -> list[Item]:
     if entry is not None and issubclass(entry, Variant):
         known = entry.known_keys()
         return [Item(key, "word", key, entry.noun, key_doc(entry, key)) for key in known]
-    words = words_of(place.leaf.schema) if place.leaf is not None else ()
-    return [Item(str(word), "word", str(word)) for word in words]
+    return [Item(word, "word", word) for word in place.words]
 
 
 def _units() -> Iterator[Item]:

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from compiler.ir.scalars.signatures import SIGNATURES
 from msnn.language_server.knowledge import Known
 from msnn.language_server.positions import Position, Range, range_of
-from msnn.language_server.schema_place import SchemaPlace, is_mapping, place_of
+from msnn.language_server.schema_place import place_of
 from msnn.language_server.view import View, Word, span_of
 from spec_schema.editors.key_docs import key_doc
 from spec_schema.expressions.language import LOSS_FUNCTIONS, NUMBERS, Signature
-from spec_schema.fields.leaf import JsonSchema
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.table import BASE_SYMBOLS
 from spec_schema.units.unit import UnitError
@@ -55,7 +54,7 @@ def _of_key(path: tuple[str, ...], word: Word, view: View) -> str | None:
     place = place_of(path)
     if place is None:
         return None
-    if is_mapping(place):
+    if place.is_mapping:
         return _of_name(word.text, view)
     if place.entry is None or word.text not in place.entry.known_keys():
         # a line that only starts a value: `expr:` above, the formula here
@@ -68,17 +67,11 @@ def _of_value(path: tuple[str, ...], word: Word, view: View) -> str | None:
     place = place_of(path)
     if place is None or (place.leaf is None and place.entry is None):
         return None
-    if _is_unit(place):
-        return unit_text(word.text) or unit_text(
-            view.source.line(word.line + 1)[word.start : word.end]
-        )
-    if place.owner is not None and place.key == "doc":
+    if place.key == "unit":
+        return unit_text(word.text)
+    if place.key == "doc":
         return None
     return _of_name(word.text, view) or _of_language(word.text)
-
-
-def _is_unit(place: SchemaPlace) -> bool:
-    return place.key == "unit"
 
 
 def _of_name(name: str, view: View) -> str | None:
@@ -132,11 +125,3 @@ def unit_text(text: str) -> str | None:
     base = " ".join(s if power == 1 else f"{s}^{power}" for s, power in powers if power)
     offset = f" + {unit.offset:g}" if unit.offset else ""
     return f"**{text}** = {unit.scale:g} {base}{offset}".rstrip()
-
-
-def words_of(schema: JsonSchema) -> tuple[str, ...]:
-    """The words that a value may be, where it is one of some."""
-    types = schema.get("type")
-    if types == "boolean":
-        return ("true", "false")
-    return tuple(schema.get("enum", ()))

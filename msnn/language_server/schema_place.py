@@ -44,6 +44,22 @@ class SchemaPlace:
         items = _items(self.kind)
         return None if items is None else SchemaPlace(items, tuple(_notes(items))).leaf
 
+    @property
+    def is_mapping(self) -> bool:
+        """Whether its keys are names that the user chooses."""
+        is_union = get_origin(self.kind) in (Union, UnionType)
+        origins = (get_origin(arm) for arm in (get_args(self.kind) if is_union else (self.kind,)))
+        return any(isinstance(origin, type) and issubclass(origin, Mapping) for origin in origins)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The words that it may be, where it is one of some."""
+        if self.leaf is None:
+            return ()
+        schema = self.leaf.schema
+        is_switch = schema.get("type") == "boolean"
+        return ("true", "false") if is_switch else tuple(map(str, schema.get("enum", ())))
+
     def below(self, step: str) -> SchemaPlace:
         """The value of a key, a name or an item in it."""
         kind = inside(self.kind, step)
@@ -86,10 +102,3 @@ def _items(kind: Kind) -> Kind | None:
     if origin in (Union, UnionType):
         return next((found for arm in get_args(kind) if (found := _items(arm)) is not None), None)
     return get_args(kind)[0] if origin is tuple else None
-
-
-def is_mapping(place: SchemaPlace) -> bool:
-    """Whether the keys of a value are names that the user chooses."""
-    arms = get_args(place.kind) if get_origin(place.kind) in (Union, UnionType) else (place.kind,)
-    origins = (get_origin(arm) for arm in arms)
-    return any(isinstance(origin, type) and issubclass(origin, Mapping) for origin in origins)
