@@ -60,7 +60,12 @@ class Item:
     kind: ItemKind
     insert: str
     detail: str = ""
-    doc: str = ""
+    about: Known | str = ""
+
+    @property
+    def doc(self) -> str:
+        """Markdown about it."""
+        return name_text(self.about) if isinstance(self.about, Known) else self.about
 
 
 @dataclass(frozen=True)
@@ -237,4 +242,4 @@ def _names(view: View, kinds: tuple[Kind, ...] = ()) -> Iterator[Item]:
 
 def _of_name(known: Known, insert: str) -> Item:
     kind: ItemKind = "function" if known.kind in _CALLED else "name"
-    return Item(known.name, kind, insert, known.kind.value, name_text(known))
+    return Item(known.name, kind, insert, known.kind.value, known)

@@ -30,10 +30,11 @@ def definition(view: View, position: Position) -> Definition | None:
     known = view.names.get(word.text) or view.names.get(word.text.rpartition(".")[0])
     if known is None:
         return None
-    path = known.place.file
+    place = view.place(known)
+    path = place.file
     own = path == view.source.path
     source = view.source if own else view.knowledge.sources.get(path)
-    return Definition(path, range_of(known.place, source))
+    return Definition(path, range_of(place, source))
 
 
 def _used_file(view: View, path: tuple[str, ...], position: Position) -> str | None:

@@ -25,7 +25,9 @@ KINDS = {
 """The sections that declare names."""
 
 # No pattern gives back what it took: a hostile line would take the square of its length.
-_LINE = re.compile(r"^( *+)([^\s#:{}\[\],\"'&*!|>%@`-][^:#{}\[\],\r\n]*+):(?=[ \r\n]|$)(.*)$", re.M)
+_KEY = r"([^\s#:{}\[\],\"'&*!|>%@`-][^:#{}\[\],\r\n]*+):(?=[ \r\n]|$)(.*)$"
+_SECTION = re.compile(f"^{_KEY}", re.M)
+_BELOW = re.compile(f"^( ++){_KEY}", re.M)
 _IN_FLOW = re.compile(
     r"([^\s{}\[\],:\"'#]++)(\s*+:(?=[\s{\[]))?|([{\[])|([}\]])|\"[^\"]*+\"|'[^']*+'"
 )
@@ -61,40 +63,41 @@ class Section:
 
 def outline(source: SourceText) -> tuple[Section, ...]:
     """The sections of a text in its order."""
-    found = list(_LINE.finditer(source.text))
-    starts = [index for index, line in enumerate(found) if not line[1]]
-    ends = [*starts, len(found)][1:]
-    lines = [source.position(line.start())[0] - 1 for line in found]
-    lines.append(source.line_count)
+    found = list(_SECTION.finditer(source.text))
+    ends = [*(section.start() for section in found), len(source.text)][1:]
     return tuple(
         Section(
-            _heading(found[start], lines[start], lines[end] - 1),
-            tuple(_entries(found[start:end], lines[start : end + 1])),
+            _heading(section[1], section.start(1), end, source),
+            tuple(_entries(section, end, source)),
         )
-        for start, end in zip(starts, ends, strict=True)
+        for section, end in zip(found, ends, strict=True)
     )
 
 
-def _entries(found: list[re.Match[str]], lines: list[int]) -> Iterator[Heading]:
+def _entries(section: re.Match[str], end: int, source: SourceText) -> Iterator[Heading]:
     """The keys of the first indentation below a section, or those in its `{ }`."""
-    section, *below = found
-    if not below:
-        yield from _in_flow(section, lines[0])
+    first = _BELOW.search(source.text, section.end(), end)
+    if first is None:
+        yield from _in_flow(section, source.position(section.start())[0] - 1)
         return
-    indent = below[0][1]
-    entries = [index for index, line in enumerate(below) if line[1] == indent]
-    for index, following in zip(entries, [*entries[1:], len(below)], strict=True):
-        yield _heading(below[index], lines[index + 1], lines[following + 1] - 1)
+    alike = re.compile(f"^{first[1]}{_KEY}", re.M)
+    found = list(alike.finditer(source.text, first.start(), end))
+    ends = [*(entry.start() for entry in found), end][1:]
+    for entry, last in zip(found, ends, strict=True):
+        yield _heading(entry[1], entry.start(1), last, source)
 
 
 def _in_flow(section: re.Match[str], line: int) -> Iterator[Heading]:
     depth = 0
-    for found in _IN_FLOW.finditer(section[3]):
+    for found in _IN_FLOW.finditer(section[2]):
         depth += bool(found[3]) - bool(found[4])
         if found[2] and depth == 1:
-            column = section.start(3) - section.start() + found.start(1)
+            column = section.start(2) - section.start() + found.start(1)
             yield Heading(found[1], line, column, line)
 
 
-def _heading(found: re.Match[str], line: int, last: int) -> Heading:
-    return Heading(found[2].rstrip(), line, len(found[1]), max(line, last))
+def _heading(key: str, start: int, end: int, source: SourceText) -> Heading:
+    """A key that starts at an offset and whose value ends before another."""
+    line, column = source.position(start)
+    last = source.position(end)[0] - (2 if end < len(source.text) else 1)
+    return Heading(key.rstrip(), line - 1, column - 1, max(line - 1, last))

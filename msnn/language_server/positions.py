@@ -63,7 +63,8 @@ def _position(line: int, column: int, source: SourceText | None) -> Position:
     if source is None or line > source.line_count:
         return Position(line - 1, column - 1)
     before = source.line(line)[: column - 1]
-    return Position(line - 1, sum(map(_units, before)))
+    units = len(before) if before.isascii() else sum(map(_units, before))
+    return Position(line - 1, units)
 
 
 def _units(character: str) -> int:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
+from compiler.lowering.scope import Kind
 from msnn.language_server.cursor import Cursor, cursor_at
 from msnn.language_server.knowledge import Knowledge, Known
 from msnn.language_server.outline import Heading, Section, outline
@@ -52,20 +53,29 @@ class View:
         return outline(self.source) if len(self.source.text) <= _LONGEST else ()
 
     @cached_property
+    def headings(self) -> Mapping[str, tuple[Kind, Heading]]:
+        """What the text declares, by name."""
+        return {
+            normalised(heading.name): (section.kind, heading)
+            for section in self.outline
+            if section.kind is not None
+            for heading in section.entries
+        }
+
+    @cached_property
     def names(self) -> Mapping[str, Known]:
-        """Every name: those that stand in the text where they stand now, and all others."""
-        found = dict(self.knowledge.names)
-        for section in self.outline:
-            if section.kind is None:
-                continue
-            for heading in section.entries:
-                name, place = normalised(heading.name), span_of(heading, self.source)
-                known = found.get(name)
-                if known is None or known.place.file != place.file:
-                    found[name] = Known(name=name, kind=section.kind, place=place, is_new=True)
-                elif known.place != place:
-                    found[name] = replace(known, place=place)
-        return found
+        """Every name; `place` tells where it stands now."""
+        new = {
+            name: Known(name=name, kind=kind, place=span_of(heading, self.source), is_new=True)
+            for name, (kind, heading) in self.headings.items()
+            if name not in self.knowledge.names
+        }
+        return {**self.knowledge.names, **new}
+
+    def place(self, known: Known) -> Span:
+        """Where a name is declared: in the text as it is now, or in another file."""
+        found = self.headings.get(known.name)
+        return known.place if found is None else span_of(found[1], self.source)
 
     def cursor(self, position: Position) -> Cursor:
         """What a place is in."""
@@ -78,18 +88,13 @@ class View:
         return _COMMENT.search(before) is not None
 
     def declaration(self, known: Known) -> str:
-        """The lines that declare a name of the text, the first of them."""
-        for section in self.outline:
-            for heading in section.entries:
-                if heading.line == known.place.line - 1 and known.place.file == self.source.path:
-                    last = min(
-                        heading.last_line, heading.line + _SHOWN - 1, self.source.line_count - 1
-                    )
-                    lines = range(heading.line, last + 1)
-                    return textwrap.dedent(
-                        "\n".join(self.source.line(n + 1) for n in lines)
-                    ).rstrip()
-        return ""
+        """The lines of the text that declare a name, the first of them."""
+        if known.name not in self.headings:
+            return ""
+        _, heading = self.headings[known.name]
+        last = min(heading.last_line, heading.line + _SHOWN - 1, self.source.line_count - 1)
+        lines = range(heading.line, last + 1)
+        return textwrap.dedent("\n".join(self.source.line(n + 1) for n in lines)).rstrip()
 
     def word(self, position: Position) -> Word | None:
         """The name at a place; None between names."""
