@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from multiprocessing import get_context
 from typing import Any
 
@@ -73,12 +74,13 @@ class CheckProcess:
 def _answer(pipe: Any) -> None:
     """Checks what comes; ends when the other side does."""
     os.dup2(2, 1)  # the standard output is the editor's
-    while True:
-        try:
-            path, text, unsaved = pipe.recv()
-        except (EOFError, OSError):
-            return
-        try:
-            pipe.send(examine(path, text, unsaved))
-        except Exception as error:  # noqa: BLE001  (a mistake of ours ends one check, not all)
-            pipe.send(f"msnn met a mistake of its own ({type(error).__name__}: {error})")
+    with suppress(EOFError, OSError):  # the server is gone
+        while True:
+            pipe.send(_answered(*pipe.recv()))
+
+
+def _answered(path: str, text: str, unsaved: Mapping[str, str]) -> Examined | str:
+    try:
+        return examine(path, text, unsaved)
+    except Exception as error:  # noqa: BLE001  (a mistake of ours ends one check, not all)
+        return f"msnn met a mistake of its own ({type(error).__name__}: {error})"
