@@ -61,6 +61,7 @@ ASAMMDF = OptionalPackage("asammdf", "mdf", "reads MDF")
 ROSBAGS = OptionalPackage("rosbags", "ros", "reads ROS bags")
 TENSORBOARD = OptionalPackage("tensorboard", "tensorboard", "draws curves of trainings")
 ZIGLANG = OptionalPackage("ziglang", "zig", "is a C compiler, and runs models in reports")
+PYGLS = OptionalPackage("pygls", "lsp", "speaks to editors: `msnn lsp`")
 
 OPTIONAL = (
     TORCH,
@@ -79,6 +80,7 @@ OPTIONAL = (
     ROSBAGS,
     TENSORBOARD,
     ZIGLANG,
+    PYGLS,
 )
 """In the order of `msnn doctor`."""
 

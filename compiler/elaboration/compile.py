@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from compiler.elaboration.control.control_problem import asked_control, control_problem
@@ -15,6 +15,7 @@ from compiler.elaboration.lower_spec import exported_equations, lower_spec
 from compiler.elaboration.signals import logged_signals
 from compiler.interpreter.never_finite import never_finite
 from compiler.ir.program import Dimension, Program
+from compiler.ir.types import Type
 from compiler.linking.link import Linked, WeightsByPart, link
 from compiler.lowering.environment import START, STEP
 from compiler.optimal_control.problem import ControlProblem
@@ -42,6 +43,8 @@ class Compiled:
     """Of the `mpc` section, where there is one."""
     estimation: EstimationProblem | None = None
     """Of the `estimator` section, where there is one."""
+    types: Mapping[str, Type] = field(default_factory=dict[str, Type])
+    """Of one sample of every equation and output, as it was written: passes share and drop some."""
 
 
 def compile_spec(
@@ -112,7 +115,8 @@ def compile_linked(
     )
     program = run_passes(program)
     found = (*never_finite(program), *infinite_slopes(program))
-    return Compiled(program, spec, (*diagnostics, *found))
+    types = elaborated.entries.types()
+    return Compiled(program, spec, (*diagnostics, *found), types=types)
 
 
 def _with_problems(

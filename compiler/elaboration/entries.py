@@ -9,9 +9,16 @@ from compiler.elaboration.submodels.connections import fitted_to_input
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import same_unit
+from compiler.ir.types import WINDOW, Type
 from compiler.linking.connected import Connected
 from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart, IntegratorStage, Time
+from compiler.lowering.environment import (
+    STEP,
+    Environment,
+    EnvironmentPart,
+    IntegratorStage,
+    Time,
+)
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.diagnostics.source import Span
@@ -64,6 +71,20 @@ class Entries:
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
         """Every time at which an entry is lowered in this part, and its node there."""
         return self._lowerings.get((name, environment.of_entry().part), ())
+
+    def types(self) -> dict[str, Type]:
+        """The type of one sample of every equation and output that the step has."""
+        found: dict[str, Type] = {}
+        for (name, part, (_, window), _), node in self._entries.items():
+            if part is not EnvironmentPart.STEP or node is None:
+                continue
+            type = self._context.builder(STEP).type(node)
+            if window is None:
+                found[name] = type
+            else:
+                of_sample = tuple(axis for axis in type.axes if axis.name != WINDOW)
+                found.setdefault(name, type.with_axes(of_sample))
+        return found
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
         """The node, or None where lowering fails; nothing is reported and nothing remembered."""

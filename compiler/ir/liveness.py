@@ -94,6 +94,13 @@ class Extent:
     def union(self, other: Extent) -> Extent:
         return Extent(min(self.first, other.first), max(self.last, other.last))
 
+    def text(self, now: str = "t") -> str:
+        """As people read it: `t`, `t-4 … t+1`."""
+        first, last = (
+            now + (f"{offset:+d}" if offset else "") for offset in (self.first, self.last)
+        )
+        return first if first == last else f"{first} … {last}"
+
 
 def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
     """The samples that the graph reads of each signal, from the log or as the step sees them."""

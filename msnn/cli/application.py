@@ -37,6 +37,7 @@ VERBS = (
     "schema",
     "diff",
     "fmt",
+    "lsp",
     "doctor",
 )
 """In the order of `msnn --help`; each is a function in a file of its name."""

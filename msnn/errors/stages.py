@@ -47,7 +47,9 @@ def unknown_torch_optimizer(
     message = f"`{name}` is no optimiser of torch.optim that trains a model"
     notes = (f"those of this version: {', '.join(known)}",)
     repair = did_you_mean(meant) if why is None else None
-    return error("E0942", span, message, why or "not among them", notes=notes, help=repair)
+    word = meant if why is None else None
+    label = why or "not among them"
+    return error("E0942", span, message, label, notes=notes, help=repair, replacement=word)
 
 
 def unknown_torch_option(
@@ -60,7 +62,10 @@ def unknown_torch_option(
     message = f"`{option}` is no option of {optimizer}"
     notes = (f"options of {optimizer}: {', '.join(known)}",)
     repair = decay or did_you_mean(meant)
-    return error("E0943", span, message, "not an option", notes=notes, help=repair)
+    word = None if decay else meant
+    return error(
+        "E0943", span, message, "not an option", notes=notes, help=repair, replacement=word
+    )
 
 
 def no_weight_decay(optimizer: str, span: Span) -> Diagnostic:

@@ -67,7 +67,8 @@ def unknown_loss(name: str, span: Span, losses: Iterable[str]) -> Diagnostic:
     meant = nearest(name, losses)
     message = f"unknown loss `{name}`"
     notes = (f"losses: {', '.join(losses) or 'none'}",)
-    return error("E0906", span, message, "not a loss", notes=notes, help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error("E0906", span, message, "not a loss", notes=notes, help=repair, replacement=meant)
 
 
 def no_objective(stage: str, span: Span) -> Diagnostic:
@@ -147,7 +148,8 @@ def unknown_output(name: str, span: Span, outputs: Iterable[str]) -> Diagnostic:
     meant = nearest(name, outputs)
     message = f"`{name}` is neither an output nor a loss"
     notes = (f"known: {', '.join(outputs)}",)
-    return error("E0919", span, message, "unknown", notes=notes, help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error("E0919", span, message, "unknown", notes=notes, help=repair, replacement=meant)
 
 
 def wrong_limit_unit(limit: str, expected: str, span: Span) -> Diagnostic:

@@ -13,7 +13,8 @@ def unknown_output(name: str, span: Span, outputs: Sequence[str]) -> Diagnostic:
     message = f"unknown output `{name}`"
     label = "neither an output nor an equation"
     notes = (f"outputs: {', '.join(outputs)}",)
-    return error("E0950", span, message, label, notes=notes, help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error("E0950", span, message, label, notes=notes, help=repair, replacement=meant)
 
 
 def casadi_is_double(span: Span) -> Diagnostic:
@@ -69,7 +70,8 @@ def unknown_signal(name: str, span: Span, signals: Sequence[str]) -> Diagnostic:
     message = f"a column for `{name}`, which is not a logged signal"
     label = "not an input, target or measured state"
     notes = (f"logged signals: {', '.join(signals)}",)
-    return error("E0952", span, message, label, notes=notes, help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error("E0952", span, message, label, notes=notes, help=repair, replacement=meant)
 
 
 def unknown_set(name: str, span: Span | None, sets: Iterable[str]) -> Diagnostic:
@@ -78,7 +80,8 @@ def unknown_set(name: str, span: Span | None, sets: Iterable[str]) -> Diagnostic
     meant = nearest(name, sets)
     message = f"`data:` makes no set `{name}`"
     notes = (f"sets: {', '.join(sets)}",)
-    return error("E0953", span, message, "no such set", notes=notes, help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error("E0953", span, message, "no such set", notes=notes, help=repair, replacement=meant)
 
 
 def needless_data(name: str, span: Span) -> Diagnostic:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -25,10 +25,12 @@ def load_model(
     *,
     strict_units: bool = False,
     text: str | None = None,
+    unsaved: Mapping[str, str] | None = None,
 ) -> Model:
     """The model in a spec (`.yaml`, `.json`), a program file (`….program.json`) or a run's folder.
 
-    With `text`, that is the spec, as if it stood in a file at `path`. `settings` such as
+    With `text`, that is the spec, as if it stood in a file at `path`; `unsaved` are texts of other
+    specs that hold in place of their files, by their real paths. `settings` such as
     `train.0.epochs=5` replace values of the spec. Raises SpecError with everything that is wrong;
     `strict_units` makes warnings about units errors.
     """
@@ -40,7 +42,8 @@ def load_model(
         from msnn.model.program_file import read_program_file  # models of specs start without it
 
         return read_program_file(path, settings)
-    model = _compiled(read_spec(path, text, settings), path, settings, strict_units)
+    read = read_spec(path, text, settings, unsaved=unsaved)
+    model = _compiled(read, path, settings, strict_units)
     return replace(model, settings=tuple(settings))
 
 
@@ -113,6 +116,7 @@ def _compiled(
         warnings=tuple(found for found in said if found.severity == "warning"),
         control=compiled.control,
         estimation=compiled.estimation,
+        types=compiled.types,
         remarks=tuple(found for found in said if found.severity == "note"),
         read=read,
         parts=parts,

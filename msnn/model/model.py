@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from compiler.ir.program import Program
+from compiler.ir.types import Type
 from compiler.linking.link import WeightsByPart
 from compiler.optimal_control.problem import ControlProblem
 from compiler.state_estimation.problem import EstimationProblem
@@ -42,6 +43,8 @@ class Model:
     """Of the `mpc` section, with the parameters of the spec; None without one."""
     estimation: EstimationProblem | None = None
     """Of the `estimator` section, as above."""
+    types: Mapping[str, Type] = field(default_factory=dict[str, Type])
+    """Of one sample of every equation and output of a spec; empty for a program file."""
     remarks: tuple[Diagnostic, ...] = ()
     """What compiling found worth a thought: `msnn check` says it, no other command does."""
     parts: tuple[SubmodelFile, ...] = ()

@@ -27,13 +27,15 @@ def checked_model(
     *,
     strict_units: bool = False,
     text: str | None = None,
+    unsaved: Mapping[str, str] | None = None,
 ) -> Model:
     """The model in a file, or in `text` as if it stood there, with all that `msnn check` finds.
 
+    `unsaved` are texts of other specs that hold in place of their files, by their real paths.
     Raises SpecError if any of that is an error. Its `warnings` are those of reading, compiling and
     of the workflow, and remarks.
     """
-    model = load_model(path, settings, strict_units=strict_units, text=text)
+    model = load_model(path, settings, strict_units=strict_units, text=text, unsaved=unsaved)
     diagnostics = (*model.warnings, *model.remarks, *check_workflow(model))
     if any(diagnostic.severity == "error" for diagnostic in diagnostics):
         raise SpecError(diagnostics, model.sources)

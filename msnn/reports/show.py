@@ -226,12 +226,7 @@ def _shape(axes: tuple[Axis, ...]) -> str:
 
 
 def _samples(extent: Extent | None, now: str = "t") -> str:
-    if extent is None:
-        return ""
-    first, last = (
-        now + (f"{offset:+d}" if offset else "") for offset in (extent.first, extent.last)
-    )
-    return first if first == last else f"{first} … {last}"
+    return "" if extent is None else extent.text(now)
 
 
 def _time(now: str, offset: int) -> str:

@@ -17,9 +17,10 @@ class Diagnostic:
     """One message with a stable code.
 
     `span` is the smallest place at fault and `label` stands under its underline; `secondary` are
-    further places with their labels. Notes are facts, `help` is the repair. Only the constructors
-    in `spec_schema.errors` and `msnn.errors` build diagnostics, by `error`, `warning` and `remark`,
-    so that each sentence is written once.
+    further places with their labels. Notes are facts, `help` is the repair; where that is other
+    words at `span` and nothing else, `replacement` has them, for editors. Only the constructors in
+    `spec_schema.errors` and `msnn.errors` build diagnostics, by `error`, `warning` and `remark`, so
+    that each sentence is written once.
     """
 
     code: str
@@ -30,6 +31,7 @@ class Diagnostic:
     secondary: Secondary = ()
     notes: tuple[str, ...] = ()
     help: str | None = None
+    replacement: str | None = None
 
     def also_in(self, files: int) -> "Diagnostic":
         """The same said of so many more files."""
@@ -63,6 +65,7 @@ def error(
     secondary: Secondary = (),
     notes: tuple[str, ...] = (),
     help: str | None = None,
+    replacement: str | None = None,
 ) -> Diagnostic:
     """Builds the diagnostic of a fault, which ends its stage."""
     return Diagnostic(
@@ -74,6 +77,7 @@ def error(
         secondary=secondary,
         notes=notes,
         help=help,
+        replacement=replacement,
     )
 
 

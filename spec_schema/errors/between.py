@@ -23,8 +23,9 @@ def closed_between(name: str, output: str, span: Span, prediction: Span) -> Diag
 def needless_delay(name: str, span: Span, known: Sequence[str]) -> Diagnostic:
     """E0227: a delay for an input that the exported step does not read ahead."""
     message = f"`delay` names `{name}`, which the exported step does not read ahead"
-    meant = did_you_mean(nearest(name, known)) or "leave `delay` out"
-    return error("E0227", span, message, "has no sample to wait for", help=meant)
+    meant = nearest(name, known)
+    repair, label = did_you_mean(meant) or "leave `delay` out", "has no sample to wait for"
+    return error("E0227", span, message, label, help=repair, replacement=meant)
 
 
 def nothing_between(name: str, span: Span) -> Diagnostic:

@@ -35,7 +35,10 @@ def unknown_method(function: str, found: str, known: Iterable[str], span: Span) 
     known = tuple(known)
     meant = nearest(found, known)
     message = f"`{function}` has no method `{found}`"
-    return error("E0713", span, message, f"one of {', '.join(known)}", help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error(
+        "E0713", span, message, f"one of {', '.join(known)}", help=repair, replacement=meant
+    )
 
 
 def derivative_ahead(method: str, span: Span) -> Diagnostic:

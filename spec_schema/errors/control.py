@@ -11,9 +11,10 @@ def not_a_control(name: str, found: str | None, span: Span, known: Iterable[str]
     """E1101: a control that is no open input."""
     is_what = "which nothing declares" if found is None else f"which is {found}"
     message = f"`controls` names `{name}`, {is_what}"
-    repair = did_you_mean(nearest(name, known)) if found is None else None
-    repair = repair or "a control is an input that nothing inside the model feeds"
-    return error("E1101", span, message, "the controller cannot decide it", help=repair)
+    meant = nearest(name, known) if found is None else None
+    repair = did_you_mean(meant) or "a control is an input that nothing inside the model feeds"
+    label = "the controller cannot decide it"
+    return error("E1101", span, message, label, help=repair, replacement=meant)
 
 
 def closed_control(name: str, output: str, span: Span, prediction: Span) -> Diagnostic:
@@ -87,9 +88,10 @@ def bound_option(name: str, key: str, kind: str, span: Span) -> Diagnostic:
 def not_bounded(name: str, reason: str, span: Span, known: Iterable[str]) -> Diagnostic:
     """E1110: a bound of something that the controller cannot keep within it."""
     message = f"`bounds` names `{name}`, {reason}"
-    repair = did_you_mean(nearest(name, known))
-    repair = repair or "bounds are of controls, and of states, outputs and equations they move"
-    return error("E1110", span, message, "cannot be bounded", help=repair)
+    meant = nearest(name, known)
+    others = "bounds are of controls, and of states, outputs and equations they move"
+    repair = did_you_mean(meant) or others
+    return error("E1110", span, message, "cannot be bounded", help=repair, replacement=meant)
 
 
 def limit_of_model(name: str, key: str, read: str, span: Span) -> Diagnostic:

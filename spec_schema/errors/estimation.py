@@ -10,9 +10,10 @@ from spec_schema.diagnostics.suggest import did_you_mean, nearest
 def not_measured(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
     """E1120: a measurement of something that predicts no signal."""
     message = f"`measured` names `{name}`, which is no output with `predicts`"
-    repair = did_you_mean(nearest(name, known))
-    repair = repair or "`predicts: s[t]` says which signal is measured of an output"
-    return error("E1120", span, message, "nothing says what is measured", help=repair)
+    meant = nearest(name, known)
+    repair = did_you_mean(meant) or "`predicts: s[t]` says which signal is measured of an output"
+    label = "nothing says what is measured"
+    return error("E1120", span, message, label, help=repair, replacement=meant)
 
 
 def measured_too_late(name: str, signal: str, span: Span, prediction: Span) -> Diagnostic:
@@ -31,12 +32,14 @@ def measured_too_late(name: str, signal: str, span: Span, prediction: Span) -> D
 def not_estimated(key: str, name: str, span: Span, known: Iterable[str]) -> Diagnostic:
     """E1122: a deviation of something that is neither a state nor fed back."""
     message = f"`{key}` names `{name}`, which is neither a state nor a signal that outputs predict"
-    repair = did_you_mean(nearest(name, known))
-    return error("E1122", span, message, "no memory of the model", help=repair)
+    meant = nearest(name, known)
+    repair, label = did_you_mean(meant), "no memory of the model"
+    return error("E1122", span, message, label, help=repair, replacement=meant)
 
 
 def not_a_read_parameter(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
     """E1123: an estimated parameter that the model does not read."""
     message = f"`parameters` names `{name}`, which is no parameter that the model reads"
-    repair = did_you_mean(nearest(name, known))
-    return error("E1123", span, message, "nothing measured depends on it", help=repair)
+    meant = nearest(name, known)
+    repair, label = did_you_mean(meant), "nothing measured depends on it"
+    return error("E1123", span, message, label, help=repair, replacement=meant)

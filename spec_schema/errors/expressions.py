@@ -4,16 +4,19 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 
 
-def foreign_character(character: str, span: Span, repair: str | None) -> Diagnostic:
+def foreign_character(
+    character: str, span: Span, meant: str | None, repair: str | None
+) -> Diagnostic:
     """E0320: a character that expressions do not have."""
     shown = character if character.isprintable() else f"U+{ord(character):04X}"
     message = f"`{shown}` does not belong in an expression"
-    return error("E0320", span, message, "unexpected character", help=repair)
+    return error("E0320", span, message, "unexpected character", help=repair, replacement=meant)
 
 
 def caret(span: Span) -> Diagnostic:
     """E0321: `^` for a power."""
-    return error("E0321", span, "`^` is not a power here", "bitwise in Python", help="write `**`")
+    message, label = "`^` is not a power here", "bitwise in Python"
+    return error("E0321", span, message, label, help="write `**`", replacement="**")
 
 
 def unbalanced_bracket(bracket: str, span: Span, closing: bool) -> Diagnostic:
@@ -127,9 +130,9 @@ def unpacked_argument(span: Span) -> Diagnostic:
 
 def malformed_number(text: str, span: Span) -> Diagnostic:
     """E0336: a number with leading zeros."""
-    repair = f"write `{text.lstrip('0') or '0'}`"
-    message = f"`{text}` has leading zeros"
-    return error("E0336", span, message, "octal in some languages", help=repair)
+    meant = text.lstrip("0") or "0"
+    message, label = f"`{text}` has leading zeros", "octal in some languages"
+    return error("E0336", span, message, label, help=f"write `{meant}`", replacement=meant)
 
 
 def foreign_operator(operator: str, span: Span) -> Diagnostic:
@@ -146,10 +149,12 @@ def empty_expression(span: Span) -> Diagnostic:
 def missing_operator(left: str, right: str, span: Span, is_unit: bool = False) -> Diagnostic:
     """E0339: two operands side by side; maybe a number with a unit that no duration has."""
     message = f"an operator is missing between `{left}` and `{right}`"
-    repair = f"for a product write `{left} * {right}`"
+    product = f"{left} * {right}"
+    repair = f"for a product write `{product}`"
     if is_unit:
         repair += "; a duration is in us, ms, s, min or h, and other units go into `unit:`"
-    return error("E0339", span, message, "two operands", help=repair)
+    meant = None if is_unit else product
+    return error("E0339", span, message, "two operands", help=repair, replacement=meant)
 
 
 def malformed_word(word: str, span: Span) -> Diagnostic:
@@ -166,7 +171,8 @@ def several_values(span: Span, number: str | None = None) -> Diagnostic:
     repair = (
         f"for a decimal point write `{number}`; a list needs [ ]" if number else "a list needs [ ]"
     )
-    return error("E0341", span, "an expression has one value", "several", help=repair)
+    message = "an expression has one value"
+    return error("E0341", span, message, "several", help=repair, replacement=number)
 
 
 def malformed_window_length(method: str, span: Span) -> Diagnostic:

@@ -16,7 +16,8 @@ def unknown_name(
 ) -> Diagnostic:
     """E0301: a name that nothing declares."""
     meant = meant or nearest(name, known)
-    return error("E0301", span, f"unknown name `{name}`", f"not {wanted}", help=did_you_mean(meant))
+    message, repair = f"unknown name `{name}`", did_you_mean(meant)
+    return error("E0301", span, message, f"not {wanted}", help=repair, replacement=meant)
 
 
 def declared_twice(name: str, span: Span, first: Span, kind: str) -> Diagnostic:
@@ -184,4 +185,7 @@ def no_parameter(pattern: str, span: Span, names: Sequence[str]) -> Diagnostic:
     meant = nearest(pattern, names)
     message = f"`{pattern}` fits no learnable parameter"
     notes = (f"parameters: {', '.join(names) or 'none'}",)
-    return error("E0908", span, message, "no such parameter", notes=notes, help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error(
+        "E0908", span, message, "no such parameter", notes=notes, help=repair, replacement=meant
+    )

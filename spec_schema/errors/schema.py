@@ -17,7 +17,8 @@ def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagn
     meant = nearest(key, known)
     message = f"unknown key `{key}` in {owner}"
     notes = () if meant else (f"known keys: {', '.join(known)}",)
-    return error("E0201", span, message, "no such key", notes=notes, help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error("E0201", span, message, "no such key", notes=notes, help=repair, replacement=meant)
 
 
 def key_not_yet(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagnostic:
@@ -35,10 +36,16 @@ def missing_key(key: str, span: Span, owner: str) -> Diagnostic:
     return error("E0203", span, message, f"`{key}` is missing here", help=repair)
 
 
-def wrong_kind(wanted: str, found: str, span: Span, repair: str | None = None) -> Diagnostic:
+def wrong_kind(
+    wanted: str,
+    found: str,
+    span: Span,
+    repair: str | None = None,
+    meant: str | None = None,
+) -> Diagnostic:
     """E0204: a value of the wrong kind."""
     message = f"expected {wanted}, found {found}"
-    return error("E0204", span, message, f"this is {found}", help=repair)
+    return error("E0204", span, message, f"this is {found}", help=repair, replacement=meant)
 
 
 def malformed_name(name: str, span: Span) -> Diagnostic:
@@ -50,7 +57,8 @@ def malformed_name(name: str, span: Span) -> Diagnostic:
             "name a dimension of `dims:`, where its size stands; leave the key out for one number"
         )
     label = "a name is made of letters (Latin or Greek), digits and `_`, and starts with a letter"
-    return error("E0205", span, f"`{name}` is not a name", label, help=repair)
+    message = f"`{name}` is not a name"
+    return error("E0205", span, message, label, help=repair, replacement=similar)
 
 
 def malformed_member(name: str, span: Span) -> Diagnostic:
@@ -71,7 +79,8 @@ def unknown_choice(text: str, span: Span, choices: Iterable[str]) -> Diagnostic:
     choices = tuple(choices)
     meant = nearest(text, choices)
     message = f"`{text}` is not one of {', '.join(choices)}"
-    return error("E0207", span, message, "unknown choice", help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error("E0207", span, message, "unknown choice", help=repair, replacement=meant)
 
 
 def one_variant(owner: str, span: Span, found: Iterable[str], choices: Iterable[str]) -> Diagnostic:
@@ -91,7 +100,8 @@ def old_boolean(text: str, span: Span) -> Diagnostic:
     """E0211: yes, no, on, off, which were booleans in YAML 1.1."""
     meant = "true" if text.lower() in {"yes", "on", "y"} else "false"
     message = f"`{text}` is text, not true or false"
-    return error("E0211", span, message, "text in YAML 1.2", help=f"write `{meant}`")
+    repair = f"write `{meant}`"
+    return error("E0211", span, message, "text in YAML 1.2", help=repair, replacement=meant)
 
 
 def empty_value(wanted: str, span: Span) -> Diagnostic:
@@ -102,7 +112,8 @@ def empty_value(wanted: str, span: Span) -> Diagnostic:
 def unknown_language(text: str, span: Span) -> Diagnostic:
     """E0214: a spec of another language version."""
     message = f"`msnn: {text}` is not a language version this msnn reads"
-    return error("E0214", span, message, "unknown version", help="write `msnn: 1`")
+    repair = "write `msnn: 1`"
+    return error("E0214", span, message, "unknown version", help=repair, replacement="1")
 
 
 def empty_section(owner: str, span: Span) -> Diagnostic:
@@ -121,8 +132,10 @@ def malformed_length(text: str, span: Span) -> Diagnostic:
 def malformed_sample_time(text: str, span: Span) -> Diagnostic:
     """E0217: a sample time that is neither a time nor a frequency."""
     label = "write a positive time such as `50 ms`, or a frequency such as `20 Hz`"
-    repair = f"in seconds it is `{text} s`" if text.replace(".", "", 1).isdigit() else None
-    return error("E0217", span, f"`{text}` is not a sample time", label, help=repair)
+    meant = f"{text} s" if text.replace(".", "", 1).isdigit() else None
+    repair = f"in seconds it is `{meant}`" if meant else None
+    message = f"`{text}` is not a sample time"
+    return error("E0217", span, message, label, help=repair, replacement=meant)
 
 
 def malformed_quantity(text: str, span: Span) -> Diagnostic:

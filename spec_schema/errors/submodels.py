@@ -37,7 +37,8 @@ def not_an_input(name: str, kind: str | None, span: Span, known: Iterable[str]) 
     meant = nearest(name, known) if kind is None else None
     label = "no such input" if kind is None else f"this is {kind}"
     message = f"`{name}` is not an input of a sub-model"
-    return error("E0734", span, message, label, help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error("E0734", span, message, label, help=repair, replacement=meant)
 
 
 def fed_twice(name: str, span: Span, first: Span) -> Diagnostic:
@@ -84,7 +85,8 @@ def unknown_submodel_member(name: str, span: Span, known: Iterable[str]) -> Diag
     base, _, member = name.rpartition(".")
     meant = nearest(name, known)
     message = f"the sub-model `{base}` has no `{member}`"
-    return error("E0739", span, message, "no such member", help=did_you_mean(meant))
+    repair = did_you_mean(meant)
+    return error("E0739", span, message, "no such member", help=repair, replacement=meant)
 
 
 def unusable_weights(name: str, problem: str, span: Span, repair: str | None) -> Diagnostic:

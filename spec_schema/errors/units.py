@@ -4,9 +4,10 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 
-def malformed_unit(problem: str, span: Span, repair: str | None) -> Diagnostic:
+def malformed_unit(problem: str, span: Span, repair: str | None, meant: str | None) -> Diagnostic:
     """E0501: a text that is not a unit."""
-    return error("E0501", span, problem, "not a unit", help=f"write `{repair}`" if repair else None)
+    shown = f"write `{repair}`" if repair else None
+    return error("E0501", span, problem, "not a unit", help=shown, replacement=meant)
 
 
 def two_units(written: str, declared: str, span: Span, declaration: Span) -> Diagnostic:

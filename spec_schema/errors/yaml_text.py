@@ -18,14 +18,17 @@ def bracket_in_flow(text: str, span: Span) -> Diagnostic:
     """E0103: an unquoted `x[t+1]` within { } or [ ]."""
     message = "an unquoted value within { } or [ ] cannot contain brackets"
     is_whole = text.count("(") == text.count(")")
-    repair = f'quote it: "{text}"' if is_whole else "quote the whole expression"
-    return error("E0103", span, message, "YAML reads its own list here", help=repair)
+    meant = f'"{text}"' if is_whole else None
+    repair = f"quote it: {meant}" if meant else "quote the whole expression"
+    label = "YAML reads its own list here"
+    return error("E0103", span, message, label, help=repair, replacement=meant)
 
 
 def stray_alias(text: str, span: Span) -> Diagnostic:
     """E0104: an unquoted glob, or a reference to an anchor that is not there."""
     message = f"`{text}` is an alias of YAML, and nothing has that anchor"
-    return error("E0104", span, message, "`*` starts an alias", help=f'quote it: "{text}"')
+    meant, label = f'"{text}"', "`*` starts an alias"
+    return error("E0104", span, message, label, help=f"quote it: {meant}", replacement=meant)
 
 
 def duplicate_key(key: str, span: Span, first: Span) -> Diagnostic:
@@ -83,7 +86,7 @@ def not_utf8(span: Span) -> Diagnostic:
 def control_character(code_point: int, span: Span) -> Diagnostic:
     """E0114: a character that no editor shows."""
     message = f"the control character U+{code_point:04X} stands in the file"
-    return error("E0114", span, message, "here", help="remove it")
+    return error("E0114", span, message, "here", help="remove it", replacement="")
 
 
 def own_alias(name: str, span: Span) -> Diagnostic:
@@ -100,19 +103,22 @@ def second_colon(span: Span) -> Diagnostic:
 def no_blank_after_colon(key: str, value: str, span: Span) -> Diagnostic:
     """E0129: `c:{init: 1}`, which is one word to YAML."""
     message = f"YAML reads `{key}:{value}` as one word: a colon ends a key only before a blank"
-    return error("E0129", span, message, "no blank after the colon", help=f"write `{key}: {value}`")
+    repair, label = f"write `{key}: {value}`", "no blank after the colon"
+    return error("E0129", span, message, label, help=repair, replacement=": ")
 
 
 def decimal_comma(text: str, span: Span) -> Diagnostic:
     """E0130: `2,5` for a number."""
     message = f"`{text}` is two values: numbers have a decimal point"
-    return error("E0130", span, message, "a comma", help=f"write `{text.replace(',', '.')}`")
+    meant = text.replace(",", ".")
+    return error("E0130", span, message, "a comma", help=f"write `{meant}`", replacement=meant)
 
 
 def odd_blank(code_point: int, span: Span) -> Diagnostic:
     """E0131: a character that looks like a blank and is none, as pages of the web have them."""
     message = f"the character U+{code_point:04X} looks like a blank and is none"
-    return error("E0131", span, message, "here", help="type an ordinary blank in its place")
+    repair = "type an ordinary blank in its place"
+    return error("E0131", span, message, "here", help=repair, replacement=" ")
 
 
 def comma_splits(text: str, span: Span) -> Diagnostic:
@@ -142,8 +148,10 @@ def malformed_json(problem: str, span: Span) -> Diagnostic:
 def missing_colon(text: str, span: Span) -> Diagnostic:
     """E0121: a line that should be a key and has no colon."""
     label = "neither a key nor part of a value"
-    repair = f"for a key write `{text}:`" if text.isidentifier() else "a key ends with `:`"
-    return error("E0121", span, "this line has no `:`", label, help=repair)
+    meant = f"{text}:" if text.isidentifier() else None
+    repair = f"for a key write `{meant}`" if meant else "a key ends with `:`"
+    message = "this line has no `:`"
+    return error("E0121", span, message, label, help=repair, replacement=meant)
 
 
 def open_bracket(bracket: str, span: Span) -> Diagnostic:

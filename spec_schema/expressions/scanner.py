@@ -27,14 +27,22 @@ _LEADING_ZEROS = re.compile(r"0[0-9]+")
 _DIGITS = "0123456789."
 _PARTNER = {")": "(", "]": "["}
 _BOOLEAN_WORDS = {"and", "or", "not"}
+_MEANT = {
+    "·": "*",
+    "×": "*",
+    "÷": "/",
+    "−": "-",
+    "–": "-",
+    "≤": "<=",
+    "≥": ">=",
+    "²": "**2",
+    "³": "**3",
+}
+"""What to write in place of a character of printed mathematics."""
 _REPAIRS = {
-    "·": "write `*`",
-    "×": "write `*`",
-    "÷": "write `/`",
+    **{character: f"write `{meant}`" for character, meant in _MEANT.items()},
     "−": "write `-`, the minus sign of the keyboard",
     "–": "write `-`, the minus sign of the keyboard",
-    "≤": "write `<=`",
-    "≥": "write `>=`",
     "{": "use ( ) to group and [ ] for lists and windows",
     "}": "use ( ) to group and [ ] for lists and windows",
     ";": "one expression a key; list elements are separated by `,`",
@@ -45,8 +53,6 @@ _REPAIRS = {
     "’": "write a straight quote, `'`",
     "«": 'write a straight quote, `"`',
     "»": 'write a straight quote, `"`',
-    "²": "write `**2`",
-    "³": "write `**3`",
     "√": "write `sqrt( )`",
     "!": "there is no logic on numbers; nest `where`",
 }
@@ -178,7 +184,8 @@ class _Scanner:
     def _foreign_character(self, position: int) -> None:
         character = self.text[position]
         span = self._span(position, position + 1)
-        self._report(errors.foreign_character(character, span, _REPAIRS.get(character)))
+        meant, repair = _MEANT.get(character), _REPAIRS.get(character)
+        self._report(errors.foreign_character(character, span, meant, repair))
         self.operand = None
 
     def _span(self, first: int, last: int) -> Span:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from pydantic import ValidationInfo
 
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import RefusedError, findings_of
 from spec_schema.fields.leaf import (
@@ -86,8 +86,9 @@ def _read_switch(node: Node, findings: Findings, wanted: str = "true or false") 
     if found.text.lower() in _OLD_BOOLEANS:
         findings.report(errors.old_boolean(found.text, found.span))
     else:
-        repair = {"1": "write `true`", "0": "write `false`"}.get(found.text)
-        findings.report(errors.wrong_kind(wanted, kind(found), found.span, repair))
+        meant = {"1": "true", "0": "false"}.get(found.text)
+        repair = f"write `{meant}`" if meant else None
+        findings.report(errors.wrong_kind(wanted, kind(found), found.span, repair, meant))
     raise RefusedError
 
 
@@ -103,8 +104,7 @@ def read_number(node: Node, findings: Findings) -> float:
     found = scalar(node, findings, "a number")
     value = found.value
     if isinstance(value, bool) or not isinstance(value, int | float):
-        repair = "remove the quotes" if found.quoted and _is_numeral(found.text) else None
-        findings.report(errors.wrong_kind("a number", kind(found), found.span, repair))
+        findings.report(_no_number("a number", found))
         raise RefusedError
     if not math.isfinite(value):
         findings.report(errors.out_of_range(found.text, found.span, "finite"))
@@ -149,8 +149,7 @@ def read_count(node: Node, findings: Findings, least: int, most: int = LARGEST_C
     found = scalar(node, findings, "an integer")
     value = found.value
     if isinstance(value, bool) or not isinstance(value, int):
-        repair = "remove the quotes" if found.quoted and _is_numeral(found.text) else None
-        findings.report(errors.wrong_kind("an integer", kind(found), found.span, repair))
+        findings.report(_no_number("an integer", found))
         raise RefusedError
     if not least <= value <= most:
         wanted = f"at least {least}" if value < least else f"at most {most}"
@@ -246,6 +245,13 @@ def read_entries(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
 
 def _key_of(node: Node) -> Any:
     return next(iter(node.keys.values()), node.span) if isinstance(node, Table) else node.span
+
+
+def _no_number(wanted: str, found: Scalar) -> Diagnostic:
+    if found.quoted and _is_numeral(found.text):
+        repair, meant = "remove the quotes", found.text.strip()
+        return errors.wrong_kind(wanted, kind(found), found.span, repair, meant)
+    return errors.wrong_kind(wanted, kind(found), found.span)
 
 
 def _is_numeral(text: str) -> bool:

@@ -30,7 +30,8 @@ def read_unit(node: Node, findings: Findings) -> Located[Unit]:
         return Located(parse_unit(found.text), found.span, found.key)
     except UnitError as error:
         span = found.positions.span(error.start, error.end)
-        findings.report(unit_errors.malformed_unit(error.message, span, error.repair))
+        report = unit_errors.malformed_unit(error.message, span, error.repair, error.meant)
+        findings.report(report)
         raise RefusedError from error
 
 

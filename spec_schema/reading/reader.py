@@ -16,16 +16,18 @@ def read_spec(
     settings: Sequence[str] = (),
     *,
     texts: Mapping[str, str] | None = None,
+    unsaved: Mapping[str, str] | None = None,
 ) -> ReadResult:
     """The spec in a `.yaml` or `.json` file, or in `text` as if it stood in that file.
 
     `settings` such as `train.0.epochs=5` replace values. The files of
-    sub-models are read too; with `texts`, these are their contents by path.
+    sub-models are read too; with `texts`, these are their contents by path. `unsaved` are texts
+    that an editor has in place of files, by their real paths.
     Raises SpecError with all diagnostics of the first stage that fails: the file, its YAML, its
     schema together with its expressions, its sub-models.
     """
     result = read_one_spec(path, text, settings)
-    used = read_used(result, texts)
+    used = read_used(result, texts, unsaved)
     of_robots = (one.warnings for one in used.values() if one.robot is not None)
     warnings = (*result.warnings, *(said for each in of_robots for said in each))
     return replace(result, used=used, warnings=warnings)

@@ -23,14 +23,17 @@ LARGEST_ROBOT = 1_000_000
 
 
 def read_used(
-    result: ReadResult, texts: Mapping[str, str] | None = None
+    result: ReadResult,
+    texts: Mapping[str, str] | None = None,
+    unsaved: Mapping[str, str] | None = None,
 ) -> Mapping[str, ReadResult]:
     """The specs that a spec uses, by the names that it gives them, with those that they use.
 
-    `texts` are the contents of files by their paths; without it they are read. Raises SpecError
-    with everything that is wrong with any of them; beside it stands where the file is used.
+    `texts` are the contents of files by their paths; without it they are read, but for those that
+    `unsaved` has by their real paths. Raises SpecError with everything that is wrong with any of
+    them; beside it stands where the file is used.
     """
-    return _Reading(texts).used(result, (result.source.path,))
+    return _Reading(texts, unsaved or {}).used(result, (result.source.path,))
 
 
 @dataclass
@@ -38,6 +41,7 @@ class _Reading:
     """Files that are read already, by where they really are, and how many sub-models each is."""
 
     texts: Mapping[str, str] | None
+    unsaved: Mapping[str, str]
     read: dict[str, ReadResult] = field(default_factory=dict[str, ReadResult])
     counts: dict[str, int] = field(default_factory=dict[str, int])
     refused: set[str] = field(default_factory=set[str])
@@ -85,7 +89,7 @@ class _Reading:
         if real in self.refused:
             raise SpecError([])
         if real not in self.read:
-            text = None if self.texts is None else self.texts.get(path)
+            text = self.unsaved.get(real) if self.texts is None else self.texts.get(path)
             reason = "no such file" if self.texts is not None else _why_unreadable(path)
             if text is None and reason is not None:
                 raise SpecError([errors.unreadable_spec(path, reason, place)])

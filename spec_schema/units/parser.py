@@ -97,7 +97,7 @@ def _factor(symbol: str, start: int) -> Unit:
     unit = unit_symbol(symbol)
     if unit is not None:
         return unit
-    raise UnitError(f"unknown unit `{symbol}`", start, start + len(symbol), _meant(symbol))
+    raise UnitError(f"unknown unit `{symbol}`", start, start + len(symbol), meant=_meant(symbol))
 
 
 def _meant(symbol: str) -> str | None:
@@ -133,7 +133,7 @@ def _unreadable(text: str, position: int) -> UnitError:
     start = position + len(text[position:]) - len(text[position:].lstrip())
     if text[start] in "()":
         message = "units have no parentheses: each `/` divides by one"
-        return UnitError(message, start, start + 1, "J/kg/K")
+        return UnitError(message, start, start + 1, example="J/kg/K")
     return UnitError(f"`{text[start]}` does not belong in a unit", start, start + 1)
 
 

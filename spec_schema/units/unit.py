@@ -21,14 +21,26 @@ _LARGEST_SCALE = 1e300
 
 
 class UnitError(ValueError):
-    """A unit text that cannot be read; `start` and `end` are offsets into the text."""
+    """A unit text that cannot be read; `start` and `end` are offsets into the text.
 
-    def __init__(self, message: str, start: int, end: int, repair: str | None = None) -> None:
+    `meant` is the unit that belongs there; else `repair` shows an example.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        start: int,
+        end: int,
+        *,
+        meant: str | None = None,
+        example: str | None = None,
+    ) -> None:
         super().__init__(message)
         self.message = message
         self.start = start
         self.end = end
-        self.repair = repair
+        self.meant = meant
+        self.repair = meant or example
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,8 @@ def _verb(command: CommandInfo) -> str:
             options.append(_option(name, parameter))
     text = paragraph(inspect.getdoc(command.callback))
     rows = [*arguments, *options]
-    return apart(f"## `{' '.join(usage)}`", text, table(("", "", "default"), rows))
+    listed = [table(("", "", "default"), rows)] if rows else []
+    return apart(f"## `{' '.join(usage)}`", text, *listed)
 
 
 def _meaning(parameter: inspect.Parameter) -> tuple[Any, ParameterInfo]:

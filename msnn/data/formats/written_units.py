@@ -44,9 +44,9 @@ def written_unit(text: str) -> Unit | None:
         try:
             return parse_unit(text) if text else None
         except UnitError as error:
-            if error.repair is None:
+            if error.meant is None:
                 return None
-            text = text[: error.start] + error.repair + text[error.end :]
+            text = text[: error.start] + error.meant + text[error.end :]
     return None
 
 

@@ -1,0 +1,17 @@
+"""`msnn lsp`: a language server for editors, over the standard streams."""
+
+from __future__ import annotations
+
+
+def lsp() -> None:
+    """Answer an editor while one types.
+
+    Diagnostics of `msnn check`, hover, definitions, completion and repairs, by the Language Server
+    Protocol over standard input and output. An editor starts it; needs the extra `lsp`.
+    """
+    from msnn.packages import PYGLS
+
+    PYGLS.require("speaks the protocol of editors")
+    from msnn.language_server.server import serve
+
+    serve()

@@ -1,0 +1,1 @@
+"""Answers editors: diagnostics, hover, definitions, completion and repairs while one types."""

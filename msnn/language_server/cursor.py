@@ -1,0 +1,189 @@
+"""Finds which key or value of a spec a place is in, from indentation and brackets before it.
+
+The text is what somebody types just now, so it need not be YAML: no parser would take it.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from spec_schema.diagnostics.source import SourceText
+
+ITEM = "0"
+"""The step of a path into a list, whichever item."""
+
+_BLOCK = re.compile(
+    r"(?P<indent> *+)(?P<dashes>(?:-[ ]++)*+)"
+    r"(?:(?P<key>[^\s#:{}\[\],\"'&*!|>%@`-][^:#{}\[\],]*+|\"[^\"]*+\"|'[^']*+'):(?=[ ]|$)"
+    r"(?P<rest>.*))?"
+)
+_FLOW = re.compile(
+    r"(?<![\w)\]])(?:\"[^\"]*+(?:\"|$)|'[^']*+(?:'|$))|[{}\[\],]|:(?=[\s{\[\"']|$)|#[^\n]*+"
+)
+_FURTHEST_FLOW = 60
+"""Lines above among which the bracket is looked for that a place is in."""
+
+
+@dataclass(frozen=True)
+class Cursor:
+    """A place in a spec.
+
+    `path` leads to the mapping in which a key is written, or to the value that is. `before` is what
+    is written of it before the place. `is_key` of an empty line may turn out to be a value that
+    starts below its key.
+    """
+
+    path: tuple[str, ...]
+    is_key: bool
+    before: str
+
+
+@dataclass
+class _Bracket:
+    """An open bracket: what stands in it, as far as the place."""
+
+    is_map: bool
+    key: str | None = None
+    start: int = 0
+
+
+def cursor_at(source: SourceText, line: int, column: int) -> Cursor:
+    """What a place is in; line and column count characters from zero."""
+    text = source.line(line + 1)
+    inside = _in_flow(source, line, column)
+    if inside is not None:
+        return inside
+    found = _BLOCK.match(text)
+    assert found is not None  # it takes an empty text too
+    start = found.end("dashes")
+    key = found["key"]
+    if key is not None and column > found.end("key"):
+        value = text[found.end("key") + 1 : column].lstrip()
+        return Cursor((*_parents(source, line, found), _plain(key)), False, _unquoted(value))
+    if key is None and not found["dashes"] and not text[start:].strip():
+        start = column
+    above = _parents(source, line, found, start)
+    before = text[start:column] if column > start else ""
+    if key is None:
+        scalar = _continued(source, line, start)
+        if scalar:
+            return Cursor(above, False, before)
+    return Cursor(above, True, before)
+
+
+def _in_flow(source: SourceText, line: int, column: int) -> Cursor | None:
+    """The place within `{ }` or `[ ]` that open on its line or above; None outside of them."""
+    if source.text.startswith("{"):  # JSON, or a text in its manner
+        lines = [source.line(number + 1) for number in range(line)]
+        whole = "\n".join([*lines, source.line(line + 1)[:column]])
+        brackets = _open(whole)
+        return _within((), brackets, whole) if brackets else None
+    for first in range(line, max(-1, line - _FURTHEST_FLOW), -1):
+        text = source.line(first + 1)
+        found = _BLOCK.match(text)
+        assert found is not None
+        start = found.start("rest") if found["key"] is not None else found.end("dashes")
+        value = text[start:].lstrip()
+        if not value.startswith(("{", "[")) or (found["key"] is None and not found["dashes"]):
+            continue
+        begin = len(text) - len(value)
+        if first == line and begin >= column:
+            continue
+        rest = [source.line(number + 1) for number in range(first, line + 1)]
+        rest[-1] = rest[-1][:column]
+        if first < line and not _open(rest[0][begin:]):
+            return None  # what is above is closed, and what is further above too
+        brackets = _open("\n".join(rest)[begin:])
+        if not brackets:
+            return None
+        key = found["key"]
+        above = _parents(source, first, found)
+        whole = "\n".join(rest)[begin:]
+        return _within((*above, _plain(key)) if key is not None else above, brackets, whole)
+    return None
+
+
+def _open(text: str) -> list[_Bracket]:
+    """The brackets that are open at the end of a text, which starts with one."""
+    brackets: list[_Bracket] = []
+    for found in _FLOW.finditer(text):
+        match found.group():
+            case "{" | "[" as bracket:
+                brackets.append(_Bracket(bracket == "{", start=found.end()))
+            case "}" | "]":
+                if brackets:
+                    brackets.pop()
+                if not brackets:
+                    return []
+            case "," if brackets:
+                brackets[-1].key, brackets[-1].start = None, found.end()
+            case ":" if brackets and brackets[-1].is_map and brackets[-1].key is None:
+                brackets[-1].key = text[brackets[-1].start : found.start()].strip()
+                brackets[-1].start = found.end()
+            case _:
+                pass
+    return brackets
+
+
+def _within(above: tuple[str, ...], brackets: list[_Bracket], text: str) -> Cursor:
+    steps = [(b.key if b.is_map else ITEM) for b in brackets]
+    path = (*above, *(_plain(step) for step in steps if step is not None))
+    last = brackets[-1]
+    return Cursor(path, last.is_map and last.key is None, _unquoted(text[last.start :].lstrip()))
+
+
+def _parents(
+    source: SourceText, line: int, found: re.Match[str], column: int | None = None
+) -> tuple[str, ...]:
+    """The path to what contains the key, or the text at a column, of a line."""
+    limit = found.end("dashes") if column is None else column
+    steps: list[str] = []
+    is_item = False
+    if found["dashes"] and limit >= found.end("dashes"):
+        steps, limit, is_item = _items(found, steps)
+    for number in range(line, 0, -1):
+        if not limit and not is_item:
+            break
+        text = source.line(number)
+        written = text.lstrip(" ")
+        indent = len(text) - len(written)
+        if indent > limit or not written or written[0] == "#" or (indent == limit and not is_item):
+            continue
+        above = _BLOCK.match(text)
+        assert above is not None
+        at = above.end("dashes")
+        if above["key"] is not None and (at < limit or (at == limit and is_item and at == indent)):
+            steps.append(_plain(above["key"]))
+            limit, is_item = at, False
+        if above["dashes"] and indent < limit:
+            steps, limit, is_item = _items(above, steps)
+    return tuple(reversed(steps))
+
+
+def _items(found: re.Match[str], steps: list[str]) -> tuple[list[str], int, bool]:
+    """The steps with those into the lists that begin on a line, and its indentation."""
+    return [*steps, *[ITEM] * found["dashes"].count("-")], len(found["indent"]), True
+
+
+def _continued(source: SourceText, line: int, column: int) -> bool:
+    """Whether a line without a key goes on with a text that began above."""
+    for number in range(line, 0, -1):
+        text = source.line(number)
+        written = text.lstrip(" ")
+        if not written or len(text) - len(written) >= column:
+            continue
+        above = _BLOCK.match(text)
+        assert above is not None
+        is_parent = above["key"] is not None and above.end("dashes") < column
+        value = above["rest"].strip() if is_parent else ""
+        return bool(value) and value[0] not in "#&{["
+    return False
+
+
+def _plain(key: str) -> str:
+    return _unquoted(key.strip()).rstrip("\"'")
+
+
+def _unquoted(text: str) -> str:
+    return text[1:] if text[:1] in {'"', "'"} else text

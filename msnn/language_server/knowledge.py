@@ -1,0 +1,136 @@
+"""Gathers what an editor shows of the names of a model: kinds, types, units, samples, places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from compiler.ir.liveness import extents
+from compiler.ir.types import Axis, Type, describe_axes
+from compiler.lowering.scope import Declaration, Kind, Scope
+from msnn.model.model import Model
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.fields.located import Located
+from spec_schema.sections.dimensions import Dimension
+from spec_schema.sections.layers.layer import Layer
+from spec_schema.sections.signals import Equation, Output, Signal, State
+from spec_schema.sections.spec import Spec
+from spec_schema.sections.submodels import Use
+from spec_schema.sections.values import Constant, Function, Parameter
+from spec_schema.units.unit import Unit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """A name: what it is, and what the compiler found of it."""
+
+    name: str
+    kind: Kind
+    place: Span
+    """Of its key, in its own file."""
+    shape: str | None = None
+    """Axes as messages show them; None where it is no value or nobody knows."""
+    unit: str | None = None
+    reads: str | None = None
+    """The samples of it that the step, losses or starts read."""
+    doc: str = ""
+    arguments: tuple[str, ...] = ()
+    """Of a function."""
+    is_new: bool = False
+    """Whether no model with it has compiled yet."""
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """All names of a model, those of sub-models with dots, and the files that it was read from."""
+
+    names: Mapping[str, Known] = field(default_factory=dict[str, Known])
+    sources: Mapping[str, SourceText] = field(default_factory=dict[str, SourceText])
+    """The texts of these files, by path."""
+
+
+def knowledge_of(model: Model) -> Knowledge:
+    """What is known of a model that compiles."""
+    reads = _samples_read(model)
+    scope = Scope(model.spec, Findings())
+    names = {
+        name: _known(declaration, model, reads.get(name)) for name, declaration in scope.items()
+    }
+    return Knowledge(names, {source.path: source for source in model.sources})
+
+
+def _known(declaration: Declaration, model: Model, reads: str | None) -> Known:
+    entry = declaration.entry
+    type = _type(declaration, model)
+    doc: str | None = None
+    arguments: tuple[str, ...] = ()
+    match entry:
+        case Dimension(labels=labels):
+            doc = ", ".join(labels)
+        case Function(doc=doc, args=args):
+            arguments = tuple(argument.value for argument in args)
+        case Layer():
+            doc = f"a {_chosen(entry)} layer"
+        case Use():
+            pass
+        case Signal() | Constant() | Parameter() | State() | Equation() | Output():
+            doc = entry.doc
+    return Known(
+        name=declaration.name,
+        kind=declaration.kind,
+        place=entry.place.key,
+        shape=None if type is None else describe_axes(type.axes),
+        unit=None if type is None or type.unit is None else type.unit.text,
+        reads=reads,
+        doc=doc or "",
+        arguments=arguments,
+    )
+
+
+def _chosen(layer: Layer) -> str:
+    return next(name for name in layer.known_keys() if getattr(layer, name) is not None)
+
+
+def _type(declaration: Declaration, model: Model) -> Type | None:
+    match declaration.entry:
+        case Dimension(size=size):
+            return Type((Axis(declaration.name, size),))
+        case Equation() | Output():
+            return model.types.get(declaration.name)
+        case Signal() | State() | Parameter() | Constant() as entry:
+            return Type(_axes(entry.dims, model.spec), _unit(entry.unit))
+        case Layer() | Function() | Use():
+            return None
+
+
+def _axes(dims: Sequence[Located[str]], spec: Spec) -> tuple[Axis, ...]:
+    known = (dim.value for dim in dims if dim.value in spec.dims)
+    return tuple(Axis(name, spec.dims[name].size) for name in known)
+
+
+def _unit(unit: Located[Unit] | None) -> Unit | None:
+    return None if unit is None else unit.value
+
+
+def _samples_read(model: Model) -> dict[str, str]:
+    """In words, by signal: `t-4 … t in the step, t+1 in losses`."""
+    program = model.program
+    parts = (
+        ("the step", extents(program.step, log=False), "t"),
+        ("losses", extents(program.step, log=True), "t"),
+        ("the start", extents(program.start, log=True), "t0"),
+    )
+    said: dict[str, list[str]] = {}
+    for where, found, now in parts:
+        for name, extent in found.items():
+            said.setdefault(name, []).append(f"{extent.text(now)} in {where}")
+    return {name: ", ".join(reads) for name, reads in said.items()}
+
+
+def members(names: Mapping[str, Known], base: str) -> Iterator[Known]:
+    """What stands right below a sub-model."""
+    start = f"{base}."
+    for name, known in names.items():
+        if name.startswith(start) and "." not in name[len(start) :]:
+            yield known

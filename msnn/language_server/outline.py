@@ -1,0 +1,103 @@
+"""Finds the sections and names of a text by its indentation alone, be it correct or not."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from compiler.lowering.scope import Kind
+from spec_schema.diagnostics.source import SourceText
+
+KINDS = {
+    "use": Kind.SUBMODEL,
+    "dims": Kind.DIMENSION,
+    "inputs": Kind.INPUT,
+    "targets": Kind.TARGET,
+    "constants": Kind.CONSTANT,
+    "parameters": Kind.PARAMETER,
+    "layers": Kind.LAYER,
+    "functions": Kind.FUNCTION,
+    "states": Kind.STATE,
+    "equations": Kind.EQUATION,
+    "outputs": Kind.OUTPUT,
+}
+"""The sections that declare names."""
+
+# No pattern gives back what it took: a hostile line would take the square of its length.
+_KEY = r"([^\s#:{}\[\],\"'&*!|>%@`-][^:#{}\[\],\r\n]*+):(?=[ \r\n]|$)(.*)$"
+_SECTION = re.compile(f"^{_KEY}", re.M)
+_BELOW = re.compile(f"^( ++){_KEY}", re.M)
+_IN_FLOW = re.compile(
+    r"([^\s{}\[\],:\"'#]++)(\s*+:(?=[\s{\[]))?|([{\[])|([}\]])|\"[^\"]*+\"|'[^']*+'"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A key of the text: where it stands, counted from zero, and the last line of its value."""
+
+    name: str
+    line: int
+    column: int
+    last_line: int
+
+    @property
+    def end_column(self) -> int:
+        """Where the key ends."""
+        return self.column + len(self.name)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section and the keys right below it."""
+
+    heading: Heading
+    entries: tuple[Heading, ...]
+
+    @property
+    def kind(self) -> Kind | None:
+        """What its keys declare; None where they are no names."""
+        return KINDS.get(self.heading.name)
+
+
+def outline(source: SourceText) -> tuple[Section, ...]:
+    """The sections of a text in its order."""
+    found = list(_SECTION.finditer(source.text))
+    ends = [*(section.start() for section in found), len(source.text)][1:]
+    return tuple(
+        Section(
+            _heading(section[1], section.start(1), end, source),
+            tuple(_entries(section, end, source)),
+        )
+        for section, end in zip(found, ends, strict=True)
+    )
+
+
+def _entries(section: re.Match[str], end: int, source: SourceText) -> Iterator[Heading]:
+    """The keys of the first indentation below a section, or those in its `{ }`."""
+    first = _BELOW.search(source.text, section.end(), end)
+    if first is None:
+        yield from _in_flow(section, source.position(section.start())[0] - 1)
+        return
+    alike = re.compile(f"^{first[1]}{_KEY}", re.M)
+    found = list(alike.finditer(source.text, first.start(), end))
+    ends = [*(entry.start() for entry in found), end][1:]
+    for entry, last in zip(found, ends, strict=True):
+        yield _heading(entry[1], entry.start(1), last, source)
+
+
+def _in_flow(section: re.Match[str], line: int) -> Iterator[Heading]:
+    depth = 0
+    for found in _IN_FLOW.finditer(section[2]):
+        depth += bool(found[3]) - bool(found[4])
+        if found[2] and depth == 1:
+            column = section.start(2) - section.start() + found.start(1)
+            yield Heading(found[1], line, column, line)
+
+
+def _heading(key: str, start: int, end: int, source: SourceText) -> Heading:
+    """A key that starts at an offset and whose value ends before another."""
+    line, column = source.position(start)
+    last = source.position(end)[0] - (2 if end < len(source.text) else 1)
+    return Heading(key.rstrip(), line - 1, column - 1, max(line - 1, last))

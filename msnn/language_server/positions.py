@@ -1,0 +1,71 @@
+"""Converts places of specs to positions of editors, which count UTF-16 code units from zero."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from spec_schema.diagnostics.source import SourceText, Span
+
+_LAST_OF_ONE_UNIT = 0xFFFF
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Position:
+    """A place between two characters: line and UTF-16 code unit, both from zero."""
+
+    line: int
+    character: int
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """A stretch of a text, its end exclusive."""
+
+    start: Position
+    end: Position
+
+    def touches(self, other: Range) -> bool:
+        """Whether the two have a place in common, be it the end of one."""
+        return self.start <= other.end and other.start <= self.end
+
+
+START = Range(Position(0, 0), Position(0, 0))
+"""Where something is shown that has no place of its own."""
+
+
+def range_of(span: Span, source: SourceText | None) -> Range:
+    """The range of a span; without its text, characters count as one unit."""
+    return Range(
+        _position(span.line, span.column, source), _position(span.end_line, span.end_column, source)
+    )
+
+
+def offset_of(position: Position, source: SourceText) -> tuple[int, int]:
+    """Line and column, both from zero and in characters; what is outside moves to the end."""
+    if position.line >= source.line_count:
+        line = source.line_count - 1
+        return line, len(source.line(line + 1))
+    text = source.line(position.line + 1)
+    units = 0
+    for column, character in enumerate(text):
+        if units >= position.character:
+            return position.line, column
+        units += _units(character)
+    return position.line, len(text)
+
+
+def position_of(line: int, column: int, source: SourceText) -> Position:
+    """The position of a line and column that both count from zero."""
+    return _position(line + 1, column + 1, source)
+
+
+def _position(line: int, column: int, source: SourceText | None) -> Position:
+    if source is None or line > source.line_count:
+        return Position(line - 1, column - 1)
+    before = source.line(line)[: column - 1]
+    units = len(before) if before.isascii() else sum(map(_units, before))
+    return Position(line - 1, units)
+
+
+def _units(character: str) -> int:
+    return 2 if ord(character) > _LAST_OF_ONE_UNIT else 1
