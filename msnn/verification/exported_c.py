@@ -39,6 +39,7 @@ class ExportedC:
 
     folder: Path
     prefix: str
+    spec_hash: str
     dtype: str
     takes_parameters: bool
     exact: bool
@@ -124,6 +125,7 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
     return ExportedC(
         folder=folder.resolve(),
         prefix=prefix,
+        spec_hash=about["spec_sha256"],
         dtype=layout["dtype"],
         takes_parameters=bool(layout["takes_parameters"]),
         exact=bool(layout["exact"]),

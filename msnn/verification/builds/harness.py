@@ -20,6 +20,13 @@ _LAG = 3
 
 def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -> Path:
     """Fills `templates/verify/<template>.j2` for the model; the path of what it wrote."""
+    path = folder / template
+    path.write_text(harness_text(template, model, **facts), encoding="utf-8")
+    return path
+
+
+def harness_text(template: str, model: ExportedC, **facts: Any) -> str:
+    """The same as text."""
     common = {
         "prefix": model.prefix,
         "takes_parameters": model.takes_parameters,
@@ -31,32 +38,35 @@ def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -
         "linearizes": model.linearizes,
         "hashed_reals": model.hashed_reals,
     }
-    text = _environment().get_template(f"{template}.j2").render(**common, **facts)
-    path = folder / template
-    path.write_text(text, encoding="utf-8")
-    return path
+    return _text(template, {**common, **facts})
 
 
 def write_linker_script(board: Board, folder: Path) -> Path:
     """The memory of a board for the linker; the path of the script."""
-    text = (
-        _environment()
-        .get_template("board.ld.j2")
-        .render(
-            code_origin=hex(board.code[0]),
-            code_length=board.code[1],
-            ram_origin=hex(board.ram[0]),
-            ram_length=board.ram[1],
-        )
+    return fill(
+        "board.ld",
+        folder,
+        code_origin=hex(board.code[0]),
+        code_length=board.code[1],
+        ram_origin=hex(board.ram[0]),
+        ram_length=board.ram[1],
     )
-    path = folder / "board.ld"
-    path.write_text(text, encoding="utf-8")
+
+
+def fill(template: str, folder: Path, **facts: Any) -> Path:
+    """Fills a template that says nothing of a model; the path of what it wrote."""
+    path = folder / template
+    path.write_text(_text(template, facts), encoding="utf-8")
     return path
 
 
 def includes(model: ExportedC) -> list[str]:
     """Where the harness finds the model and its vectors."""
     return [f"-I{model.include}", f"-I{model.folder / 'src'}", f"-I{model.folder / 'test'}"]
+
+
+def _text(template: str, facts: dict[str, Any]) -> str:
+    return _environment().get_template(f"{template}.j2").render(facts)
 
 
 @cache
