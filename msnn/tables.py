@@ -5,11 +5,32 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from contextvars import ContextVar
+from dataclasses import dataclass
 
 GAP = "  "
 
 LINE_WIDTH: ContextVar[int | None] = ContextVar("LINE_WIDTH", default=None)
 """Columns that a line may take: those of the terminal that shows it; None for any number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A header and rows of cells, before anything is laid out."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numbers: Sequence[int] = ()
+    """Indices of the columns that end at the right."""
+
+    @property
+    def text(self) -> str:
+        """As a terminal shows it."""
+        return table_text(self.header, self.rows, self.numbers)
+
+    @property
+    def filled(self) -> Sequence[int]:
+        """Indices of the columns that are not empty in every row."""
+        return [i for i in range(len(self.header)) if any(row[i] for row in self.rows)]
 
 
 def table_text(
@@ -22,7 +43,7 @@ def table_text(
     last one. What cannot be printed (a spec's doc may hold any character) is a blank.
     """
     rows = [tuple(_printable(cell) for cell in row) for row in rows]
-    kept = [i for i in range(len(header)) if any(row[i] for row in rows)]
+    kept = Table(header, rows).filled
     lines = [[line[i] for i in kept] for line in (header, *rows)]
     widths = [max(_width(line[column]) for line in lines) for column in range(len(kept))]
     right = [index in numbers for index in kept]

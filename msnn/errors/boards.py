@@ -1,4 +1,4 @@
-"""E1320-E1324: the board on which exported C is verified."""
+"""E1320-E1325: the board on which exported C is verified."""
 
 from __future__ import annotations
 
@@ -50,3 +50,10 @@ def unknown_core(link: str, identity: int | None) -> Diagnostic:
         "`--board serial:PORT`"
     )
     return error("E1324", None, message, help=repair)
+
+
+def no_controller_on_board(name: str) -> Diagnostic:
+    """E1325: a controller, of which a board has no golden solves to replay."""
+    message = f"`{name}` is a controller, and `--board` replays the steps of models alone"
+    repair = "leave `--board` out: `--targets m4` runs its golden solves on a core in QEMU"
+    return error("E1325", None, message, help=repair)

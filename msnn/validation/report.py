@@ -7,7 +7,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from msnn.tables import table_text
+from msnn.tables import Table, table_text
 from msnn.validation.errors_report import coverage_record, judged_record
 from msnn.validation.measurement import METRICS, ErrorCurve, Measurement
 from msnn.validation.validate import MetricRow, ValidationReport
@@ -15,6 +15,11 @@ from msnn.validation.words import rollout_text, unit_text
 
 
 def metrics_table(report: ValidationReport) -> str:
+    """What `metrics_cells` has, as text."""
+    return metrics_cells(report).text
+
+
+def metrics_cells(report: ValidationReport) -> Table:
     """One row a metric: value and limits in its unit, how it was simulated, which rows count."""
     rows = [
         (
@@ -31,10 +36,15 @@ def metrics_table(report: ValidationReport) -> str:
         for row in report.rows
     ]
     header = ("of", "metric", "value", "unit", "limit", "", "rollout", "data", "scored")
-    return table_text(header, rows, numbers=[2])
+    return Table(header, rows, numbers=[2])
 
 
 def measurements_table(report: ValidationReport) -> str:
+    """What `measurements_cells` has, as text."""
+    return measurements_cells(report).text
+
+
+def measurements_cells(report: ValidationReport) -> Table:
     """One row an output and way to simulate it: every metric of the same scored values."""
     rows = [
         (
@@ -50,7 +60,7 @@ def measurements_table(report: ValidationReport) -> str:
     ]
     names = [{"fit": "fit %"}.get(metric, metric) for metric in METRICS]
     header = ("of", *names[:3], "unit", *names[3:], "n", "rollout", "data")
-    return table_text(header, rows, numbers=[1, 2, 3, 5, 6, 7, 8, 9])
+    return Table(header, rows, numbers=[1, 2, 3, 5, 6, 7, 8, 9])
 
 
 def curves_table(report: ValidationReport) -> str:

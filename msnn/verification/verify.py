@@ -10,6 +10,7 @@ from os import cpu_count
 from pathlib import Path
 from typing import Literal
 
+from msnn.errors.boards import no_controller_on_board
 from msnn.verification.bare_metal import board_checks
 from msnn.verification.exported_c import ExportedC, read_exported_c
 from msnn.verification.host.coverage import coverage_check
@@ -17,9 +18,17 @@ from msnn.verification.host.fuzz import fuzz_check
 from msnn.verification.host.host_checks import host_checks, misra_check
 from msnn.verification.on_board.board_check import board_check
 from msnn.verification.on_board.link import DEFAULT_RAM, Link, Ram
+from msnn.verification.online.board import online_board_checks
+from msnn.verification.online.exported_controller import (
+    ExportedController,
+    read_exported_controller,
+)
+from msnn.verification.online.host import no_proof, online_fuzz_check, online_host_checks
 from msnn.verification.proof.proof import proof_checks
 from msnn.verification.proof_step import ProofStep, Result
+from msnn.verification.sources import Sources
 from msnn.verification.tools import Tool
+from spec_schema.diagnostics.diagnostic import SpecError
 
 Target = Literal["host", "m0", "m4", "m7", "rv32"]
 TARGETS: tuple[Target, ...] = ("host", "m4", "m7", "m0", "rv32")
@@ -43,7 +52,7 @@ class WantedSteps:
 class Verification:
     """All results, in the order of the checks."""
 
-    model: ExportedC
+    model: Sources
     results: tuple[Result, ...]
 
     @property
@@ -73,11 +82,16 @@ def verify(folder: Path, wanted: WantedSteps) -> Verification:
     Nothing is written into the folder. What a missing tool would have checked is among the
     results. A board is asked first and alone: nobody shall wait to hear that it is not there.
     """
-    model = read_exported_c(folder)
-    checks = tuple(_checks(model, wanted))
+    model = read_exported_controller(folder) or read_exported_c(folder)
+    if isinstance(model, ExportedController):
+        if wanted.board is not None:
+            raise SpecError([no_controller_on_board(model.prefix)])
+        checks, asked = tuple(_online_checks(model, wanted)), ()
+    else:
+        checks = tuple(_checks(model, wanted))
+        asked = () if wanted.board is None else (board_check(wanted.board, model, wanted.ram),)
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
-        asked = [] if wanted.board is None else [board_check(wanted.board, model, wanted.ram)]
         told = tuple(check.result(place / "board") for check in asked)
         return Verification(model, (*told, *_all_results(checks, place)))
 
@@ -86,6 +100,18 @@ def _all_results(checks: Sequence[ProofStep], place: Path) -> tuple[Result, ...]
     with ThreadPoolExecutor(max_workers=cpu_count() or 1) as pool:
         folders = (place / str(number) for number in range(len(checks)))
         return tuple(pool.map(ProofStep.result, checks, folders))
+
+
+def _online_checks(model: ExportedController, wanted: WantedSteps) -> Iterator[ProofStep]:
+    if "host" in wanted.targets:
+        yield from online_host_checks(model)
+    yield from online_board_checks(model, wanted.targets)
+    if wanted.misra:
+        yield misra_check(model)
+    if wanted.proof:
+        yield no_proof(model)
+    if wanted.fuzz:
+        yield online_fuzz_check(model, wanted.fuzz)
 
 
 def _checks(model: ExportedC, wanted: WantedSteps) -> Iterator[ProofStep]:

@@ -401,3 +401,20 @@ def test_packets_are_expanded_repeated_and_their_checksum_is_read() -> None:
         theirs.shutdown(socket.SHUT_WR)
         with pytest.raises(StubFailedError, match="closed the connection"):
             packets.ask(b"?")
+
+
+def test_a_controller_is_not_asked_on_a_board(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = tmp_path / "plant.msnn.yaml"
+    control = """\
+mpc:
+  horizon: 4
+  controls: [u]
+  cost: (x - 1)**2 + u**2
+  bounds: {u: {min: 0, max: 2}}
+"""
+    spec.write_text(PLANT + control, encoding="utf-8")
+    assert run(["export", str(spec), "--initial", "--to", "mpc", "--out", str(tmp_path)]) == 0
+    said = refused(capsys, tmp_path / "mpc", "gdb:127.0.0.1:1")
+    assert "error[E1325]" in said

@@ -14,7 +14,10 @@ from msnn.verification.on_board.link import FORMS, Link, Ram, link_of, ram_of
 
 def verify(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="What `msnn export --to c` wrote: build/export/c.")
+        Path,
+        typer.Argument(
+            metavar="DIR", help="What `msnn export --to c` or `--to mpc` wrote: build/export/c."
+        ),
     ],
     targets: Annotated[
         str,
@@ -56,7 +59,8 @@ def verify(
 
     Strict builds, golden vectors of the interpreter to the bit and what of the code they reach,
     sanitizers; on boards in QEMU also instructions, memory and stack of a step, on a real one
-    cycles. Exit code 1 when anything was found, 5 when a tool is missing or did not end: what needs
+    cycles. Of a controller and its filter golden solves, and calls with drawn numbers, NaN among
+    them. Exit code 1 when anything was found, 5 when a tool is missing or did not end: what needs
     no missing tool is checked all the same.
     """
     from backends.files.atomic_write import write_text

@@ -20,14 +20,35 @@ _LAG = 3
 
 def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -> Path:
     """Fills `templates/verify/<template>.j2` for the model; the path of what it wrote."""
-    path = folder / template
-    path.write_text(harness_text(template, model, **facts), encoding="utf-8")
+    return write_template(template, folder, **_facts(model), **facts)
+
+
+def harness_text(template: str, model: ExportedC) -> str:
+    """The same as text."""
+    return _text(template, _facts(model))
+
+
+def write_template(template: str, folder: Path, **facts: Any) -> Path:
+    """Fills `templates/verify/<template>.j2`; the path of what it wrote."""
+    path = folder / Path(template).name
+    path.write_text(_text(template, facts), encoding="utf-8")
     return path
 
 
-def harness_text(template: str, model: ExportedC, **facts: Any) -> str:
-    """The same as text."""
-    common = {
+def write_linker_script(board: Board, folder: Path) -> Path:
+    """The memory of a board for the linker; the path of the script."""
+    return write_template(
+        "board.ld",
+        folder,
+        code_origin=hex(board.code[0]),
+        code_length=board.code[1],
+        ram_origin=hex(board.ram[0]),
+        ram_length=board.ram[1],
+    )
+
+
+def _facts(model: ExportedC) -> dict[str, Any]:
+    return {
         "prefix": model.prefix,
         "takes_parameters": model.takes_parameters,
         "params": f", &{model.prefix}_params_default" if model.takes_parameters else "",
@@ -38,31 +59,6 @@ def harness_text(template: str, model: ExportedC, **facts: Any) -> str:
         "linearizes": model.linearizes,
         "hashed_reals": model.hashed_reals,
     }
-    return _text(template, {**common, **facts})
-
-
-def write_linker_script(board: Board, folder: Path) -> Path:
-    """The memory of a board for the linker; the path of the script."""
-    return fill(
-        "board.ld",
-        folder,
-        code_origin=hex(board.code[0]),
-        code_length=board.code[1],
-        ram_origin=hex(board.ram[0]),
-        ram_length=board.ram[1],
-    )
-
-
-def fill(template: str, folder: Path, **facts: Any) -> Path:
-    """Fills a template that says nothing of a model; the path of what it wrote."""
-    path = folder / template
-    path.write_text(_text(template, facts), encoding="utf-8")
-    return path
-
-
-def includes(model: ExportedC) -> list[str]:
-    """Where the harness finds the model and its vectors."""
-    return [f"-I{model.include}", f"-I{model.folder / 'src'}", f"-I{model.folder / 'test'}"]
 
 
 def _text(template: str, facts: dict[str, Any]) -> str:

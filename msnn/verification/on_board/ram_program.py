@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from msnn.errors.boards import no_room
-from msnn.verification.builds.harness import TEMPLATES, fill, includes, write_harness
+from msnn.verification.builds.harness import TEMPLATES, write_harness, write_template
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.on_board.cores import Core
 from msnn.verification.on_board.link import Ram
 from msnn.verification.proof_step import ToolFailedError, run_tool
+from msnn.verification.sources import includes
 from msnn.verification.tools import ARM_GCC
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -35,7 +36,9 @@ def build_ram_program(
     for name in ("replay.h", "board_answer.h"):
         write_harness(name, model, folder)
     main = write_harness("ram_main.c", model, folder)
-    script = fill("ram.ld", folder, ram_origin=hex(ram.address), ram_length=ram.size, stack=_STACK)
+    script = write_template(
+        "ram.ld", folder, ram_origin=hex(ram.address), ram_length=ram.size, stack=_STACK
+    )
     compiler = [
         ARM_GCC.command,
         *core.flags,
