@@ -41,6 +41,14 @@ states:
 outputs:
   y: tanh(x) + u
 """
+TINY = """
+msnn: 1
+name: tiny
+inputs:
+  u: {range: [0, 2]}
+outputs:
+  y: 2 * u
+"""
 # a board on which a whole run, a model's steps too, takes 10 cycles more than nothing
 FIRMWARE = """
 #include <stdint.h>
@@ -142,7 +150,30 @@ def test_a_core_behind_a_gdb_server_answers_to_the_bit(
     )
 
 
+@pytest.mark.parametrize(
+    ("machine", "core", "setting"),
+    [
+        ("microbit", "Cortex-M0", "export.c.unroll=4"),  # which has 16 KiB of RAM
+        ("mps2-an386", "Cortex-M4 with FPU", "export.c.dtype=q15"),
+        ("mps2-an386", "Cortex-M4 with FPU", "export.c.with=[jacobian]"),
+    ],
+)
+def test_every_kind_of_c_answers(
+    machine: str, core: str, setting: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(ARM_GCC, ARM_QEMU)
+    spec = tmp_path / "tiny.msnn.yaml"
+    spec.write_text(TINY, encoding="utf-8")
+    options = ["--initial", "--to", "c", "--out", str(tmp_path), "--set", setting]
+    assert run(["export", str(spec), *options]) == 0
+    with emulated(machine) as link:
+        code, result = asked(capsys, tmp_path / "c", link, "--ram", RAM[machine])
+    assert (code, result["verdict"]) == (0, "ok"), result
+    assert str(result["detail"]).startswith(f"{core} -O2: ")
+
+
 RAM = dict.fromkeys(["mps2-an385", "mps2-an386", "mps2-an500"], "0x20000000:0x10000")
+RAM["microbit"] = "0x20000000:0x4000"
 RAM["mps2-an505"] = "0x38000000:0x10000"
 """The M33 starts in its secure world, which has RAM of its own."""
 
