@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import TypeAlias
 
 _TOKEN = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|""|[^"\\])*"|[^\s"]+', re.DOTALL)
-_BLOCKS = ("CHARACTERISTIC", "MEASUREMENT", "AXIS_PTS")
+_BLOCKS = ("CHARACTERISTIC", "MEASUREMENT", "AXIS_PTS", "MEMORY_SEGMENT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class Symbol:
 
 
 Find: TypeAlias = Callable[[str], Symbol | None]
-"""The symbol for what a `SYMBOL_LINK` names; None leaves the object as it is."""
+"""The symbol for what a link or a memory segment names; None leaves the object as it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,12 @@ def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
             changes.append((token, order))
     for block in _objects(tokens):
         place, link = _address(block), _behind(block, "SYMBOL_LINK")
-        symbol = None if link is None else find(link.text[1:-1])
-        if link is not None and place is not None and symbol is not None:
+        named = block[1].text if block[0].text == "MEMORY_SEGMENT" else ""
+        symbol = find(named if link is None else link.text[1:-1])
+        if place is not None and symbol is not None:
             changes.append((place, f"0x{symbol.address:X}"))
-            changes.append((link, f'"{symbol.name}"'))
+            if link is not None:
+                changes.append((link, f'"{symbol.name}"'))
     for token, new in sorted(changes, key=lambda change: change[0].begin, reverse=True):
         text = text[: token.begin] + new + text[token.end :]
     return text
@@ -76,8 +78,8 @@ def _objects(tokens: list[_Token]) -> Iterator[list[_Token]]:
 
 
 def _address(block: list[_Token]) -> _Token | None:
-    """Behind keyword, name and text, of characteristics behind their type too."""
-    position = {"CHARACTERISTIC": 4, "AXIS_PTS": 3}.get(block[0].text)
+    """Behind keyword, name and text, of characteristics and segments behind their kind too."""
+    position = {"CHARACTERISTIC": 4, "AXIS_PTS": 3, "MEMORY_SEGMENT": 6}.get(block[0].text)
     if position is None:
         return _behind(block, "ECU_ADDRESS")
     return block[position] if position < len(block) else None

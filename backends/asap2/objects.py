@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-Struct: TypeAlias = Literal["params", "in", "out", "state"]
+Struct: TypeAlias = Literal["params", "in", "out", "state", "calibration"]
 """A struct of the header, by the middle of its type's name."""
 
-Storage: TypeAlias = Literal["FLOAT32_IEEE", "FLOAT64_IEEE", "SWORD", "SLONG", "A_INT64"]
+Storage: TypeAlias = Literal["FLOAT32_IEEE", "FLOAT64_IEEE", "SWORD", "SLONG", "A_INT64", "ULONG"]
 """How a number lies in memory, in ASAP2's words."""
 
 
@@ -61,6 +61,17 @@ class MemoryObject:
         return math.prod(self.shape)
 
 
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A range of memory of its own, which a variable of the C fills."""
+
+    type: str
+    """Of the variable."""
+    section: str
+    """As a linker knows it."""
+    size: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibratedModel:
     """One exported model as a calibration tool sees it."""
@@ -72,5 +83,7 @@ class CalibratedModel:
     version: str
     """Of the spec that it was made of."""
     objects: Sequence[MemoryObject] = field(default=())
+    segment: Segment | None = None
+    """Where parameters lie that have a place of their own."""
     remark: str = ""
     """Said at the head of the file."""

@@ -6,7 +6,15 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Literal, TypeAlias
 
-from backends.asap2.objects import CalibratedModel, Knots, MemoryObject, Scale, Storage, Struct
+from backends.asap2.objects import (
+    CalibratedModel,
+    Knots,
+    MemoryObject,
+    Scale,
+    Segment,
+    Storage,
+    Struct,
+)
 from backends.ports.identifiers import ascii_text
 
 _LARGEST: dict[Storage, float] = {
@@ -15,12 +23,14 @@ _LARGEST: dict[Storage, float] = {
     "SWORD": 2.0**15,
     "SLONG": 2.0**31,
     "A_INT64": 2.0**63,
+    "ULONG": 2.0**32,
 }
 _GROUPS: dict[Struct, str] = {
     "params": "parameters",
     "in": "inputs of a step",
     "out": "outputs of a step",
     "state": "states before the next step",
+    "calibration": "checksum of the parameters",
 }
 _Order: TypeAlias = Literal["ROW_DIR", "COLUMN_DIR"]
 _Layout: TypeAlias = tuple[Storage, _Order]
@@ -43,6 +53,7 @@ def a2l_text(model: CalibratedModel) -> str:
         f"/begin MODULE {model.prefix} {quoted(model.doc)}",
         '/begin MOD_PAR ""',
         f"  VERSION {quoted(model.version)}",
+        *_segment(model.segment),
         "/end MOD_PAR",
         '/begin MOD_COMMON ""',
         "  BYTE_ORDER MSB_LAST",
@@ -64,6 +75,18 @@ def a2l_text(model: CalibratedModel) -> str:
     for struct, title in _GROUPS.items():
         lines += _group(model, struct, title, names)
     return "\n".join([*lines, "/end MODULE", "/end PROJECT"]) + "\n"
+
+
+def _segment(segment: Segment | None) -> list[str]:
+    """Named as the type of its variable, by which its address is found."""
+    if segment is None:
+        return []
+    about = quoted(f"section {segment.section}")
+    place = f"0x0 0x{segment.size:X} -1 -1 -1 -1 -1"
+    return [
+        f"  /begin MEMORY_SEGMENT {segment.type} {about} DATA RAM INTERN {place}",
+        "  /end MEMORY_SEGMENT",
+    ]
 
 
 def quoted(text: str) -> str:

@@ -30,6 +30,7 @@ class Generated(Protocol):
 
 
 _WITHOUT_JACOBIAN = {"jacobian": False, "letters": (), "vectors": (), "vector_functions": ()}
+_WITHOUT_CALIBRATION = {"calibrates": False}
 
 
 def render(template: str, interface: Generated, title: str, folder: str = "c", **facts: Any) -> str:
@@ -43,6 +44,7 @@ def render(template: str, interface: Generated, title: str, folder: str = "c", *
         "takes_parameters": interface.takes_parameters,
         "params": f", &{prefix}_params_default" if interface.takes_parameters else "",
         **_WITHOUT_JACOBIAN,
+        **_WITHOUT_CALIBRATION,
     }
     text = _environment().get_template(f"{folder}/{template}").render(common | facts)
     if not template.endswith((".c.j2", ".h.j2")):

@@ -9,7 +9,7 @@ from backends.c_language.functions import MathLibrary
 from backends.c_language.literals import Dtype
 
 Ring = Literal["auto", "shift", "double"]
-ParameterAccess = Literal["const", "tunable", "inline"]
+ParameterAccess = Literal["const", "tunable", "calibration", "inline"]
 Extra = Literal["jacobian", "state_jacobian", "parameter_jacobian", "feedthrough"]
 
 
@@ -21,7 +21,8 @@ class COptions:
     params: ParameterAccess = "const"
     """`const` and `tunable` give the step a pointer to its parameters, to the defaults in flash or
     to a copy in RAM that may change between steps (passes may fold across the first, never across
-    the second). `inline` writes the numbers into the code and has no such pointer."""
+    the second). `calibration` is `tunable` with such a copy in a section of its own, beside its
+    checksum. `inline` writes the numbers into the code and has no such pointer."""
     prefix: str | None = None
     """Begins every public name; None takes the program's name."""
     math: MathLibrary = "own"
@@ -38,6 +39,11 @@ class COptions:
     """Functions beside the step: `jacobian` linearises it in all that it remembers and its inputs,
     `state_jacobian` in its declared states alone instead, `parameter_jacobian` in its parameters
     too, `feedthrough` in its inputs alone."""
+
+    @property
+    def moves_parameters(self) -> bool:
+        """Whether parameters may change between steps."""
+        return self.params in ("tunable", "calibration")
 
     @property
     def is_exact(self) -> bool:

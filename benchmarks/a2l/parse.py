@@ -2,8 +2,9 @@
 
     uv run --with pya2l --with '.[a2l]' python benchmarks/a2l/parse.py [SPEC …]
 
-Without a spec: every spec of the gallery, in float32 and float64, tunable and constant, and in
-fixed point where its ranges allow that. Exit code 1 where the parser has an error or a warning.
+Without a spec: every spec of the gallery, in float32 and float64, with parameters of every kind,
+and in fixed point where its ranges allow that. Exit code 1 where the parser has an error or a
+warning.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ def texts(spec: Path) -> Iterator[tuple[str, str]]:
         ["dtype=float32"],
         ["dtype=float64"],
         ["dtype=float32", "params=tunable"],
+        ["dtype=float32", "params=calibration"],
         ["dtype=float32", "params=inline"],
     ):
         model = load_model(spec, [f"export.c.{setting}" for setting in settings])

@@ -49,6 +49,8 @@ class Elf:
 def elf_variables(path: Path, types: Iterable[str]) -> Elf:
     """All variables with a fixed address that are, or contain, one of these typedefs.
 
+    One in another counts too: parameters beside their checksum.
+
     Raises MissingExtraError without pyelftools, SpecError for a file without DWARF, OSError.
     """
     ELFTOOLS.require("reads the addresses")
@@ -112,7 +114,6 @@ def _instances(
     while kind.tag in _ALIASES and "DW_AT_type" in kind.attributes:
         if kind.tag == "DW_TAG_typedef" and _name(kind) in types:
             yield Instance(name, _name(kind), address, dict(_members(_plain(kind))))
-            return
         kind = kind.get_DIE_from_attribute("DW_AT_type")
     if kind.tag in _STRUCTS and depth < _DEEPEST:
         for die in kind.iter_children():

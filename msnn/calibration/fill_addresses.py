@@ -14,7 +14,13 @@ from msnn.calibration.elf_variables import Instance, elf_variables
 from msnn.errors import calibration as faults
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 
-OPTIONS = {"params": "--params", "state": "--state", "in": "--inputs", "out": "--outputs"}
+OPTIONS = {
+    "params": "--params",
+    "state": "--state",
+    "in": "--inputs",
+    "out": "--outputs",
+    "calibration": "--calibration",
+}
 """Structs, and the options that name their variables."""
 _SIZES = {
     "float32": {"real": 4},
@@ -111,7 +117,7 @@ def _sizes(description: Mapping[str, Any], struct: str) -> dict[str, int]:
     sizes = _SIZES[description["dtype"]]
     return {
         member["field"]: sizes[member["type"]] * math.prod(member["shape"])
-        for member in description["structs"][struct]
+        for member in description["structs"].get(struct, ())
         if member["type"] in sizes
     }
 
@@ -129,8 +135,9 @@ def _compare(instance: Instance, sizes: Mapping[str, int], findings: Findings) -
 
 
 def _symbols(instances: Mapping[str, Instance]) -> dict[str, Symbol]:
-    """By what an export links an object to: type and member."""
-    return {
+    """By what an export links an object to: type and member; of a segment the type alone."""
+    whole = {each.type: Symbol(each.name, each.address) for each in instances.values()}
+    return whole | {
         f"{instance.type}.{member}": Symbol(
             f"{instance.name}.{member}", instance.address + at.offset
         )

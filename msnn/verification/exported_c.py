@@ -39,8 +39,11 @@ class ExportedC:
 
     folder: Path
     prefix: str
+    spec_hash: str
     dtype: str
     takes_parameters: bool
+    calibration: str | None
+    """The variable of parameters that a tool may change; None where there is none."""
     exact: bool
     """Whether every build must give the same bits; else results agree within a tolerance."""
     inputs: tuple[Member, ...]
@@ -124,8 +127,10 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
     return ExportedC(
         folder=folder.resolve(),
         prefix=prefix,
+        spec_hash=about["spec_sha256"],
         dtype=layout["dtype"],
         takes_parameters=bool(layout["takes_parameters"]),
+        calibration=layout.get("calibration", {}).get("variable"),
         exact=bool(layout["exact"]),
         inputs=_members(structs["in"], layout.get("on_invalid", {})),
         start=_members(structs["init"]),

@@ -48,6 +48,8 @@ class Result:
     missing: tuple[Tool, ...] = ()
     notes: tuple[str, ...] = ()
     """What was established besides."""
+    cycles: tuple[int, float, int] | None = None
+    """Least, mean and most of a step on a real board that counts them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +96,7 @@ class ProofStep:
         detail: str,
         figures: Sequence[Figures] = (),
         notes: Sequence[str] = (),
+        cycles: tuple[int, float, int] | None = None,
     ) -> Result:
         """Nothing found, or these lines."""
         return Result(
@@ -104,6 +107,7 @@ class ProofStep:
             findings=tuple(findings),
             figures=tuple(figures),
             notes=tuple(notes),
+            cycles=cycles,
         )
 
 

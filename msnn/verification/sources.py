@@ -18,6 +18,11 @@ class Sources(Protocol):
         ...
 
     @property
+    def calibration(self) -> str | None:
+        """The variable of parameters that a tool may change; None where there is none."""
+        ...
+
+    @property
     def include(self) -> Path: ...
 
     @property

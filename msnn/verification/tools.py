@@ -34,6 +34,8 @@ ARM_GCC = Tool("arm-none-eabi-gcc", "gcc-arm-none-eabi libnewlib-arm-none-eabi")
 ARM_QEMU = Tool("qemu-system-arm", "qemu-system-arm")
 RISCV_GCC = Tool("riscv64-unknown-elf-gcc", "gcc-riscv64-unknown-elf")
 RISCV_QEMU = Tool("qemu-system-riscv32", "qemu-system-misc")
+OPENOCD = Tool("openocd", "openocd")
+PYOCD = Tool("pyocd", "python3-pyocd")
 LIBFUZZER = Tool("libFuzzer", "libclang-rt-14-dev")
 
 

@@ -10,11 +10,14 @@ from os import cpu_count
 from pathlib import Path
 from typing import Literal
 
+from msnn.errors.boards import no_controller_on_board
 from msnn.verification.bare_metal import board_checks
 from msnn.verification.exported_c import ExportedC, read_exported_c
 from msnn.verification.host.coverage import coverage_check
 from msnn.verification.host.fuzz import fuzz_check
 from msnn.verification.host.host_checks import host_checks, misra_check
+from msnn.verification.on_board.board_check import board_check
+from msnn.verification.on_board.link import DEFAULT_RAM, Link, Ram
 from msnn.verification.online.board import online_board_checks
 from msnn.verification.online.exported_controller import (
     ExportedController,
@@ -25,6 +28,7 @@ from msnn.verification.proof.proof import proof_checks
 from msnn.verification.proof_step import ProofStep, Result
 from msnn.verification.sources import Sources
 from msnn.verification.tools import Tool
+from spec_schema.diagnostics.diagnostic import SpecError
 
 Target = Literal["host", "m0", "m4", "m7", "rv32"]
 TARGETS: tuple[Target, ...] = ("host", "m4", "m7", "m0", "rv32")
@@ -39,6 +43,9 @@ class WantedSteps:
     misra: bool = False
     fuzz: int = 0
     """Seconds; 0 for none."""
+    board: Link | None = None
+    ram: Ram = DEFAULT_RAM
+    """Of the board."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,19 +77,23 @@ class Verification:
 
 
 def verify(folder: Path, wanted: WantedSteps) -> Verification:
-    """Checks the export in a folder; SpecError (E1046) where there is none.
+    """Checks the export in a folder; SpecError (E1046) where there is none, E1320 for its board.
 
     Nothing is written into the folder. What a missing tool would have checked is among the
-    results.
+    results. A board is asked first and alone: nobody shall wait to hear that it is not there.
     """
     model = read_exported_controller(folder) or read_exported_c(folder)
-    checks = tuple(
-        _online_checks(model, wanted)
-        if isinstance(model, ExportedController)
-        else _checks(model, wanted)
-    )
-    with tempfile.TemporaryDirectory() as place:
-        return Verification(model, _all_results(checks, Path(place)))
+    if isinstance(model, ExportedController):
+        if wanted.board is not None:
+            raise SpecError([no_controller_on_board(model.prefix)])
+        checks, asked = tuple(_online_checks(model, wanted)), ()
+    else:
+        checks = tuple(_checks(model, wanted))
+        asked = () if wanted.board is None else (board_check(wanted.board, model, wanted.ram),)
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        told = tuple(check.result(place / "board") for check in asked)
+        return Verification(model, (*told, *_all_results(checks, place)))
 
 
 def _all_results(checks: Sequence[ProofStep], place: Path) -> tuple[Result, ...]:

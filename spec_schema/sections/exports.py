@@ -72,7 +72,8 @@ class CasadiExport(FloatTargetEntry):
 class CExport(TargetEntry):
     """C sources; names start with `prefix`, by default the name of the spec.
 
-    `params: inline` writes parameters into the code, the others give the step a pointer to them.
+    `params: inline` writes parameters into the code, the others give the step a pointer to them;
+    `calibration` has a variable of them with a checksum in a section of its own.
     `ring` says how windows move, `unroll` up to how many elements loops are written out.
     `constant_time` makes every step take the same instructions, whatever its numbers are.
     `delay` makes ports of the newest samples where the step reads inputs ahead, and outputs late.
@@ -87,9 +88,10 @@ class CExport(TargetEntry):
     dtype: CDtype | None = None
     """Type of the numbers; `q15` and `q31` are integers."""
     params: Annotated[
-        Literal["const", "tunable", "inline"], choice("const", "tunable", "inline")
+        Literal["const", "tunable", "calibration", "inline"],
+        choice("const", "tunable", "calibration", "inline"),
     ] = "const"
-    """Parameters as constants, through a pointer, or written into the code."""
+    """Parameters as constants, through a pointer, in a section with a checksum, or in the code."""
     math: Annotated[Literal["own", "libm"], choice("own", "libm")] = "own"
     """Own math functions, or those of the C library."""
     ring: Annotated[Literal["auto", "shift", "double"], choice("auto", "shift", "double")] = "auto"

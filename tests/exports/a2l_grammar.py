@@ -11,12 +11,13 @@ _TOKEN = re.compile(
 )
 _IDENT = r"[A-Za-z_][A-Za-z0-9_]{0,127}(?:\.[A-Za-z_][A-Za-z0-9_]{0,127})*"
 _FLOAT = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
-_TYPE = "FLOAT32_IEEE|FLOAT64_IEEE|SWORD|SLONG|A_INT64"
+_TYPE = "FLOAT32_IEEE|FLOAT64_IEEE|SWORD|SLONG|A_INT64|ULONG"
 _KINDS = {
     "string": r'"(?:\\[\\"]|[^"\\])*"',
     "ident": _IDENT,
     "float": _FLOAT,
     "uint": r"\d+",
+    "int": r"-?\d+",
     "hex": r"0x[0-9A-F]+",
     "type": _TYPE,
 }
@@ -25,6 +26,10 @@ _BLOCKS: dict[str, tuple[str, dict[str, str]]] = {
     "PROJECT": ("ident string", {}),
     "MODULE": ("ident string", {}),
     "MOD_PAR": ("string", {"VERSION": "string"}),
+    "MEMORY_SEGMENT": (
+        "ident string =DATA =RAM =INTERN hex hex int int int int int",
+        {},
+    ),
     "MOD_COMMON": ("string", {"BYTE_ORDER": "=MSB_LAST|MSB_FIRST"}),
     "RECORD_LAYOUT": ("ident", {"FNC_VALUES": "uint type =ROW_DIR|COLUMN_DIR =DIRECT"}),
     "COMPU_METHOD": (
@@ -62,6 +67,7 @@ _INSIDE = {
         "MEASUREMENT",
         "GROUP",
     },
+    "MOD_PAR": {"MEMORY_SEGMENT"},
     "CHARACTERISTIC": {"AXIS_DESCR"},
     "AXIS_DESCR": {"FIX_AXIS_PAR_LIST"},
     "GROUP": {"REF_CHARACTERISTIC", "REF_MEASUREMENT"},

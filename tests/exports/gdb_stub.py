@@ -35,6 +35,9 @@ class CortexM:
     def read_float(self, address: int) -> float:
         return struct.unpack("<f", bytes.fromhex(self._ask(f"m{address:x},4")))[0]
 
+    def read_word(self, address: int) -> int:
+        return struct.unpack("<I", bytes.fromhex(self._ask(f"m{address:x},4")))[0]
+
     def write_float(self, address: int, value: float) -> None:
         assert self._ask(f"M{address:x},4:{struct.pack('<f', value).hex()}") == "OK"
 

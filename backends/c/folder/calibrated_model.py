@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from backends.asap2.grids import grids, knots_of
-from backends.asap2.objects import CalibratedModel, MemoryObject, Scale, Storage, Struct
+from backends.asap2.objects import CalibratedModel, MemoryObject, Scale, Segment, Storage, Struct
 from backends.c.interface.interface import Field, Interface
 from backends.c_language.literals import Dtype
 from backends.c_lowering.state_memory import PlainState
@@ -16,6 +16,7 @@ _STORAGES: dict[Dtype, Storage] = {"float32": "FLOAT32_IEEE", "float64": "FLOAT6
 _REMARKS = {
     "const": "Parameters are constants: change them in the image, or export with params: tunable.",
     "tunable": "Parameters may change between steps.",
+    "calibration": "Parameters may change between steps, beside their checksum.",
     "inline": "Parameters are numbers in the code.",
 }
 
@@ -30,7 +31,15 @@ def calibrated_model(program: Program, interface: Interface) -> CalibratedModel:
         version=program.spec_hash,
         objects=tuple(_objects(program, interface)),
         remark=remark,
+        segment=_segment(interface) if interface.calibrates else None,
     )
+
+
+def _segment(interface: Interface) -> Segment:
+    """The parameters, then their checksum, of which alignment makes as much as a number has."""
+    size = 4 if interface.options.dtype == "float32" else 8
+    count = sum(field.size for field in interface.parameters) + 1
+    return Segment(f"{interface.prefix}_calibration_t", interface.calibration_section, count * size)
 
 
 def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
@@ -62,6 +71,18 @@ def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
         if isinstance(memory, PlainState) and isinstance(state.origin, Declared):
             field = Field(state.name, memory.identifier, state.axes, state.unit, "")
             yield _measured(field, "state", state.doc, state.range, storage)
+    if interface.calibrates:
+        yield MemoryObject(
+            name="checksum",
+            member="checksum",
+            struct="calibration",
+            doc="CRC-32 of the parameters, as they were when it was computed",
+            axes=(),
+            scale=Scale(""),
+            low=0.0,
+            high=2.0**32 - 1.0,
+            storage="ULONG",
+        )
 
 
 def _measured(

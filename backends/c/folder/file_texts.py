@@ -9,6 +9,7 @@ from backends.c.folder.calibrated_model import calibrated_model
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, header_text
 from backends.c.folder.package_texts import package_texts
+from backends.c.folder.parameter_texts import calibration_text, parameters_text
 from backends.c.functions.function_writer import ControllerCode, Weights
 from backends.c.functions.input_policy import nearest_to_zero, policy_functions
 from backends.c.functions.jacobian_functions import jacobian_functions
@@ -78,7 +79,9 @@ def _model_texts(
         f"{prefix}.json": metadata_text(layout_metadata(program, interface, weights)),
     }
     if interface.takes_parameters:
-        files[f"src/{prefix}_params.c"] = _parameters(interface, weights)
+        files[f"src/{prefix}_params.c"] = parameters_text(interface, weights)
+    if interface.calibrates:
+        files[f"src/{prefix}_calibration.c"] = calibration_text(interface, weights)
     if table.kernels:
         real = "float" if options.dtype == "float32" else "double"
         kernels = c_sources(table.kernels, real, prefix, constant_time=options.constant_time)
@@ -104,17 +107,6 @@ def _source(
     )
 
 
-def _parameters(interface: Interface, weights: Weights) -> str:
-    dtype = interface.options.dtype
-    printer = Printer(interface.prefix, dtype)
-    fields: list[dict[str, str]] = []
-    for field in interface.parameters:
-        numbers = [real_literal(float(value), dtype) for value in weights[field.name].ravel()]
-        value = printer.braced(numbers, "    ") if field.shape else numbers[0]
-        fields.append({"name": comment_text(field.name), "value": value})
-    return render("params.c.j2", interface, "Trained values", fields=fields)
-
-
 def _readme(interface: Interface, files: dict[str, str]) -> str:
     dtype = interface.options.dtype
     signals = {port.signal.name: port.signal.range for _, port in interface.windows}
@@ -135,7 +127,9 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         ],
         starts=[_assignment("x0", field, signals[field.name], dtype) for field in starts],
         outputs=[f"(double){_shown(field)}" for field in interface.outputs],
-        tunable=interface.options.params == "tunable",
+        tunable=interface.options.moves_parameters,
+        calibrates=interface.calibrates,
+        section=interface.calibration_section,
         waits_for_reset=bool(interface.from_record),
         late=interface.late,
         constant_time=interface.options.constant_time,

@@ -40,13 +40,17 @@ def header_text(
         c_real="float" if interface.options.dtype == "float32" else "double",
         status=[_bit(interface, bit) for bit in step_bits(interface)],
         selftest=[
-            _bit(interface, bit) for bit in selftest_bits(has_kernels=kernels, has_helpers=helpers)
+            _bit(interface, bit)
+            for bit in selftest_bits(
+                has_kernels=kernels, has_helpers=helpers, calibrates=interface.calibrates
+            )
         ],
         selftest_checks=" and checks the arithmetic of this build",
         structs=[_struct(struct, printer) for struct in structs(interface)],
         prototypes={name: printer.prototype(function) for name, function in functions.items()},
         selftest_steps=selftest_steps,
         late=interface.late,
+        calibrates=interface.calibrates,
         vector_functions=[
             {"doc": comment(functions[name].doc), "prototype": printer.prototype(functions[name])}
             for name in functions

@@ -106,6 +106,16 @@ class Interface:
         return bool(self.states) or any(input.held for input in self.inputs)
 
     @property
+    def calibrates(self) -> bool:
+        """Whether a variable in a section of its own holds the parameters and their checksum."""
+        return self.takes_parameters and self.options.params == "calibration"
+
+    @property
+    def calibration_section(self) -> str:
+        """Scripts that list `.data.*` load it with other data; others can place it alone."""
+        return f".data.{self.prefix}_calibration"
+
+    @property
     def takes_parameters(self) -> bool:
         """Whether functions take a pointer to parameters."""
         return bool(self.parameters) and self.options.params != "inline"

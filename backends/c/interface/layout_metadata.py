@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.jacobian_metadata import jacobian_metadata
-from backends.c.interface.status import MEANING, status_macro
+from backends.c.interface.status import MEANING, SelfTest, status_macro
 from backends.c.interface.structs import StructField, structs
 from backends.c_lowering.state_memory import (
     DelayLine,
@@ -47,7 +47,11 @@ def layout_metadata(
         "dtype": interface.options.dtype,
         "exact": interface.options.is_exact,
         "takes_parameters": interface.takes_parameters,
-        "status": {status_macro(interface.prefix, bit): int(bit) for bit in MEANING},
+        "status": {
+            status_macro(interface.prefix, bit): int(bit)
+            for bit in MEANING
+            if interface.calibrates or bit is not SelfTest.CHECKSUM_DIFFERS
+        },
         "on_invalid": {
             input.field.identifier: input.port.signal.on_invalid for input in interface.inputs
         },
@@ -57,6 +61,12 @@ def layout_metadata(
         },
         "states": [_state(memory) for memory in interface.states],
     }
+    if interface.calibrates:
+        data["c"]["calibration"] = {
+            "variable": f"{interface.prefix}_calibration",
+            "section": interface.calibration_section,
+            "checksum": "CRC-32 of the numbers in their order, least significant bytes first",
+        }
     if interface.jacobian is not None:
         data["c"]["jacobian"] = jacobian_metadata(interface.jacobian)
     return data

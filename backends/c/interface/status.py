@@ -27,6 +27,7 @@ class SelfTest(IntFlag):
     CONTRACTED = 1024
     NO_SUBNORMALS = 2048
     HELPER_DIFFERS = 4096
+    CHECKSUM_DIFFERS = 8192
 
 
 MEANING: dict[Status | SelfTest, str] = {
@@ -45,6 +46,7 @@ MEANING: dict[Status | SelfTest, str] = {
     SelfTest.NO_SUBNORMALS: "the processor flushes subnormal numbers to zero",
     SelfTest.HELPER_DIFFERS: "a vector held other numbers than its struct, or the sample time is "
     "another",
+    SelfTest.CHECKSUM_DIFFERS: "the values for calibration are not those of their checksum",
 }
 
 

@@ -32,7 +32,11 @@ def step_bits(interface: Interface) -> list[Status]:
     return list(bits)
 
 
-def selftest_bits(*, has_kernels: bool, has_helpers: bool) -> list[SelfTest]:
+def selftest_bits(*, has_kernels: bool, has_helpers: bool, calibrates: bool) -> list[SelfTest]:
     """Bits of the self-test's result; helpers are the sample time and what copies structs."""
-    there = {SelfTest.KERNEL_DIFFERS: has_kernels, SelfTest.HELPER_DIFFERS: has_helpers}
+    there = {
+        SelfTest.KERNEL_DIFFERS: has_kernels,
+        SelfTest.HELPER_DIFFERS: has_helpers,
+        SelfTest.CHECKSUM_DIFFERS: calibrates,
+    }
     return [bit for bit in SelfTest if there.get(bit, True)]

@@ -84,6 +84,7 @@ def selftest_text(
         "Self-test",
         functions=functions,
         kernels=bool(kernels),
+        calibrates=interface.calibrates,
         jacobian=jacobian is not None,
         hashes=_hashes(interface),
         letters=letters,

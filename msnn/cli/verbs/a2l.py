@@ -36,6 +36,10 @@ def a2l(
     outputs: Annotated[
         str | None, typer.Option(metavar="NAME", help="The variable with the outputs.")
     ] = None,
+    calibration: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The variable with parameters and their checksum."),
+    ] = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
     """Write the addresses of a program into the file for calibration tools.
@@ -48,7 +52,13 @@ def a2l(
     from msnn.calibration.fill_addresses import fill_addresses
     from msnn.cli.console import json_result, report, result
 
-    named = {"params": params, "state": state, "in": inputs, "out": outputs}
+    named = {
+        "params": params,
+        "state": state,
+        "in": inputs,
+        "out": outputs,
+        "calibration": calibration,
+    }
     chosen = {struct: name for struct, name in named.items() if name is not None}
     found = fill_addresses(elf, export, chosen)
     report(found.warnings, ())

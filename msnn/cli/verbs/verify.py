@@ -9,6 +9,7 @@ import typer
 
 from msnn.cli.arguments import OutputFormat, ResultFormat
 from msnn.cli.exit_codes import ExitCode
+from msnn.verification.on_board.link import FORMS, Link, Ram, link_of, ram_of
 
 
 def verify(
@@ -34,6 +35,20 @@ def verify(
     fuzz: Annotated[
         int, typer.Option(metavar="SECONDS", min=0, help="Let libFuzzer try any state and input.")
     ] = 0,
+    board: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LINK", help="A real board: openocd:CFG, pyocd:ID, serial:PORT, gdb:HOST:PORT."
+        ),
+    ] = None,
+    ram: Annotated[
+        str,
+        typer.Option(metavar="ADDRESS:BYTES", help="What of its RAM a debugger may fill."),
+    ] = "0x20000000:65536",
+    serve: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Only write what firmware needs for serial:PORT."),
+    ] = None,
     report: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Where the report goes; default: DIR/REPORT.md."),
@@ -43,13 +58,14 @@ def verify(
     """Verify exported C.
 
     Strict builds, golden vectors of the interpreter to the bit and what of the code they reach,
-    sanitizers; on boards in QEMU also
-    instructions, memory and stack of a step. Of a controller and its filter golden solves, and
-    calls with drawn numbers, NaN among them. Exit code 1 when anything was found, 5 when a tool is
-    missing or did not end: what needs no missing tool is checked all the same.
+    sanitizers; on boards in QEMU also instructions, memory and stack of a step, on a real one
+    cycles. Of a controller and its filter golden solves, and calls with drawn numbers, NaN among
+    them. Exit code 1 when anything was found, 5 when a tool is missing or did not end: what needs
+    no missing tool is checked all the same.
     """
     from backends.files.atomic_write import write_text
     from msnn.cli.console import json_result, note, result
+    from msnn.verification.on_board.serve_files import write_serve_files
     from msnn.verification.report import (
         verification_markdown,
         verification_text,
@@ -64,7 +80,12 @@ def verify(
             message = f"`{name}` is none of {', '.join(TARGETS)} and all"
             raise typer.BadParameter(message, param_hint="'--targets'")
     chosen = frozenset(TARGETS if "all" in names else names)
-    found = verify_export(folder, WantedSteps(chosen, proof, misra, fuzz))
+    wanted = WantedSteps(chosen, proof, misra, fuzz, _link(board), _ram(ram))
+    if serve is not None:
+        for path in write_serve_files(folder, serve):
+            result(str(path))
+        return
+    found = verify_export(folder, wanted)
     written = write_text(report or folder / "REPORT.md", verification_markdown(found))
     if format is ResultFormat.JSON:
         json_result("verify", verification_values(found))
@@ -77,3 +98,20 @@ def verify(
         raise typer.Exit(ExitCode.DIAGNOSTICS)
     if found.missing or found.undone:
         raise typer.Exit(ExitCode.MISSING_EXTRA)
+
+
+def _link(text: str | None) -> Link | None:
+    if text is None:
+        return None
+    found = link_of(text)
+    if found is None:
+        raise typer.BadParameter(f"`{text}` is none of {FORMS}", param_hint="'--board'")
+    return found
+
+
+def _ram(text: str) -> Ram:
+    found = ram_of(text)
+    if found is None:
+        message = f"`{text}` is no ADDRESS:BYTES whose address is a multiple of 512"
+        raise typer.BadParameter(message, param_hint="'--ram'")
+    return found

@@ -29,7 +29,7 @@ def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
         return FIXED_POINT.prepare(request, entry)
     options = _options(request, entry)
     delay = () if entry is None else entry.delay
-    step = step_program(request, entry, delay, keeps_arrays=options.params == "tunable")
+    step = step_program(request, entry, delay, keeps_arrays=options.moves_parameters)
     if step is None:
         return None
     if options.extras:
@@ -37,7 +37,7 @@ def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
         step = settle_zeros(step)
         _refuse_vast(step, request, entry)
     else:
-        step = settle_zeros(retime(step, fixed_parameters=options.params != "tunable"))
+        step = settle_zeros(retime(step, fixed_parameters=not options.moves_parameters))
     return ExportPlan(
         target=TARGET,
         program=step,

@@ -58,6 +58,7 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
 
 
 def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Path, ...]:
+    from backends.files.atomic_write import write_text
     from backends.predictive_control import write_controller
     from backends.predictive_control.estimation import write_filter
 
@@ -70,7 +71,24 @@ def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Pa
     if estimation is not None:
         own = _own(estimation.program, weights)
         files += write_filter(estimation, own, folder, prefix=prefix, dtype=dtype)
-    return files
+    return (*files, write_text(folder / "README.md", _readme(plan)))
+
+
+def _readme(plan: ExportPlan[Online]) -> str:
+    from backends.files.readme import one_line, readme_text
+
+    has_control = plan.options.control is not None
+    has_filter = plan.options.estimation is not None
+    parts = [("a predictive controller", has_control), ("a Kalman filter", has_filter)]
+    return readme_text(
+        "mpc",
+        model=one_line(plan.program.name),
+        what=" and ".join(name for name, there in parts if there),
+        prefix=plan.prefix,
+        dtype=plan.dtype,
+        controller=has_control,
+        filter=has_filter,
+    )
 
 
 def _own(program: Program, weights: Weights) -> Weights:

@@ -20,7 +20,35 @@ _LAG = 3
 
 def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -> Path:
     """Fills `templates/verify/<template>.j2` for the model; the path of what it wrote."""
-    common = {
+    return write_template(template, folder, **_facts(model), **facts)
+
+
+def harness_text(template: str, model: ExportedC) -> str:
+    """The same as text."""
+    return _text(template, _facts(model))
+
+
+def write_template(template: str, folder: Path, **facts: Any) -> Path:
+    """Fills `templates/verify/<template>.j2`; the path of what it wrote."""
+    path = folder / Path(template).name
+    path.write_text(_text(template, facts), encoding="utf-8")
+    return path
+
+
+def write_linker_script(board: Board, folder: Path) -> Path:
+    """The memory of a board for the linker; the path of the script."""
+    return write_template(
+        "board.ld",
+        folder,
+        code_origin=hex(board.code[0]),
+        code_length=board.code[1],
+        ram_origin=hex(board.ram[0]),
+        ram_length=board.ram[1],
+    )
+
+
+def _facts(model: ExportedC) -> dict[str, Any]:
+    return {
         "prefix": model.prefix,
         "takes_parameters": model.takes_parameters,
         "params": f", &{model.prefix}_params_default" if model.takes_parameters else "",
@@ -31,32 +59,10 @@ def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -
         "linearizes": model.linearizes,
         "hashed_reals": model.hashed_reals,
     }
-    return write_template(template, folder, **common, **facts)
 
 
-def write_template(template: str, folder: Path, **facts: Any) -> Path:
-    """Fills `templates/verify/<template>.j2`; the path of what it wrote."""
-    text = _environment().get_template(f"{template}.j2").render(**facts)
-    path = folder / Path(template).name
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
-def write_linker_script(board: Board, folder: Path) -> Path:
-    """The memory of a board for the linker; the path of the script."""
-    text = (
-        _environment()
-        .get_template("board.ld.j2")
-        .render(
-            code_origin=hex(board.code[0]),
-            code_length=board.code[1],
-            ram_origin=hex(board.ram[0]),
-            ram_length=board.ram[1],
-        )
-    )
-    path = folder / "board.ld"
-    path.write_text(text, encoding="utf-8")
-    return path
+def _text(template: str, facts: dict[str, Any]) -> str:
+    return _environment().get_template(f"{template}.j2").render(facts)
 
 
 @cache

@@ -110,8 +110,10 @@ def _memory(model: Sources) -> ProofStep:
     """Instances are independent where all memory is in the structs that functions are given."""
 
     def run(folder: Path) -> Result:
-        found = writable_objects(model.model_sources, includes(model), folder)
-        return check.of(found, f"{len(found)} objects that all instances would share")
+        all = writable_objects(model.model_sources, includes(model), folder)
+        found = [line for line in all if line.rpartition(": ")[2] != model.calibration]
+        wanted = " but the parameters for calibration" if len(found) < len(all) else ""
+        return check.of(found, f"{len(found)} objects that all instances would share{wanted}")
 
     check = ProofStep("memory", "gcc", (GCC, NM), run)
     return check

@@ -64,6 +64,10 @@ class ExportedController:
         return part.prefix
 
     @property
+    def calibration(self) -> None:
+        """Its parameters are numbers in the code."""
+
+    @property
     def real(self) -> str:
         """The type of its numbers in C."""
         return "float" if self.dtype == "float32" else "double"

@@ -1,0 +1,48 @@
+"""Reads what a board says of the golden vectors, and what of it is wrong."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from dataclasses import dataclass
+
+from msnn.verification.builds.golden_run import differences
+from msnn.verification.exported_c import ExportedC
+
+_FRAME = re.compile(r"(model .*\n)end ([0-9a-f]{8})", re.DOTALL)
+_PARTS = re.compile(r"model (\w+) (\w+)\n(.*\n)cycles (.*)\n", re.DOTALL)
+END = re.compile(r"\nend [0-9a-f]{8}\s")
+"""Ends an answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What is wrong, and how long a step took."""
+
+    findings: tuple[str, ...]
+    cycles: tuple[int, float, int] | None
+    """Least, mean and most; None without a counter."""
+
+
+def read_answer(model: ExportedC, text: str) -> Answer:
+    """The lines of an answer compared with those of the interpreter."""
+    frame = _FRAME.search(text.replace("\r\n", "\n"))
+    if frame is None:
+        return Answer(("the answer has no beginning or no end",), None)
+    if zlib.crc32(frame[1].encode()) != int(frame[2], 16):
+        return Answer(("the answer was damaged on its way: its checksum differs",), None)
+    parts = _PARTS.fullmatch(frame[1])
+    if parts is None:
+        return Answer(("the answer is that of another version of msnn",), None)
+    prefix, spec, lines, cycles = parts.groups()
+    if (prefix, spec) != (model.prefix, model.spec_hash):
+        return Answer((f"the board runs `{prefix}` of the spec {spec[:12]}: other firmware",), None)
+    return Answer(tuple(differences(model, lines)), _cycles(cycles))
+
+
+def _cycles(text: str) -> tuple[int, float, int] | None:
+    """Of a step: least, sum, most and how many steps, in hexadecimal digits."""
+    if text.strip() == "none":
+        return None
+    least, high, low, most, count = (int(word, 16) for word in text.split())
+    return least, ((high << 32) | low) / max(count, 1), most

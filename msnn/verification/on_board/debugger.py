@@ -1,0 +1,134 @@
+"""Reads and writes memory and registers of a halted ARM core, and lets it run to a place."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterable, Iterator
+
+from msnn.verification.on_board.packets import Packets, StubFailedError
+
+_ELEMENT = re.compile(r"<(reg|xi:include)\s([^>]*)>")
+_ATTRIBUTE = re.compile(r'(\w+)="([^"]*)"')
+_CHUNK = 256
+"""Bytes of memory in a packet: servers take at least twice as many letters."""
+
+
+class RefusedMemoryError(Exception):
+    """An address that cannot be read or written."""
+
+    def __init__(self, address: int) -> None:
+        super().__init__(f"0x{address:08x}")
+        self.address = address
+
+
+class Debugger:
+    """A core behind a gdb server."""
+
+    def __init__(self, packets: Packets) -> None:
+        self._packets = packets
+        packets.ask(b"qSupported:xmlRegisters=arm")
+        self._registers = dict(self._numbered())
+        if not {"sp", "lr", "pc", "xpsr"} <= set(self._registers):
+            raise StubFailedError("the core is no ARM Cortex-M")
+
+    def monitor(self, command: str) -> None:
+        """Gives a command to the server itself."""
+        self._packets.ask(b"qRcmd," + command.encode().hex().encode())
+
+    def read(self, address: int, size: int) -> bytes:
+        """Bytes of memory."""
+        parts: list[bytes] = []
+        for at in range(address, address + size, _CHUNK):
+            count = min(_CHUNK, address + size - at)
+            answer = self._packets.ask(f"m{at:x},{count:x}".encode())
+            try:
+                part = bytes.fromhex(answer.decode("ascii", "replace"))
+            except ValueError:
+                part = b""
+            if len(part) != count:
+                raise RefusedMemoryError(at)
+            parts.append(part)
+        return b"".join(parts)
+
+    def read_word(self, address: int) -> int:
+        """A word of memory."""
+        return int(struct.unpack("<I", self.read(address, 4))[0])
+
+    def load(self, address: int, data: bytes) -> None:
+        """Writes bytes to memory and sees that they are there."""
+        for at in range(0, len(data), _CHUNK):
+            part = data[at : at + _CHUNK]
+            command = f"M{address + at:x},{len(part):x}:{part.hex()}"
+            if self._packets.ask(command.encode()) != b"OK":
+                raise RefusedMemoryError(address + at)
+        there = self.read(address, len(data))
+        if there != data:
+            differs = next(i for i, (a, b) in enumerate(zip(there, data, strict=True)) if a != b)
+            raise RefusedMemoryError(address + differs)
+
+    def register(self, name: str) -> int:
+        """A register of 32 bits."""
+        answer = self._packets.ask(b"p%x" % self._registers[name])
+        try:
+            return int(struct.unpack("<I", bytes.fromhex(answer.decode("ascii")))[0])
+        except (ValueError, struct.error):
+            raise StubFailedError(f"it does not tell the register {name}") from None
+
+    def set_register(self, name: str, value: int) -> None:
+        """Sets a register of 32 bits."""
+        number = self._registers[name]
+        if (
+            self._packets.ask(b"P%x=%s" % (number, struct.pack("<I", value).hex().encode()))
+            != b"OK"
+        ):
+            raise StubFailedError(f"it does not set the register {name}")
+
+    def break_at(self, addresses: Iterable[int]) -> None:
+        """Lets the core stop at these addresses of Thumb code in RAM."""
+        for address in addresses:
+            if self._packets.ask(f"Z0,{address & ~1:x},2".encode()) != b"OK":
+                raise StubFailedError("it sets no breakpoints")
+
+    def go_by(self, addresses: Iterable[int]) -> None:
+        """Lets the core pass these addresses again."""
+        for address in addresses:
+            self._packets.ask(f"z0,{address & ~1:x},2".encode())
+
+    def run(self, seconds: float) -> int:
+        """Lets the core run until it stops; where it stands. TimeoutError where it does not."""
+        try:
+            answer = self._packets.ask(b"c", seconds)
+        except TimeoutError:
+            self._packets.interrupt()
+            self._packets.wait(10.0)
+            raise
+        if answer[:1] not in (b"T", b"S"):
+            said = answer.decode("ascii", "replace")
+            raise StubFailedError(f"it answered `{said}` where the core should run")
+        return self.register("pc") & ~1
+
+    def _numbered(self) -> Iterator[tuple[str, int]]:
+        """Registers and their numbers, of the description that the server gives of its target."""
+        number = 0
+        for found in self._elements("target.xml", 0):
+            number = int(found.get("regnum", number))
+            yield found.get("name", "").lower(), number
+            number += 1
+
+    def _elements(self, document: str, depth: int) -> Iterator[dict[str, str]]:
+        for kind, inner in _ELEMENT.findall(self._document(document)):
+            attributes = dict(_ATTRIBUTE.findall(inner))
+            if kind == "reg":
+                yield attributes
+            elif depth == 0:
+                yield from self._elements(attributes.get("href", ""), 1)
+
+    def _document(self, name: str) -> str:
+        text = b""
+        while True:
+            request = f"qXfer:features:read:{name}:{len(text):x},400"
+            part = self._packets.ask(request.encode())
+            text += part[1:]
+            if part[:1] != b"m":
+                return text.decode("utf-8", "replace")

@@ -1,0 +1,107 @@
+"""Reads `--board` and `--ram`: what leads to a board, and what of its memory may be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+FORMS = "openocd:CFG, pyocd:ID, serial:PORT[@BAUD], gdb:HOST:PORT"
+_BAUD = 115200
+_ALIGNED = 512
+"""A table of vectors stands at the beginning."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gdb:
+    """A gdb server that runs already."""
+
+    host: str
+    port: int
+
+
+@dataclass(frozen=True, slots=True)
+class OpenOcd:
+    """A file of settings for OpenOCD, which is started."""
+
+    config: str
+
+
+@dataclass(frozen=True, slots=True)
+class PyOcd:
+    """The unique ID of a probe for pyOCD, which is started."""
+
+    probe: str
+
+
+@dataclass(frozen=True, slots=True)
+class Serial:
+    """A serial line to firmware that serves the golden vectors."""
+
+    port: str
+    baud: int
+
+
+Link: TypeAlias = Gdb | OpenOcd | PyOcd | Serial
+
+
+@dataclass(frozen=True, slots=True)
+class Ram:
+    """Memory of a board that takes a program."""
+
+    address: int
+    size: int
+
+
+DEFAULT_RAM = Ram(0x20000000, 64 * 1024)
+"""Where nearly every Cortex-M has its RAM."""
+
+
+def link_of(text: str) -> Link | None:
+    """The link that a text names; None where it names none."""
+    kind, _, rest = text.partition(":")
+    match kind:
+        case "gdb":
+            host, _, port = rest.rpartition(":")
+            number = _number(port)
+            fits = bool(host) and number is not None and number < 65536
+            return Gdb(host, number) if fits and number is not None else None
+        case "openocd":
+            return OpenOcd(rest) if rest else None
+        case "pyocd":
+            return PyOcd(rest) if rest else None
+        case "serial":
+            port, at, baud = rest.rpartition("@")
+            if not at:
+                return Serial(rest, _BAUD) if rest else None
+            number = _number(baud)
+            return Serial(port, number) if port and number is not None else None
+        case _:
+            return None
+
+
+def ram_of(text: str) -> Ram | None:
+    """The memory that a text names; None where it names none."""
+    address, _, size = text.partition(":")
+    try:
+        ram = Ram(int(address, 0), int(size, 0))
+    except ValueError:
+        return None
+    fits = ram.size > 0 and 0 <= ram.address <= 2**32 - ram.size and ram.address % _ALIGNED == 0
+    return ram if fits else None
+
+
+def words(link: Link) -> str:
+    """As it is written on the command line."""
+    match link:
+        case Gdb(host, port):
+            return f"gdb:{host}:{port}"
+        case OpenOcd(config):
+            return f"openocd:{config}"
+        case PyOcd(probe):
+            return f"pyocd:{probe}"
+        case Serial(port, baud):
+            return f"serial:{port}@{baud}"
+
+
+def _number(text: str) -> int | None:
+    return int(text) if text.isascii() and text.isdigit() and int(text) > 0 else None

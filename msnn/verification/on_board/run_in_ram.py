@@ -1,0 +1,38 @@
+"""Runs a program in the RAM of a board through a debugger, and collects the text it hands over."""
+
+from __future__ import annotations
+
+from msnn.errors.boards import refused_memory, silent
+from msnn.verification.on_board.debugger import Debugger, RefusedMemoryError
+from msnn.verification.on_board.ram_program import RamProgram
+from spec_schema.diagnostics.diagnostic import SpecError
+
+_SECONDS = 60.0
+"""Between two buffers of text: a replay of a second at most, on a slow core and an emulator."""
+_THUMB = 0x01000000
+"""The bit of xPSR without which a Cortex-M executes nothing."""
+
+
+def run_in_ram(board: Debugger, program: RamProgram, link: str, begin: int) -> str:
+    """What it said. SpecError where the memory takes no program (E1322), the core hangs (E1321)."""
+    places = program.symbols
+    stops = [places[name] for name in ("hand_over", "finished", "trap")]
+    text: list[bytes] = []
+    try:
+        board.load(begin, program.data)
+        board.break_at(stops)
+        board.set_register("sp", places["stack_top"])
+        board.set_register("xpsr", _THUMB)
+        board.set_register("pc", places["start"] & ~1)
+        while (at := board.run(_SECONDS)) == places["hand_over"] & ~1:
+            letters = board.read_word(places["handed_letters"])
+            text.append(board.read(places["handed_text"], letters))
+            board.set_register("pc", board.register("lr") & ~1)
+        board.go_by(stops)
+    except RefusedMemoryError as error:
+        raise SpecError([refused_memory(link, error.address)]) from None
+    except TimeoutError:
+        raise SpecError([silent(link, f"the core ran {_SECONDS:g} s without a word")]) from None
+    if at != places["finished"] & ~1:
+        raise SpecError([silent(link, f"the core trapped: it stands at 0x{at:08x}")])
+    return b"".join(text).decode("ascii", "replace")

@@ -1,0 +1,71 @@
+"""Asks firmware on a serial line for the golden vectors."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import time
+
+from msnn.errors.boards import silent, unreachable
+from msnn.verification.on_board.answer import END
+from msnn.verification.on_board.link import Serial, words
+from spec_schema.diagnostics.diagnostic import SpecError
+
+_ASKED = b"replay\n"
+_SILENCE = 10.0
+"""Seconds without a byte: golden steps are sent as they are computed."""
+
+
+def ask_serial(link: Serial) -> str:
+    """Its answer up to the checksum. SpecError where there is no line (E1320) or no end (E1321)."""
+    if sys.platform == "win32":
+        raise SpecError([unreachable(words(link), "serial lines need a POSIX system")])
+    try:
+        line = os.open(link.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as error:
+        raise SpecError([unreachable(words(link), str(error))]) from None
+    try:
+        _set_raw(line, link)
+        _send(line)
+        return _received(line, link)
+    except OSError as error:
+        raise SpecError([unreachable(words(link), str(error))]) from None
+    finally:
+        os.close(line)
+
+
+def _set_raw(line: int, link: Serial) -> None:
+    """Eight bits, no parity, one stop bit, no flow control, bytes as they are."""
+    import termios  # absent on Windows
+
+    speed = getattr(termios, f"B{link.baud}", None)
+    if speed is None:
+        raise SpecError([unreachable(words(link), f"no line runs at {link.baud} baud")])
+    try:
+        controls = termios.tcgetattr(line)[6]
+        flags = termios.CS8 | termios.CREAD | termios.CLOCAL
+        termios.tcsetattr(line, termios.TCSANOW, [0, 0, flags, 0, speed, speed, controls])
+        termios.tcflush(line, termios.TCIOFLUSH)
+    except termios.error as error:
+        raise SpecError([unreachable(words(link), f"no serial line ({error})")]) from None
+
+
+def _send(line: int) -> None:
+    left = _ASKED
+    while left:
+        select.select([], [line], [], _SILENCE)
+        left = left[os.write(line, left) :]
+
+
+def _received(line: int, link: Serial) -> str:
+    text, end = "", time.monotonic() + _SILENCE
+    while END.search(text[-200:]) is None:
+        ready, _, _ = select.select([line], [], [], max(0.0, end - time.monotonic()))
+        part = os.read(line, 65536) if ready else b""
+        if not part:
+            said = f"{len(text)} letters, then silence" if text else "silence"
+            raise SpecError([silent(words(link), f"{said} for {_SILENCE:g} s")])
+        text += part.decode("ascii", "replace")
+        end = time.monotonic() + _SILENCE
+    return text
