@@ -50,8 +50,9 @@ def trials_of_kinds(
     for member, places in steps.members():
         shape = count, places.stop - places.start
         numbers[:, places] = _numbers(steps, member, kinds[:, np.newaxis], shape, random)
-    tuned = _parameters(steps.trained, count, random)
+    tuned = _within(_parameters(steps.trained, count, random), steps.bounds)
     endless = (tuned != steps.trained) & _some(tuned.shape, random, _INFINITE * infinite)
+    endless &= np.isinf(steps.bounds[1])
     numbers[:, steps.tuned] = np.where(endless, np.inf, tuned)
     return Trials(np.arange(count) % steps.starts, numbers)
 
@@ -102,6 +103,15 @@ def _parameters(trained: Array, count: int, random: np.random.Generator) -> Arra
     few = min(0.5, _OTHERS / max(1, len(trained)))
     shares = np.where(np.arange(count) % 2 == 0, few, 0.6)[:, np.newaxis]
     return np.where(random.random(shape) < shares, values, trained)
+
+
+def _within(values: Array, bounds: tuple[Array, Array]) -> Array:
+    """Values beyond a bound, mirrored at it: what no training leaves is nothing to promise."""
+    low, high = bounds
+    with np.errstate(invalid="ignore"):  # of infinite bounds, where nothing is beyond
+        mirrored = np.where(values < low, 2 * low - values, 2 * high - values)
+    beyond = (values < low) | (values > high)
+    return np.where(beyond, np.clip(mirrored, low, high), values)
 
 
 def _some(shape: tuple[int, ...], random: np.random.Generator, share: float = 0.5) -> Array:

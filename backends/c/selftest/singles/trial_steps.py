@@ -109,6 +109,9 @@ class TrialSteps:
             trained = [np.asarray(weights[f.name]).astype(self.dtype).ravel() for f in self._tuned]
         self.trained = np.concatenate([np.zeros(0, self.dtype), *trained])
         """The parameters that can be other ones, in the order of their struct."""
+        self.bounds = self._bounds_of_tuned()
+        """Lowest and highest numbers of these; beyond them C may choose other pieces than a model
+        whose knots do not rise."""
         jacobian = interface.jacobian.jacobian if interface.jacobian else None
         self._matrices = jacobian.matrices if jacobian else ()
         asked = [output.node for output in self.program.outputs]
@@ -140,6 +143,19 @@ class TrialSteps:
     def tuned(self) -> slice:
         """Where the parameters stand among the numbers."""
         return slice(self.size - len(self.trained), self.size)
+
+    def _bounds_of_tuned(self) -> tuple[Array, Array]:
+        low, high = np.full(len(self.trained), -np.inf), np.full(len(self.trained), np.inf)
+        first = 0
+        for field in self._tuned:
+            places = slice(first, first + field.size)
+            parameter = self.program.parameter(field.name)
+            if parameter.minimum is not None:
+                low[places] = parameter.minimum
+            if parameter.maximum is not None:
+                high[places] = parameter.maximum
+            first += field.size
+        return low, high
 
     def inputs(self, trials: Trials) -> dict[str, Array]:
         """By name, (B, *shape)."""
