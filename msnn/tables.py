@@ -1,4 +1,4 @@
-"""Lays out plain text tables: aligned columns, no colours, nothing that a pipe would spoil."""
+"""Lays out tables: plain text with aligned columns, no colours; or Markdown."""
 
 from __future__ import annotations
 
@@ -33,6 +33,24 @@ def table_text(
         )
         for block in _blocks(widths, LINE_WIDTH.get())
     )
+
+
+def markdown_table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()
+) -> str:
+    """The same table in Markdown, as code hosts show it; no cell is read as markup."""
+    kept = [i for i in range(len(header)) if any(row[i] for row in rows)]
+    rule = ["---:" if i in numbers else "---" for i in kept]
+    lines = [[header[i] for i in kept], rule]
+    lines += [[_unmarked(row[i]) for i in kept] for row in rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+_MARKUP = str.maketrans({character: f"\\{character}" for character in "\\`*_{}[]<>()#+!|~$"})
+
+
+def _unmarked(cell: str) -> str:
+    return _printable(cell).translate(_MARKUP)
 
 
 def _blocks(widths: Sequence[int], most: int | None) -> list[list[int]]:

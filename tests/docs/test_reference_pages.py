@@ -12,6 +12,7 @@ import pytest
 from compiler.elaboration.compile import compile_spec
 from compiler.ir.ops import Op
 from spec_schema.reading.reader import read_spec
+from tests.docs.action import action_inputs, sample_hooks, sample_workflow
 from tests.docs.commands import exit_codes, verbs
 from tests.docs.diagnostics import diagnostics
 from tests.docs.keys import keys
@@ -36,7 +37,10 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "diagnostics": diagnostics,
     "exit codes": exit_codes,
     "keys": keys,
+    "inputs of the action": action_inputs,
     "layers": layers,
+    "sample hooks": sample_hooks,
+    "sample workflow": sample_workflow,
     "scalar functions": scalar_functions,
     "targets": targets,
     "verbs": verbs,
