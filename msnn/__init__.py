@@ -17,6 +17,7 @@ from msnn.project.package_names import check_package_names
 check_package_names()
 
 if TYPE_CHECKING:
+    from msnn.api.imports import import_nnodely
     from msnn.api.measurements import check_data, simulate, validate
     from msnn.api.models import (
         compile,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
         load,
         mpc,
         stepper,
+        torch_module,
     )
     from msnn.api.reports import report
     from msnn.api.trainings import compare, stage_loss, train, train_folds
@@ -46,6 +48,7 @@ __all__ = [
     "compile",
     "estimator",
     "export",
+    "import_nnodely",
     "initial_weights",
     "linearize",
     "load",
@@ -54,6 +57,7 @@ __all__ = [
     "simulate",
     "stage_loss",
     "stepper",
+    "torch_module",
     "train",
     "train_folds",
     "validate",
@@ -66,6 +70,7 @@ _HOMES = {
     ),
     "Model": "msnn.model.model",
     "SpecError": "spec_schema.diagnostics.diagnostic",
+    "import_nnodely": "msnn.api.imports",
     **dict.fromkeys(("check_data", "simulate", "validate"), "msnn.api.measurements"),
     "report": "msnn.api.reports",
     **dict.fromkeys(("compare", "stage_loss", "train", "train_folds"), "msnn.api.trainings"),
@@ -82,4 +87,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted(["__doc__", "__version__", *__all__])

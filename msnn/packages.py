@@ -52,6 +52,8 @@ ELFTOOLS = OptionalPackage(
     "elftools", "a2l", "reads the addresses of variables for `msnn a2l`", distribution="pyelftools"
 )
 MATPLOTLIB = OptionalPackage("matplotlib", "plot", "draws plots")
+PANDAS = OptionalPackage("pandas", "pandas", "makes frames of results")
+OPENPYXL = OptionalPackage("openpyxl", "excel", "reads Excel workbooks")
 PYARROW = OptionalPackage("pyarrow", "parquet", "reads Parquet")
 SCIPY = OptionalPackage("scipy", "mat", "reads MATLAB files")
 H5PY = OptionalPackage("h5py", "hdf5", "reads HDF5 and MATLAB 7.3 files")
@@ -68,6 +70,8 @@ OPTIONAL = (
     FMPY,
     ELFTOOLS,
     MATPLOTLIB,
+    PANDAS,
+    OPENPYXL,
     PYARROW,
     SCIPY,
     H5PY,

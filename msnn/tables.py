@@ -5,11 +5,41 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from contextvars import ContextVar
+from dataclasses import dataclass
 
 GAP = "  "
 
 LINE_WIDTH: ContextVar[int | None] = ContextVar("LINE_WIDTH", default=None)
 """Columns that a line may take: those of the terminal that shows it; None for any number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A header and rows of cells, before anything is laid out."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numbers: Sequence[int] = ()
+    """Indices of the columns that end at the right."""
+
+    @property
+    def text(self) -> str:
+        """As a terminal shows it."""
+        return table_text(self.header, self.rows, self.numbers)
+
+    @property
+    def markdown(self) -> str:
+        """As pages of code hosts show it; no cell is read as markup."""
+        kept = self.filled
+        rule = ["---:" if i in self.numbers else "---" for i in kept]
+        lines = [[self.header[i] for i in kept], rule]
+        lines += [[_unmarked(row[i]) for i in kept] for row in self.rows]
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+    @property
+    def filled(self) -> Sequence[int]:
+        """Indices of the columns that are not empty in every row."""
+        return [i for i in range(len(self.header)) if any(row[i] for row in self.rows)]
 
 
 def table_text(
@@ -22,7 +52,7 @@ def table_text(
     last one. What cannot be printed (a spec's doc may hold any character) is a blank.
     """
     rows = [tuple(_printable(cell) for cell in row) for row in rows]
-    kept = [i for i in range(len(header)) if any(row[i] for row in rows)]
+    kept = Table(header, rows).filled
     lines = [[line[i] for i in kept] for line in (header, *rows)]
     widths = [max(_width(line[column]) for line in lines) for column in range(len(kept))]
     right = [index in numbers for index in kept]
@@ -33,17 +63,6 @@ def table_text(
         )
         for block in _blocks(widths, LINE_WIDTH.get())
     )
-
-
-def markdown_table(
-    header: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()
-) -> str:
-    """The same table in Markdown, as code hosts show it; no cell is read as markup."""
-    kept = [i for i in range(len(header)) if any(row[i] for row in rows)]
-    rule = ["---:" if i in numbers else "---" for i in kept]
-    lines = [[header[i] for i in kept], rule]
-    lines += [[_unmarked(row[i]) for i in kept] for row in rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 _MARKUP = str.maketrans({character: f"\\{character}" for character in "\\`*_{}[]<>()#+!|~$"})

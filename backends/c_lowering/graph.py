@@ -112,6 +112,11 @@ class GraphLowering:
         self._locals.notes.write(self._graph[node], self._scope)
         copy_value(self._values[node], target, self._scope, self._locals.unroll)
 
+    def store_part(self, node: NodeId, part: Value, target: ArrayView) -> None:
+        """Writes a part of its elements to another place."""
+        self._locals.notes.write(self._graph[node], self._scope)
+        copy_value(part, target, self._scope, self._locals.unroll)
+
     def _value(self, index: NodeId, node: Node) -> Value:
         if index in self._active.sets:
             return self._active_degrees(index, node)

@@ -14,7 +14,7 @@ from backends.known_terms import KnownTerms
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.kept_sources import kept_source
 from backends.native.kernel_data import KernelData
-from backends.native.kernel_source import KernelSource, kernel_source
+from backends.native.kernel_source import KernelSource, kernel_source, losses_source
 from backends.native.kernel_structs import (
     WorkStruct,
     aligned,
@@ -22,7 +22,7 @@ from backends.native.kernel_structs import (
 )
 from backends.native.lanes.lane_groups import LANES, Groups, Rows, group_type, lane_groups
 from backends.native.variables import Rule, Variables
-from compiler.differentiation.training_step import training_step
+from compiler.differentiation.training_step import TrainingStep, losses_alone, training_step
 from compiler.ir.program import Program
 
 FloatArray = NDArray[np.float64]
@@ -45,8 +45,16 @@ def _source(program: Program, dtype: Dtype, *, reproducible: bool) -> KernelSour
     return kernel_source(training_step(program), dtype, reproducible=reproducible)
 
 
+@kept_source
+def _source_of_losses(program: Program, dtype: Dtype) -> KernelSource:
+    return losses_source(losses_alone(program), dtype)
+
+
 class Kernel:
-    """One program, its loops closed, compiled for this machine. Raises CompilerMissingError."""
+    """One program, its loops closed, compiled for this machine. Raises CompilerMissingError.
+
+    Without `slopes` it has the losses alone: what runs backwards is most of what is compiled.
+    """
 
     def __init__(
         self,
@@ -56,12 +64,18 @@ class Kernel:
         kept_bytes: int = KEPT_BYTES,
         *,
         reproducible: bool = False,
+        slopes: bool = True,
     ) -> None:
         self._threads = threads
         self._kept_bytes = kept_bytes
         self._memory = np.zeros(0, np.uint8)
         self._reserved, self._reservation = (0, 0), WorkStruct()
-        self.source = _source(program, dtype, reproducible=reproducible)
+        self.slopes = slopes
+        self.source = (
+            _source(program, dtype, reproducible=reproducible)
+            if slopes
+            else _source_of_losses(program, dtype)
+        )
         self.program = program
         self.dtype = np.dtype(dtype)
         self.lanes = LANES[dtype]
@@ -70,7 +84,13 @@ class Kernel:
         self.built = built
         self._library = built.library
         self._library.msnn_work_bytes.restype = ctypes.c_int64
-        self._library.msnn_train.restype = ctypes.c_int64
+        if slopes:
+            self._library.msnn_train.restype = ctypes.c_int64
+
+    @property
+    def step(self) -> TrainingStep:
+        """What was compiled, as the interpreter runs it."""
+        return training_step(self.program) if self.slopes else losses_alone(self.program)
 
     def groups(self, starts: Rows, steps: Rows | int) -> Groups:
         """Lane groups of rollouts that begin at rows `starts`; each group has one length."""

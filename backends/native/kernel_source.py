@@ -58,6 +58,18 @@ def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = Fals
 
     A `reproducible` one fuses by many instructions where a processor has none for it.
     """
+    bounds = c_definitions(("sigmoid", "softplus"), "double", "double")
+    files = ("variables.c", "known.c", "optimizers.c", "training.c")
+    found = _source(step, dtype, (bounds, *map(_text, files)))
+    return replace(found, text=f"#define REPRODUCIBLE\n{found.text}") if reproducible else found
+
+
+def losses_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
+    """The same without optimisers, which take a compiler as long as the losses of a small model."""
+    return _source(step, dtype, ())
+
+
+def _source(step: TrainingStep, dtype: Dtype, training: Sequence[str]) -> KernelSource:
     memory = LaneMemory(step)
     functions = LaneFunctions(FunctionNames(PREFIX, dtype, "own"))
     writer = ModelFunctions(memory, functions)
@@ -81,18 +93,8 @@ def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = Fals
     ]
     echoes = [Rows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
     group = rendered("group.c.j2", made, **forward_arrays(memory), echoes=echoes)
-    bounds = c_definitions(("sigmoid", "softplus"), "double", "double")
-    files = (
-        "threads.c",
-        "variables.c",
-        "known.c",
-        "optimizers.c",
-        "batches.c",
-        "epochs.c",
-    )
-    loops = (group, bounds, *map(_text, files))
-    found = whole_source(memory, dtype, functions, made, tables, loops)
-    return replace(found, text=f"#define REPRODUCIBLE\n{found.text}") if reproducible else found
+    batches = map(_text, ("threads.c", "batches.c", "epochs.c"))
+    return whole_source(memory, dtype, functions, made, tables, (group, *batches, *training))
 
 
 def whole_source(

@@ -20,5 +20,4 @@ def native_controller(problem: ControlProblem) -> ControllerLibrary:
     """
     texts = controller_texts(problem, _PREFIX, "float64")
     about = json.loads(texts[f"{_PREFIX}_mpc.json"])
-    texts.pop(f"src/{_PREFIX}_mpc_selftest.c")
     return ControllerLibrary(about, compiled_kernel(one_text(texts)).library)

@@ -7,8 +7,10 @@ from typing import Any
 
 from backends.c_language.literals import Dtype
 from backends.ports.metadata import metadata_text
+from backends.predictive_control.form import PlanLayout
 from backends.predictive_control.inputs import InputField
 from backends.predictive_control.members import StructMember
+from backends.predictive_control.rows import Rows
 from compiler.jacobian.matrices import Vector
 from compiler.optimal_control.problem import ControlProblem
 
@@ -19,6 +21,9 @@ def about_text(
     dtype: Dtype,
     struct: Iterable[StructMember],
     fields: Iterable[InputField],
+    *,
+    plan: PlanLayout,
+    rows: Rows,
 ) -> str:
     """The JSON file of a controller."""
     real = dtype
@@ -32,11 +37,13 @@ def about_text(
             "prefix": prefix,
             "dtype": dtype,
             "horizon": problem.horizon,
-            "structure": "staged",
+            "structure": plan.structure,
+            "plan": {"places": list(plan.places), "step": plan.step},
             "iterations": problem.iterations,
             "tolerance": problem.tolerance,
-            "states": _quantities(problem.states),
-            "controls": _quantities(problem.controls),
+            "states": quantities(problem.states),
+            "controls": quantities(problem.controls),
+            "limits": [_limits(rows, number) for number in range(nu)],
             "in": [
                 member("x", real, (nx,)),
                 *(member(field.identifier, real, field.shape) for field in fields),
@@ -53,7 +60,21 @@ def about_text(
     )
 
 
-def _quantities(vector: Vector) -> list[dict[str, Any]]:
+def _limits(rows: Rows, control: int) -> dict[str, Any]:
+    """What a control never leaves, as far as it is a number; where its value before stands."""
+    row = rows.rows[control]
+    found: dict[str, Any] = {
+        "min": None if rows.move else row.minimum,
+        "max": None if rows.move else row.maximum,
+    }
+    for rate in rows.rates:
+        if rate.control == control:
+            found |= {"rate": rate.most, "before": rate.before}
+    return found
+
+
+def quantities(vector: Vector) -> list[dict[str, Any]]:
+    """What stands where in a vector."""
     return [
         {
             "name": m.name,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from backends.c_language.literals import Dtype, real_literal
+from compiler.optimal_control.structure import Chosen
 
 
 def reachable(tolerance: float, dtype: Dtype) -> float:
@@ -13,11 +14,12 @@ def reachable(tolerance: float, dtype: Dtype) -> float:
 
 
 def solver_constants(
-    tolerance: float, dtype: Dtype, *, can_be_infinite: bool, has_hard: bool
+    tolerance: float, dtype: Dtype, structure: Chosen, *, can_be_infinite: bool, has_hard: bool
 ) -> list[dict[str, str]]:
     """Name, value as C, and meaning of each that the solver needs."""
     precision = float(np.finfo(dtype).eps)
     exact = dtype == "float64"
+    is_staged = structure == "staged"
     table: list[tuple[str, float, str]] = [
         ("TOLERANCE", tolerance, "Largest error of the optimality conditions of what is solved."),
         ("LEAST_MU", tolerance / 10, "Barrier at the end."),
@@ -25,8 +27,16 @@ def solver_constants(
         ("HIGHEST_MU", 0.3, "Highest one."),
         ("FIRST_MU", 0.1, "Barrier while nothing is known."),
         ("WIDE_MU", 1.0, "Barrier after a plan was simulated anew."),
-        ("BARRIER_SHARE", 0.03, "First barrier by the largest error of slopes and gaps."),
-        ("KEEP", 0.99, "Part of a slack or multiplier that one step may use up."),
+        (
+            "BARRIER_SHARE",
+            0.03 if is_staged else 0.003,
+            "First barrier by the largest error of slopes and gaps.",
+        ),
+        (
+            "KEEP",
+            0.99 if is_staged else 0.999,
+            "Part of a slack or multiplier that one step may use up.",
+        ),
         ("NEARLY", 30.0, "Error by the barrier below which the barrier is lowered."),
         ("SHRINK", 0.1, "Largest factor by which it is lowered."),
         ("FASTER", 10.0, "The same by the barrier, where that is less."),
@@ -37,6 +47,7 @@ def solver_constants(
         ("LEAST_SLACK", 4 * precision, "Least slack of a control, by its scale: rounding."),
         ("LEAST_CURVATURE", 1e-8 if exact else 1e-5, "Floor of curvatures."),
         ("LEAST_SHARE", 1e-4, "Floor of the curvature of a control by its own stage's."),
+        ("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."),
         ("ROTATED", 1e-24 if exact else 1e-12, "Part off the diagonal that counts as none."),
         ("STEEP", 1e7 if exact else 1e3, "Ratio whose hypotenuse is itself."),
         ("ENOUGH", 1e-4, "Part of the promised decrease that a step must give."),
@@ -44,6 +55,7 @@ def solver_constants(
         ("NOISE", 1e-3 * tolerance if exact else 0.1 * tolerance, "Increase that is rounding."),
         ("NO_GAP", 1e-3 * tolerance, "Sum of gaps that counts as none."),
         ("SHORT", 0.15, "Step that is short."),
+        ("HUGEST", float(np.finfo(dtype).max), "Where the least of products begins."),
         ("SMALL_RATIO", 1e-8, "Products of ratios beyond this are taken apart."),
         ("LARGE_RATIO", 1e8, "The same for large ones."),
         ("LEAST_ROOM", 1e-9 if exact else 1e-5, "Distance of limits that leaves a control room."),

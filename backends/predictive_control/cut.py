@@ -9,7 +9,7 @@ computed on the way, such as activations, is kept for the slopes at the same poi
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from compiler.hessian.step_derivatives import StepDerivatives
@@ -40,10 +40,12 @@ def kept_signal(number: int) -> str:
     return f"kept {number}"
 
 
-def cut_at_values(found: StepDerivatives) -> Cut:
-    """Keeps what the slopes need of the values and what takes more than a few operations."""
+def cut_at_values(found: StepDerivatives, roots: Sequence[NodeId]) -> Cut:
+    """Keeps what the slopes need of the values and what takes more than a few operations.
+
+    `roots` are the slopes that are wanted.
+    """
     graph = found.graph
-    roots = [node for matrix in found.matrices for node in matrix.nodes]
     of_values = needed(graph, found.values.values())
     kept = tuple(sorted(_kept(graph, roots, of_values)))
     builder = GraphBuilder()

@@ -30,10 +30,12 @@ class ControllerLibrary:
 
     def __init__(self, about: Mapping[str, Any], library: ctypes.CDLL) -> None:
         self._prefix: str = about["prefix"]
+        self._plan: dict[str, Any] = about["plan"]
+        self._horizon: int = about["horizon"]
         self._library = library
-        self._state = np.zeros(1, _struct(about["struct"]))
-        self._in = np.zeros(1, _struct(about["in"]))
-        self._out = np.zeros(1, _struct(about["out"]))
+        self._state = np.zeros(1, struct_type(about["struct"]))
+        self._in = np.zeros(1, struct_type(about["in"]))
+        self._out = np.zeros(1, struct_type(about["out"]))
         self.init()
 
     @classmethod
@@ -41,6 +43,11 @@ class ControllerLibrary:
         """A controller of what `write_controller` wrote and `build_library` compiled."""
         (file,) = folder.glob("*_mpc.json")
         return cls(json.loads(file.read_text(encoding="utf-8")), ctypes.CDLL(str(library)))
+
+    @property
+    def real(self) -> np.dtype[np.floating[Any]]:
+        """The type of its numbers."""
+        return self._in.dtype["x"].base
 
     def init(self) -> None:
         """Begins a controller that knows nothing."""
@@ -70,6 +77,12 @@ class ControllerLibrary:
         """A member of the struct, as it is now."""
         return self._state[0][name].copy()
 
+    def plan(self) -> Array:
+        """(x, u) of all stages, (N+1, nx+nu); there is no control at the end."""
+        at = np.asarray(self._plan["places"])
+        stages = self._plan["step"] * np.arange(self._horizon + 1)
+        return self._state[0]["z"].ravel()[stages[:, None] + at]
+
     def _decided(self, function: str, values: Mapping[str, ArrayLike]) -> Decision:
         for name, value in values.items():
             self._in[0][name] = np.asarray(value).reshape(self._in.dtype[name].shape)
@@ -85,7 +98,7 @@ class ControllerLibrary:
         return int(function(*(ctypes.c_void_p(array.ctypes.data) for array in arrays)))
 
 
-def _struct(members: list[dict[str, Any]]) -> np.dtype[Any]:
+def struct_type(members: list[dict[str, Any]]) -> np.dtype[Any]:
     """As C compilers place the members."""
     fields = [(m["name"], np.dtype(m["type"]), tuple(m["shape"])) for m in members]
     return np.dtype(fields, align=True)

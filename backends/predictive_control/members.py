@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,7 +29,8 @@ class Sizes:
     """What the arrays of a solver are as long as."""
 
     horizon: int
-    states: int
+    memory: int
+    """Numbers of x."""
     controls: int
     results: int
     sides: int
@@ -36,11 +38,13 @@ class Sizes:
     given: int
     limits_move: bool
     has_hard: bool
+    past_moves: bool
+    """Whether steps tell samples of the past apart."""
 
 
-def members(sizes: Sizes, real: str) -> list[StructMember]:
-    """In the order of the struct."""
-    stages, stage = sizes.horizon + 1, sizes.states + sizes.controls
+def members(sizes: Sizes, shapes: Mapping[str, tuple[int, ...]], real: str) -> list[StructMember]:
+    """In the order of the struct; `shapes` are those of the arrays that hang on the structure."""
+    stages = sizes.horizon + 1
     found: list[StructMember] = []
 
     def add(kind: Kind, shape: tuple[int, ...], *names: str) -> None:
@@ -49,21 +53,19 @@ def members(sizes: Sizes, real: str) -> list[StructMember]:
     add("uint32", (), "ready")
     add("int32", (), "has_plan", "is_shifted", "is_prepared", "is_pending")
     add("int32", (), "iterations", "short_steps", "simulations")
-    add("real", (), "mu", "slope", "gap", "product", "residual")
+    if sizes.past_moves:
+        add("int32", (), "past_moves")
+    add("real", (), "mu", "slope", "gap", "product", "least_product", "residual")
     if sizes.has_hard:
         add("real", (), "hardness")
-    add("real", (sizes.states,), "measured")
+    add("real", (sizes.memory,), "measured")
     add("real", (sizes.controls,), "applied")
-    add("real", (stages, stage), "z", "dz", "gradient")
-    add("real", (stages, sizes.states), "adjoint", "next_adjoint")
+    for name, shape in shapes.items():
+        add("real", shape, name)
     add("real", (stages, sizes.results), "results")
     add("real", (stages,), "cost")
     add("real", (stages, max(sizes.kept, 1)), "kept")
     add("real", (stages, max(sizes.given, 1)), "given")
-    add("real", (stages, sizes.results, stage), "slopes")
-    add("real", (stages, stage, stage), "curvature")
-    add("real", (sizes.horizon, sizes.controls, sizes.states), "gain")
-    add("real", (sizes.horizon, sizes.controls), "advance")
     sides = ["slack", "multiplier", "excess", "growth", "stiffness", "offset"]
     if sizes.limits_move:
         sides.append("limit")

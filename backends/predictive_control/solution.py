@@ -13,7 +13,7 @@ from compiler.optimal_control.problem import ControlProblem
 def plan_of(problem: ControlProblem, library: ControllerLibrary) -> Plan:
     """The plan of the last solve."""
     nx, n = problem.states.size, problem.horizon
-    z = library.member("z").astype(np.float64)
+    z = library.plan().astype(np.float64)
     return Plan(z[:, :nx], z[:n, nx:])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,22 +17,22 @@ from backends.c_language.rendering import render
 from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
 from backends.predictive_control.about import about_text
+from backends.predictive_control.condensed_form import condensed_form
 from backends.predictive_control.constants import reachable, solver_constants
+from backends.predictive_control.form import Form
 from backends.predictive_control.inputs import input_fields, quantity_lines
 from backends.predictive_control.members import Sizes, members
 from backends.predictive_control.numbers import Numbers
 from backends.predictive_control.rows import Rows, rows_of
+from backends.predictive_control.selftest import selftest_texts
 from backends.predictive_control.stage_functions import (
     PlacedLimit,
-    StageArrays,
     StageFunctions,
     StageWriter,
 )
-from backends.predictive_control.starts import drawn_starts
-from compiler.hessian.step_derivatives import StepDerivatives, next_value, step_derivatives
-from compiler.ir.program import Program
-from compiler.jacobian.matrices import vector_of
+from backends.predictive_control.staged_form import staged_form
 from compiler.optimal_control.problem import ControlProblem
+from compiler.optimal_control.structure import Chosen, chosen_structure
 from compiler.optimal_control.trained import trained
 
 MOST_SIMULATIONS = 3
@@ -57,29 +57,33 @@ def write_controller(
     dtype: Dtype,
 ) -> tuple[Path, ...]:
     """Writes `include/<prefix>_mpc.h`, `src/<prefix>_mpc*.c`; returns their paths."""
-    texts = controller_texts(trained(problem, weights), prefix, dtype)
+    known = trained(problem, weights)
+    texts = controller_texts(known, prefix, dtype)
+    texts |= selftest_texts(known, prefix, dtype, texts)
     return tuple(write_text(folder / name, text) for name, text in texts.items())
 
 
 def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict[str, str]:
-    """Texts by path, of a problem without parameters."""
+    """Texts by path, of a problem without parameters; without the self-test."""
     problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
     controller = Controller(problem.program.name, f"{prefix}_mpc")
     name = controller.prefix
     rows = rows_of(problem)
     numbers = Numbers(dtype)
     table = FunctionTable(FunctionNames(name, dtype, "own"))
-    stage, terminal, functions = _functions(problem, rows, table, numbers.real)
+    structure = chosen_structure(problem)
+    made = (condensed_form if structure == "condensed" else staged_form)(problem, rows)
+    stage, terminal, functions = _functions(problem, rows, table, numbers.real, made)
     fields = input_fields(problem)
-    given = sum(field.size for field in problem.disturbances.members) + problem.references.size
+    given = made.stages.given.size
     nx, nu = problem.states.size, problem.controls.size
-    results = nx + 1 + sum(problem.type(path.value).size for path in rows.paths)
-    draws = drawn_starts(problem)
+    results = made.stages.size
+    scales = [problem.state_scales[m.name] for m in problem.states.members for _ in range(m.size)]
     sides = [limit for row in rows.rows for limit in (row.minimum, row.maximum)]
     hard = [int(row.hard) for row in rows.rows]
     sizes = Sizes(
         horizon=problem.horizon,
-        states=nx,
+        memory=nx,
         controls=nu,
         results=results,
         sides=len(sides),
@@ -87,18 +91,23 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         given=given,
         limits_move=rows.move,
         has_hard=any(hard),
+        past_moves=structure == "condensed",
     )
-    struct = members(sizes, numbers.real)
+    struct = members(sizes, made.shapes, numbers.real)
     facts = {
+        **made.facts,
+        "at": made.addresses,
+        "condensed": structure == "condensed",
         "members": struct,
         **origin(problem.program.spec_hash),
-        "about": numbers.comment(_about(problem)),
+        "about": numbers.comment(_about(problem, structure)),
         "real": numbers.real,
         "num": numbers.literal,
         "braced": numbers.braced,
         "constants": solver_constants(
             problem.tolerance,
             dtype,
+            structure,
             can_be_infinite=stage.can_be_infinite or terminal.can_be_infinite,
             has_hard=any(hard),
         ),
@@ -107,11 +116,16 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "controls": nu,
         "stage": nx + nu,
         "results": results,
-        "paths": results - nx - 1,
+        "paths": results - made.stages.results[problem.stage] - 1,
         "terminal_paths": rows.terminal,
         "sides": 2 * len(rows.rows),
         "rates": [
-            {"control": r.control, "before": r.before, "most": numbers.literal(r.most)}
+            {
+                "control": r.control,
+                "before": r.before,
+                "place": made.places_of_memory[r.before],
+                "most": numbers.literal(r.most),
+            }
             for r in rows.rates
         ],
         "kept": max(stage.kept, terminal.kept),
@@ -124,9 +138,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "limits": [0.0 if limit is None else limit for limit in sides],
         "limits_move": rows.move,
         "scales": [row.scale for row in rows.rows],
-        "state_scales": [
-            problem.state_scales[m.name] for m in problem.states.members for _ in range(m.size)
-        ],
+        "state_scales": [scales[at] for at in made.newest] or [1.0],
         "linear": [row.linear for row in rows.rows],
         "quadratic": [row.quadratic for row in rows.rows],
         "hard": hard if any(hard) else [],
@@ -139,11 +151,6 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "log_terms": 15 if dtype == "float64" else 7,
         "functions": [Printer(name, dtype).function(function) for function in functions],
         "kernels": bool(table.kernels),
-        "starts": draws,
-        "tolerance": numbers.literal(problem.tolerance),
-        "nan": "NAN" if dtype == "float32" else "(double)NAN",
-        "lowest": [_end(row.minimum, float("-inf"), rows.move) for row in rows.rows[:nu]],
-        "highest": [_end(row.maximum, float("inf"), rows.move) for row in rows.rows[:nu]],
     }
 
     def text(template: str, title: str) -> str:
@@ -151,9 +158,8 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
 
     texts = {
         f"include/{name}.h": text("header.h.j2", "Predictive controller"),
-        f"src/{name}.c": text("staged.c.j2", "Predictive controller"),
-        f"{name}.json": about_text(problem, name, dtype, struct, fields),
-        f"src/{name}_selftest.c": text("selftest.c.j2", "Self-test of the predictive controller"),
+        f"src/{name}.c": text("controller.c.j2", "Predictive controller"),
+        f"{name}.json": about_text(problem, name, dtype, struct, fields, plan=made.plan, rows=rows),
     }
     if table.kernels:
         kernels = c_sources(table.kernels, numbers.real, name)
@@ -163,64 +169,22 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
 
 
 def _functions(
-    problem: ControlProblem, rows: Rows, table: FunctionTable, real: str
+    problem: ControlProblem, rows: Rows, table: FunctionTable, real: str, made: Form
 ) -> tuple[StageFunctions, StageFunctions, list[Function]]:
     """The stage, the end of the horizon, and all functions in the order of the text."""
-    nx = problem.states.size
-    given = vector_of(
-        "given",
-        [
-            (m.name, m.axes, m.unit)
-            for m in (*problem.disturbances.members, *problem.references.members)
-        ],
-    )
     writer = StageWriter(table, problem.program.formulas, real)
-    width = nx + problem.controls.size
-    places = _places_of_results(problem, rows)
-    stage = writer.stage("", _stage(problem, rows), StageArrays(width, places, given))
-    if problem.terminal is not None:
-        places = places | {problem.terminal: nx}
-    terminal = writer.stage(
-        "terminal_", _terminal(problem, rows), StageArrays(width, places, given)
-    )
+    stage = writer.stage("", made.stages.stage, made.stage)
+    terminal = writer.stage("terminal_", made.stages.terminal, made.terminal)
     functions = [stage.values, stage.slopes, terminal.values, terminal.slopes]
+    if made.steady is not None:
+        functions.append(writer.steady(made.stages.stage, made.stage, made.steady))
     if rows.move:
         limits = [
             PlacedLimit(problem.node(limit.output), limit.first_side, limit.size)
             for limit in rows.outputs
         ]
-        functions.append(writer.limits(problem.program.step, limits, given))
+        functions.append(writer.limits(problem.program.step, limits, made.stages.given))
     return stage, terminal, [*table.definitions(), *functions]
-
-
-def _stage(problem: ControlProblem, rows: Rows) -> StepDerivatives:
-    names = [problem.stage, *(path.value for path in rows.paths)]
-    controls = [member.name for member in problem.controls.members]
-    return step_derivatives(_with_outputs(problem, names), inputs=controls)
-
-
-def _terminal(problem: ControlProblem, rows: Rows) -> StepDerivatives:
-    names = [path.value for path in rows.paths if not path.reads_control]
-    if problem.terminal is not None:
-        names = [problem.terminal, *names]
-    return step_derivatives(_with_outputs(problem, names), inputs=(), next_states=())
-
-
-def _with_outputs(problem: ControlProblem, names: Sequence[str]) -> Program:
-    outputs = tuple(problem.program.output(name) for name in names)
-    return replace(problem.program, outputs=outputs)
-
-
-def _places_of_results(problem: ControlProblem, rows: Rows) -> dict[str, int]:
-    """Where each result begins: next states, the cost, bounded values."""
-    places = {next_value(member.name): member.first for member in problem.states.members}
-    end = problem.states.size
-    places[problem.stage] = end
-    end += 1
-    for path in rows.paths:
-        places[path.value] = end
-        end += problem.type(path.value).size
-    return places
 
 
 def _nearest_to_zero(low: float | None, high: float | None, moves: bool) -> float:
@@ -230,12 +194,9 @@ def _nearest_to_zero(low: float | None, high: float | None, moves: bool) -> floa
     return value if high is None else min(value, high)
 
 
-def _end(limit: float | None, without: float, moves: bool) -> float:
-    return without if limit is None or moves else limit
-
-
-def _about(problem: ControlProblem) -> str:
+def _about(problem: ControlProblem, structure: Chosen) -> str:
+    how = "in the controls alone" if structure == "condensed" else "stage by stage"
     return (
         f"Finds the controls of {problem.horizon} samples by an interior-point method on the "
-        f"problem of the spec's `mpc` section, stage by stage, and gives those of the first one."
+        f"problem of the spec's `mpc` section, {how}, and gives those of the first one."
     )

@@ -79,6 +79,14 @@ def training_step(program: Program) -> TrainingStep:
     )
 
 
+def losses_alone(program: Program) -> TrainingStep:
+    """The same without what runs backwards: losses to the bit, for those who ask for no slope."""
+    program = guard_untaken(program)
+    builder = GraphBuilder(program.step)
+    losses = loss_terms(builder, program)
+    return forward_only(replace(program, step=builder.graph()), losses)
+
+
 def forward_only(program: Program, losses: tuple[LossTerm, ...]) -> TrainingStep:
     """The step of a program, which has the nodes of the loss terms, and nothing backwards."""
     nothing = StepGradients({}, {}, {})

@@ -26,7 +26,6 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.moving_input import moving_input
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declaration, Kind, Scope
-from compiler.robots.calls import lower_robot_call, unknown_member
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, submodels
@@ -140,6 +139,8 @@ class Elaboration:
             member = Member(base, f"{rest}.{member.name}", member.span)
         robot = self._robot_of(member)
         if robot is not None:
+            from compiler.robots.calls import unknown_member  # most specs have no robot
+
             self.context.findings.report(unknown_member(*robot, member))
             raise LoweringFailed
         entry = self.declared(member.base, member.span).entry
@@ -175,6 +176,8 @@ class Elaboration:
         if isinstance(function, Member):
             robot = self._robot_of(function)
             if robot is not None:
+                from compiler.robots.calls import lower_robot_call
+
                 self._forbid_in_constant(robot[0], function.span, environment)
                 return lower_robot_call(self.context, *robot, call, environment)
             owner = self.context.scope.get(function.base)

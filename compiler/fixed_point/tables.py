@@ -122,13 +122,13 @@ def _nodes(
             np.asarray(function(np.ldexp(np.clip(x, *domain), -fraction)), np.float64)
             for x in (places, middles)
         )
+    if not (np.isfinite(nodes).all() and np.isfinite(between).all()):
+        return None
     # beyond the domain the last chord goes on, so that the cell is right inside
     for index, inner, edge in ((0, 1, domain[0]), (-1, -2, domain[1])):
         if cells > 1 and places[index] != edge and places[inner] != edge:
             part = (places[inner] - places[index]) / (places[inner] - edge)
             nodes[index] = nodes[inner] + (nodes[index] - nodes[inner]) * part
-    if not (np.isfinite(nodes).all() and np.isfinite(between).all()):
-        return None
     inside = (middles >= domain[0]) & (middles <= domain[1])
     error = np.where(inside, between - (nodes[:-1] + nodes[1:]) / 2, 0.0)
     shifts = np.concatenate([error[:1] / 2, (error[:-1] + error[1:]) / 4, error[-1:] / 2])

@@ -57,6 +57,14 @@ def vector_of(letter: str, quantities: Iterable[Quantity]) -> Vector:
     return Vector(letter, tuple(members))
 
 
+def by_name(vector: Vector, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """The quantities of a vector; `values` are (rows, size)."""
+    return {
+        m.name: values[:, m.first : m.first + m.size].reshape(-1, *Type(m.axes).shape)
+        for m in vector.members
+    }
+
+
 @dataclass(frozen=True, slots=True)
 class MatrixBlock:
     """Computed entries: element (i, j, …) of the node is entry offset + Σ stride · index."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.types import Type
-from compiler.jacobian.matrices import Vector
+from compiler.jacobian.matrices import by_name
 from compiler.optimal_control.problem import ControlProblem, Limits, PathLimits
 
 Array = NDArray[np.float64]
@@ -88,14 +87,6 @@ def log_of(problem: ControlProblem, given: Given, controls: Array) -> dict[str, 
         part = held[:, member.first : member.first + member.size]
         log[member.name] = part.reshape(-1, *Type(member.axes).shape)
     return log
-
-
-def by_name(vector: Vector, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """The quantities of a vector; `values` are (rows, size)."""
-    return {
-        m.name: values[:, m.first : m.first + m.size].reshape(-1, *Type(m.axes).shape)
-        for m in vector.members
-    }
 
 
 def flat(values: Array) -> Array:

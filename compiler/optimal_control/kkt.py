@@ -21,7 +21,7 @@ import numpy as np
 from compiler.interpreter.interpreter import Interpreter
 from compiler.jacobian.interpret import JacobianInterpreter
 from compiler.jacobian.jacobian import jacobian
-from compiler.jacobian.matrices import Vector
+from compiler.jacobian.matrices import Vector, by_name
 from compiler.optimal_control.horizon import (
     Array,
     Given,
@@ -29,7 +29,6 @@ from compiler.optimal_control.horizon import (
     Multipliers,
     Plan,
     block_starts,
-    by_name,
     flat,
     limits_along,
     log_of,

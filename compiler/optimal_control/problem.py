@@ -42,7 +42,7 @@ Curvature = Literal["exact", "gauss_newton"]
 `gauss_newton` leaves out what plant and bounds curve, and takes the nearest convex curvature of the
 cost: for a sum of squares of affine functions of x and u it is the classical one.
 """
-Structure = Literal["auto", "staged"]
+Structure = Literal["auto", "staged", "condensed"]
 Mode = Literal["converged", "fixed"]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,15 +18,14 @@ NOT_HERE = {"E1042", "E1301"}
 """Of engines that cannot be had on this machine, or for this spec."""
 
 if TYPE_CHECKING:
+    from msnn.api.results.measurements import ShownReport, ShownSimulations
     from msnn.data.reading.frames import Frames
     from msnn.data_check.found import DataCheck
     from msnn.simulation.engines.engine import Engine
     from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.intervals import Intervals
-    from msnn.simulation.simulate import Simulations
     from msnn.simulation.simulation_data import GivenData
     from msnn.validation.engines_report import EnginesReport
-    from msnn.validation.validate import ValidationReport
 
 
 def check_data(
@@ -57,11 +55,12 @@ def validate(
     engine: str = "auto",
     progress: RolloutProgress | None = None,
     intervals: bool = False,
-) -> ValidationReport:
+) -> ShownReport:
     """Measures the `validate` section of a spec in float64; None: initial weights.
 
         report = msnn.validate(model, result.weights)
         assert report.passed
+        report.to_frame()  # report.plot(); a notebook shows the tables
 
     `data` as in `train`; entries with `files:` are measured on these all the same. `engine` is what
     simulates: `interpreter`, the judge of all others, `native` kernels, `torch`, an export (`onnx`,
@@ -69,6 +68,7 @@ def validate(
     how many steps are done. `intervals` counts how often targets lie inside prediction intervals;
     weights are then a result or the path of a run. Raises SpecError.
     """
+    from msnn.api.results.measurements import ShownReport
     from msnn.data.reading.file_sets import load_file_sets
     from msnn.exports.exported_rollouts import chosen_engine
     from msnn.model.known_covariance import known_covariance
@@ -94,7 +94,8 @@ def validate(
         )
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]
-        return replace(report, warnings=(*warnings, *report.warnings))
+        said = (*warnings, *report.warnings)
+        return ShownReport(report.rows, report.measurements, said)
 
 
 def validate_every_engine(
@@ -112,7 +113,7 @@ def validate_every_engine(
     from msnn.simulation.engines.open_rollouts import AUTO, ENGINES
     from msnn.validation.engines_report import EnginesReport
 
-    reports: dict[str, ValidationReport] = {}
+    reports: dict[str, ShownReport] = {}
     left_out: dict[str, str] = {}
     names = [engine for engine in ENGINES if engine != AUTO]
     for place, engine in enumerate(names):
@@ -145,7 +146,7 @@ def simulate(
     engine: str = "auto",
     progress: RolloutProgress | None = None,
     intervals: float | None = None,
-) -> Simulations:
+) -> ShownSimulations:
     """Runs the model freely over records; every input that an output predicts is fed back.
 
         (run,) = msnn.simulate(model, {"F": force, "x": position}, result.weights)
@@ -156,8 +157,9 @@ def simulate(
     their columns. `horizon` ends each run after so many steps. `engine` and `progress` as in
     `validate`. `intervals=95` adds half the width of 95 % prediction intervals, `run.bands`;
     weights are then a result or the path of a run. The answer is a sequence of runs, with
-    `warnings`. Raises SpecError.
+    `warnings`, `to_frame()` and `plot()`. Raises SpecError.
     """
+    from msnn.api.results.measurements import ShownSimulations
     from msnn.exports.exported_rollouts import chosen_engine
     from msnn.exports.prepare import loop_fault
     from msnn.simulation.engines.progress import nobody
@@ -176,7 +178,7 @@ def simulate(
     if intervals is not None:
         bands = _intervals(model, weights, known, intervals / 100.0, data_root, chosen)
     with sources_of(model):
-        return run(
+        found = run(
             program,
             dataset,
             known,
@@ -186,6 +188,7 @@ def simulate(
             progress=progress or nobody,
             intervals=bands,
         )
+    return ShownSimulations(found.runs, found.warnings, program)
 
 
 def _intervals(

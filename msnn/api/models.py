@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,29 +15,45 @@ from msnn.model.given_weights import Weights
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.model.model_data import known_in, sources_of
+from msnn.packages import TORCH
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.reading.python_values import Settings, setting_texts, spec_text
 from spec_schema.sections.spec import Spec
 
+OF_TEXT, OF_MAPPING = Path("text.msnn.yaml"), Path("mapping.msnn.yaml")
+"""What diagnostics and runs call specs that stand in no file."""
+
 if TYPE_CHECKING:
+    from backends.torch_module.step_module import StepModule
+    from compiler.state_estimation.kalman_filter import KalmanFilter
     from msnn.control.controller import Controller
-    from msnn.control.kalman_filter import KalmanFilter
     from msnn.control.method import Solver
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
 
 
-def load(path: str | Path, settings: Sequence[str] = ()) -> Model:
-    """The model in a spec or program file; `settings` such as `train.0.epochs=5` replace values.
+def load(spec: str | Path | Mapping[str, object], settings: Settings = ()) -> Model:
+    """The model in a spec or program file, in the text of a spec, or in a mapping.
 
         model = msnn.load("plant.msnn.yaml")
         print(model.program.outputs)
 
-    Raises SpecError with everything that is wrong with the file.
+        for window in (5, 10, 20):
+            model = msnn.load("plant.msnn.yaml", {"layers.h.fir.window": window})
+
+    A string with a line end is text; files that it or a mapping names are looked for from the
+    current folder. `settings` replace values: a mapping, or `["train.0.epochs=5"]`. Raises
+    SpecError with everything that is wrong, TypeError for values that no spec can hold.
     """
-    return load_model(path, settings)
+    texts = setting_texts(settings)
+    if isinstance(spec, Mapping):
+        return load_model(OF_MAPPING, texts, text=spec_text(spec))
+    if isinstance(spec, str) and "\n" in spec:
+        return load_model(OF_TEXT, texts, text=spec)
+    return load_model(spec, texts)
 
 
-def compile(spec: str | Path | Spec) -> Program:
+def compile(spec: str | Path | Mapping[str, object] | Spec) -> Program:
     """The program of a spec, in window form.
 
         program = msnn.compile("plant.msnn.yaml")
@@ -45,7 +61,7 @@ def compile(spec: str | Path | Spec) -> Program:
     Raises SpecError with everything that is wrong with it, ValueError for a Spec with sub-models:
     these are found beside its file.
     """
-    return compile_spec(spec).program if isinstance(spec, Spec) else load_model(spec).program
+    return compile_spec(spec).program if isinstance(spec, Spec) else load(spec).program
 
 
 def initial_weights(model: Model) -> dict[str, FloatArray]:
@@ -109,6 +125,41 @@ def stepper(model: Model, weights: Weights | None = None) -> Stepper:
         return open_stepper(model, known)
 
 
+def torch_module(
+    model: Model, weights: Weights | None = None, *, device: str = "cpu"
+) -> StepModule:
+    """One step of the model as a `torch.nn.Module` in memory, through which gradients flow.
+
+        module = msnn.torch_module(model, result.weights)
+        state = module.initial_state(windows)
+        outputs, state = module(inputs, state)
+        msnn.export(model, "c", "firmware", module)
+
+    It does what `msnn.export(model, "torch", …)` would write, with what `export: {torch: …}` of the
+    spec says of `close`, `outputs` and `dtype`. Tensors have the batch first; `msnn show
+    --interface` lists ports with their shapes. `device` as in `train`. Weights None: the initial
+    values. Raises SpecError, MissingExtraError.
+    """
+    TORCH.require("computes in torch modules")
+    import torch
+
+    from backends.torch_module.step_module import StepModule
+    from msnn.exports.export import plan_exports
+    from msnn.training.engines.devices import find_device
+
+    findings = Findings()
+    known = known_in(model, weights)
+    plans = plan_exports(model, ["torch"], findings)
+    if findings.failed:
+        raise SpecError(findings.in_order, model.sources)
+    (plan,) = plans
+    dtype = {"float32": torch.float32, "float64": torch.float64}[plan.float_type]
+    module = StepModule(plan.program, dtype, find_device(device).torch)
+    names = {parameter.name for parameter in plan.program.parameters}
+    module.model.load_physical({name: known[name] for name in names})
+    return module
+
+
 def mpc(
     model: Model, weights: Weights | None = None, *, solver: Solver | None = None
 ) -> Controller:
@@ -164,7 +215,7 @@ def export(
 
     findings = Findings()
     known = known_in(model, weights)
-    names, _ = writable_targets([target], model.spec.export, has_control=model.control is not None)
+    names, _ = writable_targets([target], model.spec.export, is_online=model.is_online)
     plans = plan_exports(model, names, findings, weights=known)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)

@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from compiler.passes.close_loop import LoopError
 from msnn.errors.runs import no_run
-from msnn.model.kept_run import WEIGHTS, run_of
+from msnn.model.kept_run import run_of
 from msnn.model.model_data import sources_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:
     from msnn.data.dataset import Dataset, FloatArray
     from msnn.model.model import Model
-    from msnn.reports.learned_functions import LearnedFunction
-    from msnn.reports.run_summary import Run
     from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.simulate import Simulation
     from msnn.training.records.run_log import RunLine
@@ -103,28 +101,6 @@ def _undrawn(model: Model) -> list[str]:
     if not model.read.used:
         return []
     return ["Of a model with sub-models only taps are drawn of what was learned."]
-
-
-def functions_of_run(run: Run) -> tuple[LearnedFunction, ...]:
-    """What a run has learned, as functions; over the range of its data, where these are here.
-
-    None of a run that has no weights.
-    """
-    from msnn.model.load import load_model
-    from msnn.model.model_data import read_data
-    from msnn.model.weights_file import read_weights
-    from msnn.reports.learned_functions import learned_functions
-
-    weights = run.folder / WEIGHTS
-    if not weights.is_file():
-        return ()
-    model = load_model(run.folder)
-    try:
-        data = read_data(model, None, "picture")
-    except SpecError:  # a run does not keep its data: taps need none
-        data = None
-    with sources_of(model):
-        return learned_functions(model, read_weights(weights, model.program), data)
 
 
 def _measured(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,15 +12,16 @@ from msnn.model.given_weights import Weights
 from msnn.model.model import Model
 from msnn.model.model_data import given_in, measured, sources_of
 from msnn.packages import TORCH
+from spec_schema.reading.python_values import Settings, setting_texts, value_text
 
 if TYPE_CHECKING:
-    from msnn.comparison.compare import Comparison, Listener
+    from msnn.api.results.comparisons import ShownComparison
+    from msnn.api.results.trainings import ShownFolds, ShownTraining
+    from msnn.api.shown_progress import Hearer
+    from msnn.comparison.compare import Listener
     from msnn.data.reading.frames import Frames
-    from msnn.training.folds import FoldsResult
-    from msnn.training.records.progress import Progress
     from msnn.training.records.training_options import TrainingOptions
     from msnn.training.stage_loss_module import StageLoss
-    from msnn.training.training_result import TrainingResult
 
 
 def train(
@@ -33,20 +34,26 @@ def train(
     tensorboard: bool = False,
     device: str = "cpu",
     weights: Weights | None = None,
-    progress: Progress | None = None,
-) -> TrainingResult:
+    progress: Hearer = None,
+) -> ShownTraining:
     """Trains the stages of a spec on its data and returns the best weights of the last.
 
         result = msnn.train(msnn.load("plant.msnn.yaml"))
         print(result.weights["k"], result.folder)
+        result.to_frame()  # result.plot(); a notebook shows the tables
 
     `data` are frames of pandas or polars or mappings of arrays, with the columns that the spec
     names, one a record: a single one, a list, or either for each set, `{"train": a, "val": b}`.
     None takes the data of the spec. `runs` None keeps no files; `tensorboard` adds curves to them.
     `device` is where torch computes: cpu, cuda, cuda:N or auto; `weights` is where the first stage
-    begins, by default the initial values. Raises SpecError, TrainingDivergedError,
+    begins, by default the initial values. `progress` None shows lines where somebody watches: a
+    terminal, a notebook; True everywhere, False nowhere; a function is given every event, a
+    `StageStart`, `EpochEnd`, `StageEnd` or a warning. Raises SpecError, TrainingDivergedError,
     TrainingInterruptedError and MissingExtraError.
     """
+    from msnn.api.results.trainings import shown_training
+    from msnn.api.shown_progress import heard_by
+    from msnn.reports.training_summary import Recorded
     from msnn.training import train as engine
     from msnn.training.engines.what_trains import require_what_trains
     from msnn.training.run_line import begun, diverged, ended, log
@@ -56,14 +63,23 @@ def train(
     first = given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
     line = begun(model, dataset)
+    heard = Recorded(heard_by(progress), keeps_epochs=options.runs is None)
     with sources_of(model):
         try:
-            found = engine.train(model.program, dataset, model.spec.train, options, progress, first)
+            found = engine.train(model.program, dataset, model.spec.train, options, heard, first)
         except engine.TrainingDivergedError as error:
             log(options.runs, diverged(line, error))
-            raise
+            raise engine.TrainingDivergedError(
+                error.diagnostic,
+                shown_training(error.result, model, heard),
+                is_latest=error.is_latest,
+                sources=model.sources,
+            ) from None
+        except engine.TrainingInterruptedError as error:
+            shown = shown_training(error.result, model, heard)
+            raise engine.TrainingInterruptedError(shown) from None
     log(options.runs, ended(line, found, options.runs))
-    return found
+    return shown_training(found, model, heard)
 
 
 def train_folds(
@@ -76,8 +92,8 @@ def train_folds(
     tensorboard: bool = False,
     device: str = "cpu",
     weights: Weights | None = None,
-    progress: Progress | None = None,
-) -> FoldsResult:
+    progress: Hearer = None,
+) -> ShownFolds:
     """Trains once for every fold of `split: {by: kfold, k}`, and measures it on the fold.
 
         result = msnn.train_folds(msnn.load("plant.msnn.yaml"))
@@ -86,7 +102,10 @@ def train_folds(
     Arguments and errors as of `train`; frames are of one set, which the folds divide. SpecError
     also where the data have no folds.
     """
+    from msnn.api.results.trainings import ShownFolds
+    from msnn.api.shown_progress import heard_by
     from msnn.data.reading.frames import refuse_sets
+    from msnn.reports.training_summary import Recorded
     from msnn.training import folds
     from msnn.training.engines.what_trains import require_what_trains
 
@@ -98,8 +117,10 @@ def train_folds(
     def read(one: Model) -> Dataset:
         return measured(one, data, data_root, "training")
 
+    heard = Recorded(heard_by(progress), keeps_epochs=options.runs is None)
     with sources_of(model):
-        return folds.train_folds(model, read, options, progress, first)
+        found = folds.train_folds(model, read, options, heard, first)
+    return ShownFolds(found.folds, found.folder, found.count, model, heard)
 
 
 def stage_loss(
@@ -139,8 +160,8 @@ def stage_loss(
 def compare(
     specs: str | Path | Sequence[str | Path],
     *,
-    grid: Sequence[str] = (),
-    settings: Sequence[str] = (),
+    grid: Sequence[str] | Mapping[str, Sequence[object]] = (),
+    settings: Settings = (),
     data: Frames | None = None,
     data_root: str | Path | None = None,
     on: str = "val",
@@ -151,26 +172,29 @@ def compare(
     by: str | None = None,
     cost: bool = True,
     listener: Listener | None = None,
-) -> Comparison:
+) -> ShownComparison:
     """Trains specs, or one with every choice of a grid, and ranks them on rows held out.
 
-        found = msnn.compare("plant.msnn.yaml", grid=["layers.h.fir.window=5,10,20"], seeds=3)
+        found = msnn.compare("plant.msnn.yaml", grid={"layers.h.fir.window": [5, 10, 20]}, seeds=3)
         print(found.best.variant.settings, found.best.score)
+        found.to_frame()  # found.plot(); a notebook shows the table
 
-    `on` is the set that they are compared on; with `folds` each fold of `split: {by: kfold, k}` is
+    `grid` and `settings` are mappings, or texts as `--grid` and `--set` take them. `on` is the set
+    that they are compared on; with `folds` each fold of `split: {by: kfold, k}` is
     held out in turn. `by` ranks them: `fit`, `x_next.fit` or `x_next.rmse:record`; None takes what
     the first entry of `validate` asks for. `jobs` trainings run at once, each in a process: a
     script then needs `if __name__ == "__main__"`. `cost` counts instructions and bytes of the C on
     a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
     there is not repeated. Raises SpecError and TrainingInterruptedError.
     """
+    from msnn.api.results.comparisons import ShownComparison
     from msnn.comparison.compare import ComparisonOptions
     from msnn.comparison.compare import compare as run
-    from msnn.comparison.variants import grid_axis
+    from msnn.comparison.variants import GridAxis, grid_axis
 
     named = [specs] if isinstance(specs, str | Path) else specs
     options = ComparisonOptions(
-        settings=settings,
+        settings=setting_texts(settings),
         data=data,
         data_root=None if data_root is None else Path(data_root),
         held_out=on,
@@ -181,9 +205,14 @@ def compare(
         criterion=by,
         counts_cost=cost,
     )
-    return run(
-        [Path(spec) for spec in named], [grid_axis(each) for each in grid], options, listener
+    axes = (
+        [GridAxis(path, tuple(map(value_text, values))) for path, values in grid.items()]
+        if isinstance(grid, Mapping)
+        else [grid_axis(each) for each in grid]
     )
+    found = run([Path(spec) for spec in named], axes, options, listener)
+    known = {field.name: getattr(found, field.name) for field in fields(found)}
+    return ShownComparison(**known)
 
 
 def _options(

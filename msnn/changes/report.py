@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -11,22 +11,21 @@ from msnn.changes.metric_changes import MetricChange
 from msnn.changes.model_changes import FailOn, ModelChanges
 from msnn.errors.changes import breaking_change, worse_metric
 from msnn.reports.compare_specs import Comparison
-from msnn.tables import count, markdown_table, table_text
+from msnn.tables import Table, count
 from spec_schema.diagnostics.diagnostic import Diagnostic
-
-_Table = Callable[[Sequence[str], Sequence[Sequence[str]], Sequence[int]], str]
 
 
 def changes_text(found: ModelChanges, margin: float) -> str:
     """Entries of the spec, then tables, then in a line what it comes to."""
-    parts = [_specs_text(found.specs), *_tables(found, margin, table_text), verdict(found, margin)]
+    tables = [table.text for table in _tables(found, margin)]
+    parts = [_specs_text(found.specs), *tables, verdict(found, margin)]
     return "\n\n".join(part for part in parts if part)
 
 
 def changes_markdown(found: ModelChanges, margin: float) -> str:
     """The same under a heading, entries of the spec folded away."""
     head = f"## {found.name}: {verdict(found, margin)}"
-    parts = [head, *_tables(found, margin, markdown_table)]
+    parts = [head, *(table.markdown for table in _tables(found, margin))]
     if specs := _specs_text(found.specs):
         fence = "`" * (3 + specs.count("```"))
         shown = f"{fence}text\n{specs}\n{fence}"
@@ -101,10 +100,10 @@ def _specs_text(found: Comparison) -> str:
     return "\n".join(lines)
 
 
-def _tables(found: ModelChanges, margin: float, table: _Table) -> Iterator[str]:
+def _tables(found: ModelChanges, margin: float) -> Iterator[Table]:
     if found.interface:
         rows = [(c.part, c.what, c.old or "", c.new or "", c.breaks) for c in found.interface]
-        yield table(("interface", "", "old", "new", "breaks, since"), rows, ())
+        yield Table(("interface", "", "old", "new", "breaks, since"), rows)
     if found.metrics:
         worse = found.worse(margin)
         rows = [
@@ -123,10 +122,10 @@ def _tables(found: ModelChanges, margin: float, table: _Table) -> Iterator[str]:
             for row in found.metrics
         ]
         header = ("of", "metric", "old", "new", "unit", "error", "", "rollout", "data", "note")
-        yield table(header, rows, (2, 3))
+        yield Table(header, rows, (2, 3))
     if found.learned:
         rows = [(p.name, p.unit, _number(p.old), _number(p.new)) for p in found.learned]
-        yield table(("parameter", "unit", "old", "new"), rows, (2, 3))
+        yield Table(("parameter", "unit", "old", "new"), rows, (2, 3))
 
 
 def _grown(row: MetricChange) -> str:

@@ -20,6 +20,7 @@ from msnn.tables import LINE_WIDTH
 
 VERBS = (
     "init",
+    "import",
     "check",
     "data",
     "compile",
@@ -39,6 +40,10 @@ VERBS = (
     "doctor",
 )
 """In the order of `msnn --help`; each is a function in a file of its name."""
+_MODULES = {"import": "import_"}
+"""Files of verbs that are words of Python."""
+_FUNCTIONS = {"import": "import_", "compile": "compile_"}
+"""Functions of verbs that are words or functions of Python."""
 
 
 def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
@@ -56,8 +61,8 @@ def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
     )
     app.callback()(_options)
     for name in verbs:
-        module = import_module(f"msnn.cli.verbs.{name}")
-        verb = getattr(module, "compile_" if name == "compile" else name)
+        module = import_module(f"msnn.cli.verbs.{_MODULES.get(name, name)}")
+        verb = getattr(module, _FUNCTIONS.get(name, name))
         app.command(name)(with_manners(verb))
     return app
 

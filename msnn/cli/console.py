@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from msnn.cli.manners import NOW
 from msnn.errors.failures import ReaderGoneError
+from msnn.terminals import is_live
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.render import render
 from spec_schema.diagnostics.source import SourceText
@@ -114,11 +115,6 @@ def wants_color(stream: TextIO) -> bool:
     if forced is not None and forced != "":
         return forced != "0"
     return is_live(stream)
-
-
-def is_live(stream: TextIO) -> bool:
-    """Whether somebody watches the stream: a terminal that can do more than print lines."""
-    return stream.isatty() and not os.environ.get("CI") and os.environ.get("TERM") != "dumb"
 
 
 def plain(value: Any) -> Any:

@@ -23,6 +23,8 @@ def main() -> NoReturn:
     # Loading makes many objects and hardly any garbage: looking for it took a tenth of `check`.
     gc.set_threshold(100_000, 20, 20)
     if _LOOKING.intersection(sys.argv[1:2]):
+        # what a spec of a megabyte leaves is small: the end of the process is soon enough
+        gc.disable()
         # numpy would start a thread for each core; that they wait took a sixth of `check`
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:

@@ -6,7 +6,7 @@ import time
 from types import TracebackType
 from typing import TextIO
 
-from msnn.cli.console import is_live
+from msnn.terminals import is_live
 
 _FIRST = 1.0
 """Seconds before anything is said: most simulations are over by then."""

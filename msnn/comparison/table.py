@@ -7,10 +7,15 @@ from typing import Any
 
 from msnn.comparison.compare import Comparison
 from msnn.comparison.ranking import Criterion, Ranked, cheapest_as_good
-from msnn.tables import table_text
+from msnn.tables import Table
 
 
 def comparison_table(found: Comparison) -> str:
+    """What `comparison_cells` has, as text."""
+    return comparison_cells(found).text
+
+
+def comparison_cells(found: Comparison) -> Table:
     """One row a model, the most accurate first; columns that nobody has are left out."""
     others = _others(found)
     rows = [_row(entry, found, others) for entry in found.entries]
@@ -29,7 +34,7 @@ def comparison_table(found: Comparison) -> str:
         "flash",
         "",
     )
-    return table_text(header, rows, numbers=range(1, len(header) - 1))
+    return Table(header, rows, numbers=range(1, len(header) - 1))
 
 
 def comparison_notes(found: Comparison) -> list[str]:

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from compiler.ir.program import Signal
 from compiler.ir.types import Type
-from compiler.jacobian.matrices import Vector
-from compiler.optimal_control.horizon import Array, Given, by_name
+from compiler.jacobian.matrices import Vector, by_name
+from compiler.optimal_control.horizon import Array, Given
 from compiler.optimal_control.kkt import Judge, Residuals
 from compiler.optimal_control.problem import ControlProblem
 from msnn.control.control_range import ControlRange

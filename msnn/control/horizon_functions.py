@@ -16,13 +16,13 @@ from compiler.hessian.step_derivatives import multiplier, next_value, step_deriv
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.ops import Constant
 from compiler.ir.types import Type
+from compiler.jacobian.matrices import by_name
 from compiler.optimal_control.horizon import (
     Array,
     Given,
     Multipliers,
     Plan,
     block_starts,
-    by_name,
     flat,
     limits_along,
     log_of,
@@ -32,6 +32,7 @@ from compiler.optimal_control.horizon import (
     stages_of,
 )
 from compiler.optimal_control.problem import ControlProblem, Limits
+from compiler.optimal_control.structure import chosen_structure
 from msnn.control.riccati import HeldControls
 
 
@@ -78,6 +79,7 @@ class HorizonFunctions:
     def __init__(self, problem: ControlProblem) -> None:
         self.problem = problem
         self.horizon = problem.horizon
+        self.structure = chosen_structure(problem)
         self.scale_x, self.scale_u = scales(problem)
         self.states, self.controls = problem.states.size, problem.controls.size
         self.starts = block_starts(problem)

@@ -3,9 +3,10 @@
 Each limit c(w) ≥ 0 has a slack t > 0 with c(w) = t and a multiplier z, t·z → μ; a soft one has an
 excess v > 0 more, c(w) + v = t, which costs w₁ v + w₂ v², with the multiplier ν = w₁ + 2 w₂ v − z,
 v·ν → μ (Nocedal, Wright: Numerical Optimization, 2006, ch. 19). Slacks and excesses are eliminated,
-so that each step is one Riccati recursion. Costates follow from the plan: the gradient in
-the states is 0 always. The curvature is exact where the recursion has a minimum with it, and that
-of the nearest convex stages where not. Steps are cut back by an ℓ₁ merit function.
+so that each step is one Riccati recursion, or one dense system in the controls alone. Costates
+follow from the plan: the gradient in the states is 0 always. The curvature is exact where the step
+has a minimum with it, and that of the nearest convex stages where not. Steps are cut back by an ℓ₁
+merit function.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from compiler.optimal_control.horizon import Array, Given
 from msnn.control.barrier_limits import BarrierLimits
+from msnn.control.condensed_step import condensed_step
 from msnn.control.horizon_functions import HorizonFunctions, Values
 from msnn.control.iterate import Direction, Iterate, Point
 from msnn.control.riccati import newton_step
@@ -56,14 +58,13 @@ class InteriorPoint:
         *,
         iterations: int,
         tolerance: float,
-        stops: bool,
     ) -> Outcome:
         """From a scaled plan on; `before` has the multipliers of a neighbouring problem.
 
-        With `stops` it ends once the residual is at most the tolerance, else after `iterations`.
+        It ends once the residual is at most the tolerance, after `iterations` anyway.
         """
         with np.errstate(all="ignore"):
-            return self._solved(states, controls, before, iterations, tolerance, stops=stops)
+            return self._solved(states, controls, before, iterations, tolerance)
 
     def _solved(
         self,
@@ -72,8 +73,6 @@ class InteriorPoint:
         before: Iterate | None,
         iterations: int,
         tolerance: float,
-        *,
-        stops: bool,
     ) -> Outcome:
         steepest = float(np.max(self._limits.linear, initial=1.0))
         first = barrier = _FIRST_BARRIER * steepest if before is None else _WARM_BARRIER
@@ -81,7 +80,7 @@ class InteriorPoint:
         for count in range(iterations + 1):
             point = self._linearised(now, values)
             residual = self._residual(point)
-            is_over = not np.isfinite(residual) or (stops and residual <= tolerance)
+            is_over = not np.isfinite(residual) or residual <= tolerance
             if is_over or count == iterations:
                 return self._ended(now, values, residual, count)
             while barrier > tolerance / 10 and self._error(point, barrier) < 10 * barrier:
@@ -230,7 +229,8 @@ class InteriorPoint:
         pull = limits.by_row(z - stiffness * offset)
         gradient = slopes.cost + np.einsum("km,kmw->kw", pull, slopes.rows)
         held_gaps = self._held_gaps(now)
-        found = newton_step(whole, gradient, slopes.following, point.gaps, self._held, held_gaps)
+        step = condensed_step if self._f.structure == "condensed" else newton_step
+        found = step(whole, gradient, slopes.following, point.gaps, self._held, held_gaps)
         if found is None:
             return None
         states, controls = found

@@ -12,7 +12,8 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.liveness import reads_log
 from compiler.ir.program import History, Tape
 from compiler.ir.types import Type
-from compiler.optimal_control.horizon import Array, Given, by_name, log_of
+from compiler.jacobian.matrices import by_name
+from compiler.optimal_control.horizon import Array, Given, log_of
 from compiler.optimal_control.problem import ControlProblem
 
 

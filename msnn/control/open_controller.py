@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from backends.files.c_compiler import CompilerMissingError
 from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
+from compiler.state_estimation.kalman_filter import KalmanFilter
 from msnn.control.controller import Controller
 from msnn.control.horizon_functions import HorizonFunctions
-from msnn.control.kalman_filter import KalmanFilter
 from msnn.control.method import Method, Solver
 from msnn.control.reference_method import ReferenceMethod
 from msnn.data.dataset import FloatArray

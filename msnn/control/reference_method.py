@@ -35,15 +35,15 @@ class ReferenceMethod:
 
     def solve(self, given: Given, allowed: ControlRange, resting: Array) -> Found:
         method = InteriorPoint(self._functions, given)
-        stops = self._problem.mode == "converged"
+        may_begin_again = self._problem.mode == "converged"
         iterations, tolerance = self._problem.iterations, self._problem.tolerance
-        solve = partial(method.solve, iterations=iterations, tolerance=tolerance, stops=stops)
+        solve = partial(method.solve, iterations=iterations, tolerance=tolerance)
         outcome: Outcome | None = None
         if self._last is not None and self._is_good:
             before = _shifted(self._last)
             controls = allowed.blocked(before.controls)
             outcome = solve(before.states, controls, before)
-        if outcome is None or (stops and not outcome.residual <= tolerance):
+        if outcome is None or (may_begin_again and not outcome.residual <= tolerance):
             states, controls = self._cold(given, allowed, resting)
             again = solve(states, controls, None)
             if outcome is None or not outcome.residual <= again.residual:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from compiler.optimal_control.horizon import Array
 
-_LEAST_CURVATURE = 1e-12
+LEAST_CURVATURE = 1e-12
 """Of a control, relative to the largest of its stage."""
 
 
@@ -78,7 +78,7 @@ def _best_control(quadratic: Array, slope: Array, nx: int) -> tuple[Array, Array
         factor = np.linalg.cholesky(own)
     except LinAlgError:
         return None
-    if not np.all(np.diagonal(factor) ** 2 > _LEAST_CURVATURE * np.max(np.abs(own))):
+    if not np.all(np.diagonal(factor) ** 2 > LEAST_CURVATURE * np.max(np.abs(own))):
         return None
     right = np.concatenate([quadratic[nx:, :nx], slope[nx:, None]], axis=1)
     found: Array = -np.linalg.solve(own, right).astype(np.float64)

@@ -24,13 +24,6 @@ def not_a_number(file: str, row: int, column: str, text: str, more: int, place: 
     return error("E0807", place, message, "not a number", notes=notes, help=_repair_of(text))
 
 
-def line_of_units(file: str, columns: str, place: Span) -> Diagnostic:
-    """E0825: a line of units below the header, where the first row of numbers belongs."""
-    message = f"row 0 of {file} has units, not numbers"
-    repair = f"remove the line; where a unit is not the signal's, write `columns: {columns}`"
-    return error("E0825", place, message, "a line of units", help=repair)
-
-
 def decimal_comma(
     file: str, row: int, column: str, text: str, more: int, place: Span, *, delimiter: str
 ) -> Diagnostic:
@@ -70,7 +63,7 @@ def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
 def _repair_of(text: str) -> str | None:
     """What to write in place of a text that people often have in a table."""
     if _DATE.match(text):
-        return "write the time as a number: seconds since the start of the record"
+        return "write times as `2026-11-22 17:00:00.25` (ISO 8601), or as numbers"
     if text.upper() in _NOT_MEASURED:
         return "leave the cell empty where nothing was measured"
     joined = _BLANKS.sub("", text)

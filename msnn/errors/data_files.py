@@ -28,7 +28,8 @@ def unreadable_file(file: str, reason: str) -> Diagnostic:
 def spreadsheet(file: str, span: Span | None = None) -> Diagnostic:
     """E0826: a workbook of a spreadsheet program where a table of text belongs."""
     message = f"{file} is a workbook of a spreadsheet, not a table of text"
-    return error("E0826", span, message, help="save the sheet as CSV and name that")
+    repair = "give a workbook of Excel the name `….xlsx`, or save the sheet as CSV and name that"
+    return error("E0826", span, message, help=repair)
 
 
 def empty_file(file: str, *, header: bool) -> Diagnostic:
@@ -128,6 +129,11 @@ def other_sample_time(*, file: str, found: float, expected: float) -> Diagnostic
 def _repair_of_step(found: float, expected: float) -> str:
     """What to write where rows are `found` seconds apart and `sample_time` says otherwise."""
     ratio = expected / found if found > 0 else 0.0
+    if abs(ratio / _DAY - 1) < 0.01:
+        return (
+            "the time seems to count days, as serial dates of a spreadsheet do, which text rounds: "
+            "format the cells as dates with times"
+        )
     every = round(ratio)
     if every > 1 and abs(ratio - every) < 0.01 * every:
         return f"`every: {every}` takes one row in {every}"
@@ -138,6 +144,9 @@ def _repair_of_step(found: float, expected: float) -> str:
 
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
 """Units that a column of time often has, and how many of them a second is."""
+
+
+_DAY = 86400.0
 
 
 def _seconds(value: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from msnn.errors.commands import missing_extra
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, shown_whole
 
 
 class ReaderGoneError(Exception):
@@ -16,3 +16,7 @@ class MissingExtraError(Exception):
     def __init__(self, what: str, install: str) -> None:
         self.diagnostic: Diagnostic = missing_extra(what, install)
         super().__init__(self.diagnostic.message)
+
+    def _render_traceback_(self) -> list[str]:
+        """What a notebook shows in place of a traceback: the line that installs it too."""
+        return shown_whole([self.diagnostic])

@@ -1,4 +1,4 @@
-"""E1042-E1044, E1053, W0950-W0954, W1001-W1003: kernels, and where they are kept."""
+"""E1042-E1044, E1053, W0950, W0951, W1001-W1003: kernels, and where they are kept."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,10 +16,14 @@ def wrong_kernel(stage: str, what: str, instead: str, span: Span | None) -> Diag
     return warning("W0950", span, f"stage `{stage}` goes on {instead}: {what}", label, help=_REPORT)
 
 
-def kernel_not_made(stage: str, reason: str, instead: str, span: Span | None) -> Diagnostic:
+def kernel_not_made(
+    stage: str, reason: str, instead: str, span: Span | None, *, too_large: bool = False
+) -> Diagnostic:
     """W0951: a training kernel that cannot be built though there is a compiler."""
-    message = f"stage `{stage}` goes on {instead}: its kernel cannot be made ({reason})"
-    return warning("W0951", span, message, "no kernel", help=_REPORT)
+    fault = "is too large" if too_large else "cannot be made"
+    message = f"stage `{stage}` goes on {instead}: its kernel {fault} ({reason})"
+    smaller = "learn fewer numbers at a time, by `freeze`, or take an optimizer of first order"
+    return warning("W0951", span, message, "no kernel", help=smaller if too_large else _REPORT)
 
 
 def foreign_kernels(folder: Path, reason: str, taken: Path | None) -> Diagnostic:

@@ -7,7 +7,7 @@ from spec_schema.diagnostics.source import Span
 def no_control(place: Span | None = None) -> Diagnostic:
     """E1140: a controller of a spec that says nothing of one."""
     repair = "add an `mpc:` section, which says what the controller makes small"
-    message = "the spec has no `mpc` section to make a controller of"
+    message = "the spec has neither an `mpc` section nor an `estimator` to write in C"
     return error("E1140", place, message, "asked for here", help=repair)
 
 

@@ -1,4 +1,4 @@
-"""E0353, E0940-E0949: curricula and optimisers of training stages, runs that go on, folds, fits."""
+"""E0353, E0940-E0949, W0953: curricula and optimisers of stages, runs that go on, folds, fits."""
 
 from collections.abc import Iterable, Sequence
 
@@ -15,6 +15,20 @@ def misfitting_curriculum(problem: str, span: Span) -> Diagnostic:
         "20 up to epoch 40, then on 50"
     )
     return error("E0940", span, message, help=repair)
+
+
+def much_memory(
+    *, stage: str, starts: int, steps: int, step_bytes: int, installed: int, span: Span | None
+) -> Diagnostic:
+    """W0953: a stage on torch that needs more than half of the memory of the machine."""
+    total = starts * steps * step_bytes
+    message = (
+        f"stage `{stage}` will need about {total / 1e9:.1f} GB: {starts} starts × {steps} steps × "
+        f"{step_bytes} bytes; this machine has {installed / 1e9:.1f} GB"
+    )
+    notes = ("torch keeps the values of all steps of a batch until its gradient is known",)
+    repair = "make `batch:` or the horizon smaller, or let kernels train: `engine: native`"
+    return warning("W0953", span, message, "much memory", notes=notes, help=repair)
 
 
 def curriculum_outside_training(span: Span) -> Diagnostic:

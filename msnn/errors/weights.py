@@ -37,21 +37,14 @@ def unknown_weights(file: str, names: Sequence[str], known: Sequence[str]) -> Di
 
 
 def weights_of_another_model(
-    file: str, differing: Sequence[tuple[str, str | None, str | None]]
+    file: str, said: Sequence[str], setting: str | None = None, kept: str = "the spec that is kept"
 ) -> Diagnostic:
-    """E0994: weights whose run had another model; `differing` are paths with both values."""
-    said = [
-        f"`{path}` was {'not there' if then is None else then}, "
-        f"here it is {'not there' if now is None else now}"
-        for path, then, now in differing
-    ]
+    """E0994: weights whose run had another model; `said` are the values of both that differ."""
     more = len(said) - _MOST_SHOWN
     notes = (*said[1:_MOST_SHOWN], *((f"{more} more values differ",) if more > 0 else ()))
-    path, then, _ = differing[0]
-    repair = "train again, or take the spec that is kept beside the weights"
-    if then is not None:
-        setting = quote(f"{path}={then}")
-        repair = f"`--set {setting}` asks for the model that was trained; or train again"
+    repair = f"train again, or take {kept} beside the weights"
+    if setting is not None:
+        repair = f"`--set {quote(setting)}` asks for the model that was trained; or train again"
     message = f"{file} was trained for another model: {said[0]}"
     return error("E0994", None, message, notes=notes, help=repair)
 

@@ -25,15 +25,15 @@ def target_named(name: str) -> AnyTarget:
 
 
 def target_names(
-    names: Sequence[str], export: Export | None, *, has_control: bool = False
+    names: Sequence[str], export: Export | None, *, is_online: bool = False
 ) -> tuple[str, ...]:
     """The targets that a command line names; by default those of the spec, else all of them.
 
-    All are those that the spec has something for: a controller needs its `mpc` section. Raises
+    All are those that the spec has something for: controllers need `mpc` or `estimator`. Raises
     SpecError for a name that is no target, and for one of which the spec has nothing.
     """
     faults = [commands.unknown_target(n, NAMES) for n in names if n not in (*NAMES, "all")]
-    every = tuple(name for name in NAMES if has_control or not listed(name).of_control)
+    every = tuple(name for name in NAMES if is_online or not listed(name).of_online)
     faults += [predictive_control.no_control() for n in names if n in NAMES and n not in every]
     if faults:
         raise SpecError(faults)
@@ -44,19 +44,19 @@ def _asked(names: Sequence[str], export: Export | None) -> tuple[str, ...]:
     """The targets that somebody names, on the command line or in the spec; none for all."""
     if "all" in names:
         return ()
-    asked = names or [name for name in NAMES if _entry(export, target_named(name)) is not None]
+    asked = names or (() if export is None else export.asked)
     return tuple(name for name in NAMES if name in asked)
 
 
 def writable_targets(
-    names: Sequence[str], export: Export | None, *, has_control: bool = False
+    names: Sequence[str], export: Export | None, *, is_online: bool = False
 ) -> tuple[tuple[str, ...], tuple[ListedTarget, ...]]:
     """The targets to write, and those left out because what writes them is not installed.
 
     One that the command line or the spec names is not left out: MissingExtraError. Raises
     SpecError for a name that is no target.
     """
-    targets = [listed(name) for name in target_names(names, export, has_control=has_control)]
+    targets = [listed(name) for name in target_names(names, export, is_online=is_online)]
     for name in _asked(names, export):
         listed(name).require_writer()
     return (

@@ -15,8 +15,8 @@ class ListedTarget:
     """On the command line, in `export:`, and of its folder."""
     title: str
     about: str
-    of_control: bool = False
-    """Whether it is of the `mpc` section alone."""
+    of_online: bool = False
+    """Whether it is of the sections `mpc` and `estimator` alone."""
     extras: tuple[str, ...] = ()
     """What `--with` and the spec's `with:` may name beside the step."""
     writer: OptionalPackage | None = None
@@ -70,7 +70,10 @@ TARGETS = (
         runner=FMPY,
     ),
     ListedTarget(
-        "mpc", "controllers", "the controller of an `mpc` section as C99", of_control=True
+        "mpc",
+        "controllers",
+        "the controller of an `mpc` section and the filter of an `estimator` as C99",
+        of_online=True,
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)

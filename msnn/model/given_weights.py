@@ -13,6 +13,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors import training as errors
 from msnn.model.checked_weights import GIVEN, checked_weights
+from msnn.model.kept_run import followed
 from msnn.model.weights_file import initial_weights, read_weights
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -80,6 +81,8 @@ def known_weights(program: Program, weights: Weights | None) -> Mapping[str, Flo
 def weights_path(given: str | Path) -> Path:
     """The weights file that a path means: itself, or that of the folder of a run."""
     path = Path(given)
+    # where links are refused `latest` is a file that leads to a folder
+    path = path if path.is_dir() else followed(path)
     return path / WEIGHTS_FILE if path.is_dir() else path
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -43,11 +44,26 @@ class KeptSpec:
     """The folder of the spec when the run began, where it is not here."""
 
 
+def leads_to(path: Path) -> Path | None:
+    """What a link leads to, or a file `latest` where links are refused; None for another path."""
+    if path.is_symlink():
+        return path.readlink()
+    if path.name == LATEST and path.is_file():
+        with suppress(OSError, UnicodeDecodeError):
+            return Path(path.read_text(encoding="utf-8").strip())
+    return None
+
+
+def followed(path: Path) -> Path:
+    """The run that `latest` leads to today; any other path as it is."""
+    target = leads_to(path)
+    return path if target is None else path.parent / target
+
+
 def run_of(path: Path) -> Path | None:
     """The run that a path means: its folder, or the spec in it. SpecError for other folders."""
+    path = followed(path) if path.is_dir() or path.name == LATEST else path
     if path.is_dir():
-        if path.is_symlink():  # `latest` leads elsewhere tomorrow
-            path = path.parent / path.readlink()
         if not (path / DESCRIPTION).is_file():
             inside = sorted(each.parent for each in path.glob(f"*/{DESCRIPTION}"))
             named = [str(each) for each in inside if not each.is_symlink()]

@@ -59,6 +59,11 @@ class Model:
     def name(self) -> str:
         return self.program.name
 
+    @property
+    def is_online(self) -> bool:
+        """Whether something of it runs beside a plant: a controller, an estimator."""
+        return self.control is not None or self.estimation is not None
+
     def __repr__(self) -> str:
         return f"<Model {self.name} from {self.path}>"
 

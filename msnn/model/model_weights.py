@@ -11,7 +11,7 @@ from msnn.data.dataset import FloatArray
 from msnn.errors.commands import not_trained
 from msnn.errors.run_ends import unfinished_run
 from msnn.model.given_weights import known_weights
-from msnn.model.kept_run import FOLD, LATEST, WEIGHTS, age, has_checkpoint, newest
+from msnn.model.kept_run import FOLD, LATEST, WEIGHTS, age, followed, has_checkpoint, newest
 from msnn.model.model import Model
 from msnn.model.trained_model import refuse_other_model
 from msnn.model.weights_file import initial_weights, read_weights
@@ -58,8 +58,9 @@ def choose_weights(
         return ChosenWeights(known_weights(program, None), "the initial values of the spec")
     warnings: tuple[Diagnostic, ...] = ()
     if file is None:
-        latest = runs / program.name / LATEST
-        unfinished = None if model.run is not None else newest(latest.parent, has_checkpoint)
+        link = runs / program.name / LATEST
+        latest = link if link.is_dir() else followed(link)
+        unfinished = None if model.run is not None else newest(link.parent, has_checkpoint)
         file = (latest if model.run is None else model.run) / WEIGHTS
         if not file.is_file():
             begun = None if unfinished is None else str(unfinished)

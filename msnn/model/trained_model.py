@@ -11,6 +11,7 @@ from msnn.errors.weights import weights_of_another_model
 from msnn.model.kept_run import DESCRIPTION, PARTS, SPEC, read_json
 from msnn.model.model import Model
 from msnn.model.spec_hash import SubmodelFile
+from msnn.model.trained_robot import differing_robot, refuse_other_robot
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
 from spec_schema.reading.endless_files import refuse_endless
@@ -21,15 +22,27 @@ from spec_schema.reading.settings import WORKFLOW, model_settings
 def refuse_other_model(model: Model, weights: Path) -> None:
     """Raises SpecError where the run of a weights file had another model, with what differs.
 
-    The model is all of a spec but its workflow (`WORKFLOW`); what is said in `doc` counts for
-    nothing. A file without a run beside it can be of any model that its arrays fit.
+    The model is all of a spec but its workflow (`WORKFLOW`), and what the URDFs of its robots
+    describe; what is said in `doc` counts for nothing. A file without a run beside it can be of
+    any model that its arrays fit.
     """
     trained = _trained(weights.parent)
     if trained is None:
         return
     differing = _differing(trained, model.read)
     if differing:
-        raise SpecError([weights_of_another_model(str(weights), differing)])
+        said = [
+            f"`{path}` was {_shown(then)}, here it is {_shown(now)}"
+            for path, then, now in differing
+        ]
+        path, then, _ = differing[0]
+        setting = None if then is None else f"{path}={then}"
+        raise SpecError([weights_of_another_model(str(weights), said, setting)])
+    refuse_other_robot(model.parts, weights)
+
+
+def _shown(value: str | None) -> str:
+    return "not there" if value is None else value
 
 
 def is_of_this_model(read: ReadResult, parts: Sequence[SubmodelFile], weights: Path) -> bool:
@@ -61,17 +74,9 @@ def _is_kept(part: SubmodelFile, kept: object, weights: Path) -> bool:
         return False
     file = weights.parent / PARTS / part.kept_as
     if part.is_robot:
-        return _is_text(file, part.text)
+        return differing_robot(file, part.text) is None
     then = _read(file, ())
     return then is not None and not _differing(then, read_one_spec(part.path, part.text))
-
-
-def _is_text(file: Path, text: str) -> bool:
-    try:
-        refuse_endless(file)
-        return file.read_text(encoding="utf-8") == text
-    except (OSError, ValueError):
-        return False
 
 
 def _differing(then: ReadResult, now: ReadResult) -> list[tuple[str, str | None, str | None]]:

@@ -75,7 +75,7 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
     if spec.export is not None:
         from msnn.exports.export import plan_exports, target_names
 
-        names = target_names((), spec.export, has_control=model.control is not None)
+        names = target_names((), spec.export, is_online=model.is_online)
         for plan in plan_exports(model, names, findings):
             findings.report(*plan.target.faults(plan))
     return findings.in_order

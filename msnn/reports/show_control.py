@@ -8,6 +8,7 @@ from compiler.ir.types import describe_axes
 from compiler.jacobian.matrices import Vector
 from compiler.optimal_control.horizon import stages_of
 from compiler.optimal_control.problem import ControlProblem, Limits
+from compiler.optimal_control.structure import chosen_structure, estimate
 from msnn.tables import count, table_text
 
 
@@ -100,20 +101,37 @@ def _ends(problem: ControlProblem, limits: Limits) -> tuple[str, str]:
 
 
 def _solver(problem: ControlProblem) -> str:
-    n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
-    products = n * (nx * (nx + nu) * (2 * nx + nu) + nu**3 // 3 + nu * nx * (nx + nu))
-    how = "until" if problem.mode == "converged" else "always"
     end = (
-        f"the residual is at most {problem.tolerance:g}, {problem.iterations} iterations at most"
-        if problem.mode == "converged"
-        else f"{count(problem.iterations, 'iteration')}"
+        f"until the residual is at most {problem.tolerance:g}, "
+        f"{count(problem.iterations, 'iteration')} at most"
     )
+    if problem.mode == "fixed":
+        end += ", from the plan before alone"
     curvature = {
         "exact": "exact curvature of cost, plant and bounds",
         "gauss_newton": "curvature of the cost alone",
     }[problem.hessian]
+    return f"solver: interior point with the {curvature}, {end}\n{_structure(problem)}"
+
+
+def _structure(problem: ControlProblem) -> str:
+    found = estimate(problem)
+    nx, decided = problem.states.size, problem.horizon * problem.controls.size
+    memory = f"{count(nx, 'number')} of memory"
+    if found.states < nx:
+        memory += f", of which windows leave {count(found.states, 'state')}"
+    ways = {
+        "staged": f"stage by stage (staged, a Riccati recursion): about {found.staged:,} products"
+        " an iteration; grows with the horizon as N, with the memory as its cube",
+        "condensed": f"in {count(decided, 'control')} of the horizon at once (condensed, states"
+        f" eliminated): about {found.condensed:,} products; grows with the horizon as its cube,"
+        " hardly with the length of windows",
+    }
+    chosen = chosen_structure(problem)
+    other = "staged" if chosen == "condensed" else "condensed"
+    why = "fewer products" if problem.structure == "auto" else "the spec says so"
     return (
-        f"solver: interior point with the {curvature}, {how} {end}\n"
-        f"structure: stage by stage (Riccati recursion), about {products:,} products an iteration"
-        f" beside the derivatives: it grows with the horizon as N, with the memory as its cube"
+        f"structure: {chosen}, as {why} ({memory}; products beside the derivatives)\n"
+        f"  {ways[chosen]}\n"
+        f"  not {ways[other]}"
     )

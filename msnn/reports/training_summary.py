@@ -7,7 +7,7 @@ from typing import Any
 
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.tables import table_text
+from msnn.tables import Table
 from msnn.training.records.parameters_record import parameters_record
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
 from msnn.training.records.standard_errors import StandardErrors
@@ -17,12 +17,17 @@ _MOST_SHOWN = 8
 
 
 class Recorded:
-    """Passes every event on and keeps how each stage ended, with the losses of its last epoch."""
+    """Passes every event on and keeps how each stage ended, with the losses of its last epoch.
 
-    def __init__(self, shown: Progress) -> None:
+    It keeps all epochs where they are wanted, as no file does of a run without a folder.
+    """
+
+    def __init__(self, shown: Progress, *, keeps_epochs: bool = False) -> None:
         self.shown = shown
         self.stages: list[tuple[StageEnd, Mapping[str, float]]] = []
         self._losses: dict[int, dict[str, float]] = {}
+        self._epochs: dict[str, dict[int, list[EpochEnd]]] = {}
+        self._keeps_epochs = keeps_epochs
 
     def stage_started(self, event: StageStart) -> None:
         self._losses = {}
@@ -30,6 +35,8 @@ class Recorded:
 
     def epoch_ended(self, event: EpochEnd) -> None:
         self._losses[event.attempt] = event.losses
+        if self._keeps_epochs:
+            self._epochs.setdefault(event.stage, {}).setdefault(event.attempt, []).append(event)
         self.shown.epoch_ended(event)
 
     def stage_ended(self, event: StageEnd) -> None:
@@ -39,8 +46,21 @@ class Recorded:
     def warned(self, diagnostic: Diagnostic) -> None:
         self.shown.warned(diagnostic)
 
+    @property
+    def epochs(self) -> tuple[tuple[EpochEnd, ...], ...]:
+        """Of every stage that has begun, those of the attempt that leads."""
+        return tuple(
+            tuple(min(attempts.values(), key=lambda events: events[-1].best))
+            for attempts in self._epochs.values()
+        )
+
 
 def stages_table(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> str:
+    """What `stages_cells` has, as text."""
+    return stages_cells(stages).text
+
+
+def stages_cells(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> Table:
     """One row a stage: the best total on what is watched, the last losses on the training data."""
     losses = list(dict.fromkeys(name for _, found in stages for name in found))
     rows = [
@@ -55,10 +75,15 @@ def stages_table(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> str:
         for end, found in stages
     ]
     header = ("stage", "epochs", "best total", "at epoch", *(f"last {n}" for n in losses), "ended")
-    return table_text(header, rows, numbers=range(1, len(header) - 1))
+    return Table(header, rows, numbers=range(1, len(header) - 1))
 
 
 def parameters_table(record: Mapping[str, Any]) -> str:
+    """What `parameters_cells` has, as text."""
+    return parameters_cells(record).text
+
+
+def parameters_cells(record: Mapping[str, Any]) -> Table:
     """One row a parameter: where it began, what it is now, how sure that is, all in its unit.
 
     `record` is that of `parameters_record`.
@@ -75,7 +100,7 @@ def parameters_table(record: Mapping[str, Any]) -> str:
         for found in record["parameters"]
     ]
     header = ("parameter", "unit", "initial", "learned", "std. error", "remark")
-    return table_text(header, rows)
+    return Table(header, rows)
 
 
 def errors_note(record: Mapping[str, Any]) -> str | None:

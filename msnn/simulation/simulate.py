@@ -43,7 +43,7 @@ class StepPlaces:
         return int(self.rows[step]) != BETWEEN_ROWS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Simulation:
     """A free run over one stretch of a record without gap; arrays are (steps, *shape)."""
 
@@ -62,6 +62,10 @@ class Simulation:
     @property
     def steps(self) -> int:
         return len(self.places.rows)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.outputs)
+        return f"<Simulation of {self.record.file}: {self.steps} steps of {names}>"
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -25,6 +25,18 @@ def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -
     `row` and `time` are those of the file, so that the table joins it by `file` and `row`; `row`
     is empty for moments that resampling put between two rows.
     """
+    header, rows = simulation_rows(program, runs)
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+    return path
+
+
+def simulation_rows(
+    program: Program, runs: Sequence[Simulation]
+) -> tuple[list[str], Iterator[tuple[object, ...]]]:
+    """The header of that table, and its rows as they are asked for; "" is a value not there."""
     timed = any(run.places.time is not None for run in runs)
     logged = [out for out in program.outputs if any(out.name in run.logged for run in runs)]
     header = [label for out in program.outputs for label in _labels(program, out)]
@@ -32,14 +44,17 @@ def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -
     banded = [out for out in program.outputs if any(out.name in run.bands for run in runs)]
     for end in ("low", "high"):
         header += [f"{label}.{end}" for out in banded for label in _labels(program, out)]
-    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["file", "set", "row", *(["time"] if timed else []), *header])
-        for run in runs:
-            for begin in range(0, run.steps, _ROWS):
-                steps = slice(begin, min(begin + _ROWS, run.steps))
-                writer.writerows(_rows(program, run, steps, logged, banded, timed=timed))
-    return path
+    pieces = (
+        (run, slice(begin, min(begin + _ROWS, run.steps)))
+        for run in runs
+        for begin in range(0, run.steps, _ROWS)
+    )
+    rows = (
+        row
+        for run, steps in pieces
+        for row in _rows(program, run, steps, logged, banded, timed=timed)
+    )
+    return ["file", "set", "row", *(["time"] if timed else []), *header], rows
 
 
 def run_record(run: Simulation) -> dict[str, object]:

@@ -16,7 +16,7 @@ from msnn.errors.stages import no_folds
 from msnn.errors.training import no_checkpoint
 from msnn.model.kept_run import CHECKPOINT, FOLD, LATEST, newest, read_json
 from msnn.model.model import Model
-from msnn.tables import table_text
+from msnn.tables import Table
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.records.run_folder import (
     RunFolder,
@@ -166,6 +166,11 @@ def of_fold(model: Model, number: int) -> Model:
 
 
 def folds_table(result: FoldsResult) -> str:
+    """What `folds_cells` has, as text."""
+    return folds_cells(result).text
+
+
+def folds_cells(result: FoldsResult) -> Table:
     """One row a fold, and the mean of each column with its standard deviation."""
     columns = _columns(result)
     rows = [
@@ -174,7 +179,7 @@ def folds_table(result: FoldsResult) -> str:
     ]
     summary = (f"{_mean(values):.6g} ± {_deviation(values):.2g}" for values in columns.values())
     header = ("fold", *columns)
-    return table_text(header, [*rows, ("mean ± std", *summary)], numbers=range(1, len(header)))
+    return Table(header, [*rows, ("mean ± std", *summary)], numbers=range(1, len(header)))
 
 
 def folds_record(result: FoldsResult) -> dict[str, Any]:

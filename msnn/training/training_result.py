@@ -9,7 +9,8 @@ from pathlib import Path
 from msnn.data.dataset import FloatArray
 from msnn.training.plans.stage_result import StageResult
 from msnn.training.records.standard_errors import StandardErrors
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, shown_whole
+from spec_schema.diagnostics.source import SourceText
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,11 +31,24 @@ class TrainingDivergedError(Exception):
     `latest` leads to them where the run had been interrupted before, and only there.
     """
 
-    def __init__(self, diagnostic: Diagnostic, result: TrainingResult, *, is_latest: bool) -> None:
+    def __init__(
+        self,
+        diagnostic: Diagnostic,
+        result: TrainingResult,
+        *,
+        is_latest: bool,
+        sources: tuple[SourceText, ...] = (),
+    ) -> None:
         super().__init__(diagnostic.message)
         self.diagnostic = diagnostic
         self.is_latest = is_latest
         self.result = result
+        self.sources = sources
+
+    def _render_traceback_(self) -> list[str]:
+        """What a notebook shows in place of a traceback."""
+        kept = "the best weights so far are in the exception's `.result`"
+        return [*shown_whole([self.diagnostic], self.sources), kept]
 
 
 class TrainingInterruptedError(Exception):
@@ -43,3 +57,7 @@ class TrainingInterruptedError(Exception):
     def __init__(self, result: TrainingResult) -> None:
         super().__init__("training was interrupted; it can be resumed")
         self.result = result
+
+    def _render_traceback_(self) -> list[str]:
+        """What a notebook shows in place of a traceback."""
+        return [f"{self}; the best weights so far are in the exception's `.result`"]

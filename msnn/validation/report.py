@@ -8,7 +8,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from msnn.errors.validation import broken_limit
-from msnn.tables import markdown_table, table_text
+from msnn.tables import Table, table_text
 from msnn.validation.errors_report import coverage_record, judged_record
 from msnn.validation.measurement import METRICS, ErrorCurve, Measurement
 from msnn.validation.validate import MetricRow, ValidationReport
@@ -19,15 +19,19 @@ _METRICS_HEADER = ("of", "metric", "value", "unit", "limit", "", "rollout", "dat
 
 
 def metrics_table(report: ValidationReport) -> str:
+    """What `metrics_cells` has, as text."""
+    return metrics_cells(report).text
+
+
+def metrics_cells(report: ValidationReport) -> Table:
     """One row a metric: value and limits in its unit, how it was simulated, which rows count."""
-    return table_text(_METRICS_HEADER, _metric_rows(report), numbers=[2])
+    return Table(_METRICS_HEADER, _metric_rows(report), numbers=[2])
 
 
 def metrics_markdown(name: str, report: ValidationReport) -> str:
     """The same under a heading, for a page that shows Markdown."""
     verdict = "every limit is kept" if report.passed else "a limit is broken"
-    table = markdown_table(_METRICS_HEADER, _metric_rows(report), numbers=[2])
-    return f"## {name}: {verdict}\n\n{table}\n"
+    return f"## {name}: {verdict}\n\n{metrics_cells(report).markdown}\n"
 
 
 def broken_limits(report: ValidationReport) -> tuple[Diagnostic, ...]:
@@ -65,6 +69,11 @@ def _metric_rows(report: ValidationReport) -> list[tuple[str, ...]]:
 
 
 def measurements_table(report: ValidationReport) -> str:
+    """What `measurements_cells` has, as text."""
+    return measurements_cells(report).text
+
+
+def measurements_cells(report: ValidationReport) -> Table:
     """One row an output and way to simulate it: every metric of the same scored values."""
     rows = [
         (
@@ -80,7 +89,7 @@ def measurements_table(report: ValidationReport) -> str:
     ]
     names = [{"fit": "fit %"}.get(metric, metric) for metric in METRICS]
     header = ("of", *names[:3], "unit", *names[3:], "n", "rollout", "data")
-    return table_text(header, rows, numbers=[1, 2, 3, 5, 6, 7, 8, 9])
+    return Table(header, rows, numbers=[1, 2, 3, 5, 6, 7, 8, 9])
 
 
 def curves_table(report: ValidationReport) -> str:

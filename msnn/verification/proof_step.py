@@ -20,11 +20,13 @@ _SECONDS = 300.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """What one build of the step takes on one board."""
+    """What one build of the step, or of another function, takes on one board."""
 
     flags: str
+    of: str = ""
+    """The function, where it is not the step."""
     instructions: tuple[int, float, int]
-    """Least, mean and most of a step."""
+    """Least, mean and most of a call."""
     flash: int
     data: int
     bss: int

@@ -31,9 +31,9 @@ _VERDICTS: dict[Verdict, str] = {
     "not done": "NOT DONE",
 }
 _LEGEND = (
-    "Instructions of one step, counted in QEMU: not cycles. Flash, .data and .bss in bytes: a "
+    "Instructions of one call, counted in QEMU: not cycles. Flash, .data and .bss in bytes: a "
     "linked program less the same one without the model. Stack in bytes: painted words that a "
-    "step overwrote, and the bound from the call graph (none where a library routine's is unknown)."
+    "call overwrote, and the bound from the call graph (none where a library routine's is unknown)."
 )
 
 
@@ -86,7 +86,7 @@ def _check_row(result: Result) -> tuple[str, ...]:
 def _figure_rows(verification: Verification) -> Iterator[tuple[str, ...]]:
     for result in verification.results:
         for figures in result.figures:
-            yield result.target, *_figure_cells(figures)
+            yield f"{result.target} {figures.of}".strip(), *_figure_cells(figures)
 
 
 def _figure_cells(figures: Figures) -> tuple[str, ...]:

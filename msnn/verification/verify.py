@@ -15,8 +15,15 @@ from msnn.verification.exported_c import ExportedC, read_exported_c
 from msnn.verification.host.coverage import coverage_check
 from msnn.verification.host.fuzz import fuzz_check
 from msnn.verification.host.host_checks import host_checks, misra_check
+from msnn.verification.online.board import online_board_checks
+from msnn.verification.online.exported_controller import (
+    ExportedController,
+    read_exported_controller,
+)
+from msnn.verification.online.host import no_proof, online_fuzz_check, online_host_checks
 from msnn.verification.proof.proof import proof_checks
 from msnn.verification.proof_step import ProofStep, Result
+from msnn.verification.sources import Sources
 from msnn.verification.tools import Tool
 
 Target = Literal["host", "m0", "m4", "m7", "rv32"]
@@ -38,7 +45,7 @@ class WantedSteps:
 class Verification:
     """All results, in the order of the checks."""
 
-    model: ExportedC
+    model: Sources
     results: tuple[Result, ...]
 
     @property
@@ -68,8 +75,12 @@ def verify(folder: Path, wanted: WantedSteps) -> Verification:
     Nothing is written into the folder. What a missing tool would have checked is among the
     results.
     """
-    model = read_exported_c(folder)
-    checks = tuple(_checks(model, wanted))
+    model = read_exported_controller(folder) or read_exported_c(folder)
+    checks = tuple(
+        _online_checks(model, wanted)
+        if isinstance(model, ExportedController)
+        else _checks(model, wanted)
+    )
     with tempfile.TemporaryDirectory() as place:
         return Verification(model, _all_results(checks, Path(place)))
 
@@ -78,6 +89,18 @@ def _all_results(checks: Sequence[ProofStep], place: Path) -> tuple[Result, ...]
     with ThreadPoolExecutor(max_workers=cpu_count() or 1) as pool:
         folders = (place / str(number) for number in range(len(checks)))
         return tuple(pool.map(ProofStep.result, checks, folders))
+
+
+def _online_checks(model: ExportedController, wanted: WantedSteps) -> Iterator[ProofStep]:
+    if "host" in wanted.targets:
+        yield from online_host_checks(model)
+    yield from online_board_checks(model, wanted.targets)
+    if wanted.misra:
+        yield misra_check(model)
+    if wanted.proof:
+        yield no_proof(model)
+    if wanted.fuzz:
+        yield online_fuzz_check(model, wanted.fuzz)
 
 
 def _checks(model: ExportedC, wanted: WantedSteps) -> Iterator[ProofStep]:

@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from spec_schema.diagnostics.printable import printable, printable_span
+from spec_schema.diagnostics.render_full import in_full
 from spec_schema.diagnostics.source import SourceText, Span
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
@@ -37,6 +39,19 @@ class Diagnostic:
     def seen_from(self, place: Span, label: str) -> "Diagnostic":
         """The same with one further place, to which it matters."""
         return replace(self, secondary=(*self.secondary, (place, label)))
+
+    @property
+    def printable(self) -> "Diagnostic":
+        """The same as it may be printed: its sentences may quote a file."""
+        return replace(
+            self,
+            message=printable(self.message),
+            span=self.span and printable_span(self.span),
+            label=printable(self.label),
+            secondary=tuple((printable_span(s), printable(text)) for s, text in self.secondary),
+            notes=tuple(printable(note) for note in self.notes),
+            help=self.help and printable(self.help),
+        )
 
 
 def error(
@@ -120,6 +135,15 @@ class SpecError(Exception):
         self.diagnostics = tuple(diagnostics)
         self.sources = tuple(sources)
         super().__init__("; ".join(describe(diagnostic) for diagnostic in self.diagnostics))
+
+    def _render_traceback_(self) -> list[str]:
+        """What a notebook shows in place of a traceback: the command line's message, whole."""
+        return shown_whole(self.diagnostics, self.sources)
+
+
+def shown_whole(diagnostics: Iterable[Diagnostic], sources: Iterable[SourceText] = ()) -> list[str]:
+    """The lines that IPython asks an exception for: places, source lines and help, in colour."""
+    return in_full([found.printable for found in diagnostics], sources, color=True).splitlines()
 
 
 def describe(diagnostic: Diagnostic) -> str:

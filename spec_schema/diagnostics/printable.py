@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import SourceText, Span
 
 # C0 without tab, line feed and carriage return, which are layout; DEL; C1
@@ -20,18 +19,6 @@ def printable_source(source: SourceText) -> SourceText:
     return SourceText(printable(source.path), printable(source.text))
 
 
-def printable_diagnostic(diagnostic: Diagnostic) -> Diagnostic:
-    """A diagnostic as it may be printed: its sentences may quote a file."""
-    return replace(
-        diagnostic,
-        message=printable(diagnostic.message),
-        span=diagnostic.span and _span(diagnostic.span),
-        label=printable(diagnostic.label),
-        secondary=tuple((_span(span), printable(text)) for span, text in diagnostic.secondary),
-        notes=tuple(printable(note) for note in diagnostic.notes),
-        help=diagnostic.help and printable(diagnostic.help),
-    )
-
-
-def _span(span: Span) -> Span:
+def printable_span(span: Span) -> Span:
+    """A place whose file's name may be printed."""
     return replace(span, file=printable(span.file))

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TypeAlias, assert_never
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, describe
-from spec_schema.diagnostics.printable import printable_diagnostic, printable_source
-from spec_schema.diagnostics.render_full import full_text
+from spec_schema.diagnostics.render_full import in_full
 from spec_schema.diagnostics.source import SourceText, Span
 
 Format: TypeAlias = Literal["full", "concise", "json", "github", "sarif"]
@@ -25,12 +24,10 @@ def render(
     Colours are used by `full` alone. Control characters of files are shown as `�`.
     """
     if format not in ("json", "sarif"):  # which escape them
-        diagnostics = [printable_diagnostic(diagnostic) for diagnostic in diagnostics]
+        diagnostics = [diagnostic.printable for diagnostic in diagnostics]
     match format:
         case "full":
-            shown = map(printable_source, sources)
-            texts = {source.path: source for source in shown}
-            return "\n\n".join(full_text(diagnostic, texts, color) for diagnostic in diagnostics)
+            return in_full(diagnostics, sources, color=color)
         case "concise":
             return "\n".join(describe(diagnostic) for diagnostic in diagnostics)
         case "json":

@@ -1,13 +1,14 @@
 """Renders a diagnostic in full: code, place, underlined source lines, notes and help."""
 
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
-from spec_schema.diagnostics.diagnostic import Diagnostic, Severity
+from spec_schema.diagnostics.printable import printable_source
 from spec_schema.diagnostics.source import SourceText, Span
 
-_COLORS: Mapping[Severity, str] = {"error": "1;31", "warning": "1;33", "note": "1;32"}
+_COLORS: Mapping[str, str] = {"error": "1;31", "warning": "1;33", "note": "1;32"}
 _FRAME = "1;34"
 _TAB = "    "
 _CUT = "…"
@@ -24,7 +25,34 @@ class _Mark:
     color: str
 
 
-def full_text(diagnostic: Diagnostic, texts: Mapping[str, SourceText], color: bool) -> str:
+class Told(Protocol):
+    """What is shown of a diagnostic, all of it as it may be printed."""
+
+    @property
+    def code(self) -> str: ...
+    @property
+    def severity(self) -> str: ...
+    @property
+    def message(self) -> str: ...
+    @property
+    def span(self) -> Span | None: ...
+    @property
+    def label(self) -> str: ...
+    @property
+    def secondary(self) -> tuple[tuple[Span, str], ...]: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+    @property
+    def help(self) -> str | None: ...
+
+
+def in_full(told: Iterable[Told], sources: Iterable[SourceText], *, color: bool) -> str:
+    """All diagnostics, an empty line between two; `sources` are the files whose lines are shown."""
+    texts = {source.path: source for source in map(printable_source, sources)}
+    return "\n\n".join(_full_text(each, texts, color) for each in told)
+
+
+def _full_text(diagnostic: Told, texts: Mapping[str, SourceText], color: bool) -> str:
     """The diagnostic as rustc shapes it; `texts` are the sources by their names."""
     main = diagnostic.span
     marks = [] if main is None else _marks(diagnostic, main)
@@ -44,7 +72,7 @@ def full_text(diagnostic: Diagnostic, texts: Mapping[str, SourceText], color: bo
     return "\n".join(lines)
 
 
-def _marks(diagnostic: Diagnostic, main: Span) -> list[_Mark]:
+def _marks(diagnostic: Told, main: Span) -> list[_Mark]:
     """All underlines: those in the main file first, each file's in the order of its lines."""
     marks = [_Mark(main, diagnostic.label, "^", _COLORS[diagnostic.severity])]
     marks.extend(_Mark(span, label, "-", _FRAME) for span, label in diagnostic.secondary)

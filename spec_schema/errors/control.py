@@ -124,6 +124,37 @@ def terminal_reads_control(name: str, span: Span) -> Diagnostic:
     return error("E1114", span, message, "depends on it in the same step", help=repair)
 
 
+def tolerance_of_rounding(tolerance: float, least: float, span: Span) -> Diagnostic:
+    """E1115: a residual that rounding alone exceeds."""
+    message = f"no solver reaches a `tolerance` of {tolerance:g}: rounding leaves more"
+    repair = f"write {least:g} or more; 1e-6, the default, is 1e-6 of the scales of the spec"
+    return error("E1115", span, message, "below what double precision resolves", help=repair)
+
+
+def horizon_of_memory(horizon: int, memory: str, products: int, span: Span) -> Diagnostic:
+    """E1116: a horizon whose controller fits into no computer that it is meant for."""
+    message = f"a horizon of {horizon:,} samples makes a controller of {memory}"
+    label = f"about {products:,} products in each of its iterations"
+    repair = "look less far ahead, in longer samples, or with a terminal cost for what comes later"
+    return error("E1116", span, message, label, help=repair)
+
+
+def horizon_is_long(horizon: int, memory: str, products: int, span: Span) -> Diagnostic:
+    """W1103: a horizon that takes more than embedded computers have."""
+    message = f"a horizon of {horizon:,} samples makes a controller of {memory}"
+    label = f"about {products:,} products in each of its iterations"
+    repair = "look less far ahead, in longer samples, or with a terminal cost for what comes later"
+    return warning("W1103", span, message, label, help=repair)
+
+
+def concave_cost(key: str, name: str, span: Span) -> Diagnostic:
+    """W1104: a cost that falls ever faster with what it weighs."""
+    message = f"`{key}` bends down in `{name}` wherever it was tried"
+    repair = "what is to be kept small is weighed by a positive square: `((y - r) / y_scale)**2`"
+    label = f"cheaper the further `{name}` is driven: the optimum lies at a limit, if there is one"
+    return warning("W1104", span, message, label, help=repair)
+
+
 def unused_reference(name: str, span: Span) -> Diagnostic:
     """W1101: a reference that neither cost nor bounds read."""
     message = f"the reference `{name}` is not used"

@@ -110,7 +110,8 @@ def calls_no_name(span: Span) -> Diagnostic:
 def malformed_time(span: Span) -> Diagnostic:
     """E0333: something else than t, t+k, t-k in a window."""
     message = "time is `t`, `t+k` or `t-k`, with k in samples or a duration"
-    return error("E0333", span, message, "not a time", help="write for example `x[t-1]`")
+    repair = "write for example `x[t-1]`, or `x[t-4:t]` for a window"
+    return error("E0333", span, message, "not a time", help=repair)
 
 
 def open_window(span: Span) -> Diagnostic:

@@ -69,10 +69,11 @@ def impossible_inertia(link: str, problem: str, span: Span, repair: str | None) 
     return error("E1210", span, f"the inertia of `{link}`: {problem}", "given here", help=repair)
 
 
-def twice_in_urdf(what: str, name: str, span: Span, first: Span) -> Diagnostic:
-    """E1211: two links or two joints of one name."""
-    message = f"two {what}s are called `{name}`"
-    return error("E1211", span, message, "again here", secondary=((first, "the first"),))
+def twice_in_urdf(message: str, span: Span, first: Span, repair: str | None = None) -> Diagnostic:
+    """E1211: two links or two joints of one name, or two elements where there can be one."""
+    return error(
+        "E1211", span, message, "again here", secondary=((first, "the first"),), help=repair
+    )
 
 
 def mimicking_joint(name: str, span: Span) -> Diagnostic:

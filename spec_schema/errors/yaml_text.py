@@ -100,7 +100,7 @@ def second_colon(span: Span) -> Diagnostic:
 def no_blank_after_colon(key: str, value: str, span: Span) -> Diagnostic:
     """E0129: `c:{init: 1}`, which is one word to YAML."""
     message = f"YAML reads `{key}:{value}` as one word: a colon ends a key only before a blank"
-    return error("E0129", span, message, "no blank after it", help=f"write `{key}: {value}`")
+    return error("E0129", span, message, "no blank after the colon", help=f"write `{key}: {value}`")
 
 
 def decimal_comma(text: str, span: Span) -> Diagnostic:

@@ -10,7 +10,6 @@ from spec_schema.diagnostics.source import SourceText
 from spec_schema.errors import robots as robot_errors
 from spec_schema.errors import submodels as errors
 from spec_schema.reading.one_file import ReadResult, read_file, read_one_spec
-from spec_schema.robots.part import robot_part
 from spec_schema.sections.robots import Robot
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Use
@@ -110,6 +109,8 @@ class _Reading:
                 raise SpecError([robot_errors.unreadable_robot(path, reason, place)])
         source = read_file(Path(path)) if text is None else SourceText(path, text)
         findings = Findings()
+        from spec_schema.robots.part import robot_part  # most specs have no robot
+
         part = robot_part(entry, source, name, around, findings)
         if part is None:
             raise SpecError(findings.in_order, (source,))

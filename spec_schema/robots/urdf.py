@@ -6,7 +6,7 @@ The format: http://wiki.ros.org/urdf/XML. Lengths are m, angles rad, masses kg.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
@@ -35,7 +35,7 @@ class Link:
 
     name: str
     inertia: Inertia
-    span: Span
+    span: Span = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +52,7 @@ class Joint:
     rotation: Matrix
     offset: Vector
     axis: Vector
-    span: Span
+    span: Span = field(compare=False)
 
     @property
     def moves(self) -> bool:
@@ -85,16 +85,16 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
     for element in root.all("link"):
         name = _attribute(element, "name", "a link", findings)
         if name in links:
-            findings.report(errors.twice_in_urdf("link", name, element.span, links[name].span))
+            _report_names("link", name, element.span, links[name].span, findings)
         elif name:
-            inertia = _inertia(name, element.first("inertial"), findings)
+            inertial = _only(element, "inertial", f"the link `{name}`", findings)
+            inertia = _inertia(name, inertial, findings)
             links[name] = Link(name=name, inertia=inertia, span=element.span)
     joints: dict[str, Joint] = {}
     for element in root.all("joint"):
         joint = _joint(element, findings)
         if joint is not None and joint.name in joints:
-            first = joints[joint.name].span
-            findings.report(errors.twice_in_urdf("joint", joint.name, element.span, first))
+            _report_names("joint", joint.name, element.span, joints[joint.name].span, findings)
         elif joint is not None:
             joints[joint.name] = joint
     for element in root.all("transmission"):
@@ -103,6 +103,10 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
         findings.report(errors.incomplete_element("the robot", "`<link>`", root.span))
     failed = any(one.severity == "error" for one in findings.since(mark))
     return None if failed else Urdf(links=links, joints=joints, span=root.span)
+
+
+def _report_names(what: str, name: str, span: Span, first: Span, findings: Findings) -> None:
+    findings.report(errors.twice_in_urdf(f"two {what}s are called `{name}`", span, first))
 
 
 def _xacro_element(root: Element) -> Element | None:
@@ -119,9 +123,10 @@ def _inertia(link: str, element: Element | None, findings: Findings) -> Inertia:
     """The inertia of a link along the link's axes."""
     if element is None:
         return Inertia()
-    R, com = _origin(element, findings)
     what = f"`<inertial>` of `{link}`"
-    mass_element, inertia_element = element.first("mass"), element.first("inertia")
+    R, com = _origin(element, what, findings)
+    mass_element = _only(element, "mass", what, findings)
+    inertia_element = _only(element, "inertia", what, findings)
     if mass_element is None or inertia_element is None:
         missing = "`<mass>`" if mass_element is None else "`<inertia>`"
         findings.report(errors.incomplete_element(what, missing, element.span))
@@ -157,12 +162,12 @@ def _joint(element: Element, findings: Findings) -> Joint | None:
     what = f"the joint `{name}`"
     type = _attribute(element, "type", what, findings)
     parent, child = (_named_link(element, tag, what, findings) for tag in ("parent", "child"))
-    R, offset = _origin(element, findings)
+    R, offset = _origin(element, what, findings)
     axis = _axis(element, what, findings) if type in MOVING else (0.0, 0.0, 1.0)
     if type and type not in (*MOVING, "fixed"):
         findings.report(errors.unknown_joint_type(name, type, element.span))
         return None
-    mimic, dynamics = element.first("mimic"), element.first("dynamics")
+    mimic, dynamics = (_only(element, tag, what, findings) for tag in ("mimic", "dynamics"))
     if mimic is not None and type in MOVING:
         findings.report(errors.mimicking_joint(name, mimic.span))
     if dynamics is not None and type in MOVING:
@@ -185,7 +190,7 @@ def _joint(element: Element, findings: Findings) -> Joint | None:
 
 
 def _named_link(element: Element, tag: str, what: str, findings: Findings) -> str:
-    found = element.first(tag)
+    found = _only(element, tag, what, findings)
     if found is None:
         findings.report(errors.incomplete_element(what, f"`<{tag} link=…>`", element.span))
         return ""
@@ -194,7 +199,7 @@ def _named_link(element: Element, tag: str, what: str, findings: Findings) -> st
 
 def _axis(element: Element, what: str, findings: Findings) -> Vector | None:
     """The unit vector of a joint, by default that of x."""
-    found = element.first("axis")
+    found = _only(element, "axis", what, findings)
     if found is None:
         return (1.0, 0.0, 0.0)
     numbers = _numbers(found, "xyz", 3, what, findings)
@@ -210,9 +215,9 @@ def _axis(element: Element, what: str, findings: Findings) -> Vector | None:
     return x / length, y / length, z / length
 
 
-def _origin(element: Element, findings: Findings) -> tuple[Matrix, Vector]:
+def _origin(element: Element, what: str, findings: Findings) -> tuple[Matrix, Vector]:
     """Rotation and offset of `<origin xyz rpy>`; none where it is left out."""
-    found = element.first("origin")
+    found = _only(element, "origin", what, findings)
     if found is None:
         return IDENTITY, ZERO
     xyz = rpy = ZERO
@@ -233,6 +238,15 @@ def _look_at_transmission(element: Element, findings: Findings) -> None:
             if text not in ("", "1", "1.0"):
                 name = element.attributes.get("name", "")
                 findings.report(errors.transmission_ratio(name, text[:40], ratio.span))
+
+
+def _only(element: Element, tag: str, what: str, findings: Findings) -> Element | None:
+    """The element of a tag that can stand once; the first where it is reported that it does not."""
+    found = list(element.all(tag))
+    for again in found[1:]:
+        said, repair = f"{what} has two `<{tag}>`: which one counts?", "remove one of them"
+        findings.report(errors.twice_in_urdf(said, again.span, found[0].span, repair))
+    return found[0] if found else None
 
 
 def _attribute(element: Element, name: str, what: str, findings: Findings) -> str:

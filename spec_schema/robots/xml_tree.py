@@ -38,10 +38,6 @@ class Element:
         """The elements of one tag in it."""
         return (child for child in self.children if child.tag == tag)
 
-    def first(self, tag: str) -> Element | None:
-        """The first element of a tag in it; None where there is none."""
-        return next(self.all(tag), None)
-
 
 class _Refused(Exception):  # noqa: N818  (a fact about a text, no fault of ours)
     """Ends the parsing of a text of which it is reported what is wrong."""

@@ -125,10 +125,10 @@ class FmuExport(FloatTargetEntry):
 
 
 class MpcExport(FloatTargetEntry):
-    """The controller of the `mpc` section; names start with `prefix`, by default the spec's name.
+    """The controller of the `mpc` section and the filter of the `estimator`, where there are any.
 
-    What it controls, and what is fed back, stands in that section: `outputs` and `close` are none
-    of its keys.
+    Names start with `prefix`, by default the spec's name. What is controlled, measured and fed
+    back stands in those sections: `outputs` and `close` are none of its keys.
     """
 
     noun: ClassVar[str] = "the mpc export"
@@ -158,6 +158,13 @@ class Export(Entry):
     def entry(self, kind: type[OwnEntry]) -> OwnEntry | None:
         """The entry of one target, None where it is not asked for."""
         return next((entry for entry in self._entries if isinstance(entry, kind)), None)
+
+    @property
+    def asked(self) -> frozenset[str]:
+        """The names of the targets that are asked for."""
+        return frozenset(
+            name for name in type(self).model_fields if getattr(self, name) is not None
+        )
 
     @property
     def named_outputs(self) -> frozenset[str]:

@@ -38,7 +38,7 @@ from spec_schema.units.quantity import Quantity
 from spec_schema.yaml_tree.nodes import Node, Scalar
 
 Hessian: TypeAlias = Literal["exact", "gauss_newton"]
-Structure: TypeAlias = Literal["auto", "staged"]
+Structure: TypeAlias = Literal["auto", "staged", "condensed"]
 Mode: TypeAlias = Literal["converged", "fixed"]
 
 
@@ -158,12 +158,12 @@ class InteriorPoint(Entry):
 
     noun: ClassVar[str] = "the interior_point solver"
 
-    structure: Annotated[Structure, choice("auto", "staged")] = "auto"
-    """Stage by stage (`staged`), or what computes least of what there is."""
+    structure: Annotated[Structure, choice("auto", "staged", "condensed")] = "auto"
+    """Stage by stage (`staged`), in the controls alone (`condensed`), or what computes less."""
     mode: Annotated[Mode, choice("converged", "fixed")] = "converged"
-    """Until the tolerance is reached, or always `iterations` of them."""
+    """Until the tolerance is reached by any means, or the iterations of a sample's time alone."""
     iterations: PositiveCount | None = None
-    """Most iterations of a solve, 50 by default; all of them where they are fixed, 5 by default."""
+    """Most iterations of a solve, 50 by default, 5 where they are fixed."""
     tolerance: PositiveNumber | None = None
     """Largest residual of the optimality conditions that counts as solved; 1e-6 by default."""
 

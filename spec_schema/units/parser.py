@@ -29,6 +29,8 @@ _SPELLINGS = {
     for words, unit in (
         ("metre meter metres meters", "m"),
         ("second seconds", "s"),
+        ("msec msecs millisecond milliseconds", "ms"),
+        ("usec usecs microsecond microseconds", "us"),
         ("minute minutes", "min"),
         ("hour hours", "h"),
         ("degree degrees", "deg"),

@@ -74,7 +74,8 @@ def _colon_without_blank(at: int, source: SourceText) -> Diagnostic | None:
     if found is None:
         return None
     colon = found.end("key")
-    return errors.no_blank_after_colon(found["key"], found["value"], source.span(colon, colon + 1))
+    begin, end = colon - len(found["key"]), colon + 1 + len(found["value"])
+    return errors.no_blank_after_colon(found["key"], found["value"], source.span(begin, end))
 
 
 def odd_blanks(diagnostics: Iterable[Diagnostic], source: SourceText) -> tuple[Diagnostic, ...]:

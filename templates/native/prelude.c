@@ -13,11 +13,13 @@
 #if MSNN_DOUBLE
 typedef double real;
 typedef int64_t truth;
+#define ALL_BUT_SIGN INT64_MAX
 #define LANES 8
 #define all(v) {(v), (v), (v), (v), (v), (v), (v), (v)}
 #else
 typedef float real;
 typedef int32_t truth;
+#define ALL_BUT_SIGN INT32_MAX
 #define LANES 16
 #define all(v) {(v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v)}
 #endif
@@ -74,10 +76,8 @@ inline_function lanes msnn_clamp(lanes x, lanes low, lanes high)
     return msnn_minimum(msnn_maximum(x, low), high);
 }
 
-inline_function lanes lane_abs(lanes x)
-{
-    return choose(x < splat(0), -x, choose(x == splat(0), splat(0), x));
-}
+/* All bits but the sign. */
+inline_function lanes lane_abs(lanes x) { return (lanes)((mask)x & (mask)all(ALL_BUT_SIGN)); }
 
 inline_function lanes lane_sign(lanes x)
 {

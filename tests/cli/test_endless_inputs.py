@@ -55,6 +55,7 @@ def pipe(project: Path) -> str:
     [
         (("check", "FILE"), "E1001"),
         (("fmt", "FILE"), "E1001"),
+        (("import", "FILE"), "E1308"),
         (("validate", SPEC, "--weights", "FILE"), "E0910"),
         (("simulate", SPEC, "--weights", "FILE"), "E0910"),
         (("export", SPEC, "--weights", "FILE"), "E0910"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.control.kalman_filter import FilterStatus, KalmanFilter
+from compiler.state_estimation.kalman_filter import FilterStatus, KalmanFilter
 from tests.control.specs import DELAYED, load
 
 LINEAR = """

@@ -27,4 +27,11 @@ def test_sizes_limits_and_how_it_is_solved(tmp_path: Path) -> None:
     assert "u by references 0.5 a sample always holds t … t+14" in words
     assert "v -1 hard t+1 … t+15" in words
     assert "p 3 soft, 7 · v + as steep as the cost needs · v² t+1 … t+15" in words
-    assert "exact curvature of cost, plant and bounds, always 4 iterations" in lines[-2]
+    ends = "until the residual is at most 1e-06, 4 iterations at most, from the plan before alone"
+    assert lines[-4] == (
+        f"solver: interior point with the exact curvature of cost, plant and bounds, {ends}"
+    )
+    assert lines[-3].startswith("structure: staged, as fewer products (3 numbers of memory, of ")
+    assert "which windows leave 2 states" in lines[-3]
+    assert lines[-2].startswith("  stage by stage (staged, a Riccati recursion): about 1,440 ")
+    assert lines[-1].startswith("  not in 15 controls of the horizon at once (condensed, states ")

@@ -21,8 +21,18 @@ def block(language: str, page: str = LOOP) -> str:
     return found
 
 
+def test_models_trainings_and_tables(tmp_path: Path) -> None:
+    require_tool("gcc", install="apt install gcc")
+    section = PAGE[: PAGE.index("## First and second derivatives")]
+    (tmp_path / "lag.msnn.yaml").write_text(block("yaml", section))
+    (tmp_path / "lag.py").write_text(block("python", section))
+    said = in_new_process((), tmp_path, start="import runpy; runpy.run_path('lag.py')")
+    assert (said.code, said.err) == (0, "")
+    assert re.search(r"^y_next +rmse +.*≤ 1e-06 +kept", said.out, re.M), said.out
+
+
 def test_second_derivatives(tmp_path: Path) -> None:
-    section = PAGE[: PAGE.index("## A step at a time")]
+    section = PAGE[PAGE.index("## First and second") : PAGE.index("## A step at a time")]
     (tmp_path / "plant.msnn.yaml").write_text(block("yaml", section))
     (tmp_path / "slopes.py").write_text(block("python", section))
     said = in_new_process((), tmp_path, start="import runpy; runpy.run_path('slopes.py')")

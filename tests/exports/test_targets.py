@@ -51,8 +51,8 @@ def test_the_help_of_export_names_every_target(target: ListedTarget) -> None:
 
 def test_targets_are_written_in_the_order_of_the_table() -> None:
     assert target_names(["c", "torch"], None) == ("torch", "c")
-    every = target_names(["all"], None, has_control=True)
-    assert every == target_names([], None, has_control=True) == NAMES
+    every = target_names(["all"], None, is_online=True)
+    assert every == target_names([], None, is_online=True) == NAMES
 
 
 def test_controllers_are_among_all_targets_where_the_spec_has_one() -> None:

@@ -4,6 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from compiler.fixed_point.integers.builder import CannotFitError
+from compiler.fixed_point.integers.program import Q31
+from compiler.fixed_point.tables import fitted_table
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 
 HEAD = "msnn: 1\nname: model\nsample_time: 1 s\n"
@@ -42,6 +45,12 @@ def test_refused(text: str, code: str, line: int, said: str, tmp_path: Path) -> 
     assert fault.span is not None
     assert fault.span.line == line
     assert fault.help
+
+
+def test_a_function_that_is_infinite_between_the_points_that_are_tried_has_no_table() -> None:
+    """Warnings are errors in tests: numpy said something of ∞ − ∞ before the message."""
+    with pytest.raises(CannotFitError, match="a table of more than"):
+        fitted_table("reciprocal", lambda x: 1.0 / x, Q31, (-1_000_001, 2_000_000_000, 20))
 
 
 @pytest.mark.parametrize("name", ["two_tanks", "tyre", "cart_pole", "leg"])

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import openpyxl
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -175,7 +178,34 @@ def test_dates_give_the_sample_time(tmp_path: Path):
     lines += [f"2024-05-01T10:{i // 60:02}:{i % 60:02},{i % 7},{np.sin(i)}" for i in range(300)]
     spec = folder_of(tmp_path, "\n".join(lines), "y").read_text()
     assert "sample_time: 1 s" in spec
-    assert "column 0 has dates" in spec
+    assert re.search(r"time: .*date", spec)
+    (run,) = measurements.simulate(models.load(tmp_path / "plant.msnn.yaml"))
+    assert run.places.time is not None
+
+
+def test_a_workbook_makes_a_spec(tmp_path: Path):
+    book = openpyxl.Workbook()
+    sheet: Any = book.active
+    sheet.append(["date", "u [V]", "y"])
+    for i in range(300):
+        when = datetime(2026, 5, 1, 10, i // 60, i % 60)
+        sheet.append([when, float(i % 7), float(np.sin(i))])
+    book.save(tmp_path / "log.xlsx")
+    spec = spec_from_data("plant", tmp_path / "log.xlsx", tmp_path, "y")
+    (tmp_path / "plant.msnn.yaml").write_text(spec.text, encoding="utf-8")
+    (run,) = measurements.simulate(models.load(tmp_path / "plant.msnn.yaml"))
+    assert "u: {unit: V" in spec.text
+    assert run.places.time is not None
+
+
+def test_blanks_between_cells_make_a_spec(tmp_path: Path):
+    lines = ["time [s]   u [V]   y [m]"]
+    lines += [f"{i / 10:8.2f} {i % 7:6d}   {np.sin(i):9.5f}" for i in range(300)]
+    path = folder_of(tmp_path, "\n".join(lines), "y")
+    (run,) = measurements.simulate(models.load(path))
+    assert "u: {unit: V" in path.read_text()
+    assert "sample_time: 100 ms" in path.read_text()
+    assert run.places.time is not None
 
 
 def test_missing_inputs_end_the_episode(tmp_path: Path):

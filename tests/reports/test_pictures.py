@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.api.reports import functions_of_run
 from msnn.reports import plotting
+from msnn.reports.functions_of_run import functions_of_run
 from msnn.reports.pictures.run import plot_run
 from msnn.reports.pictures.simulation import plot_simulation
 from msnn.reports.pictures.validation import plot_validation

@@ -157,6 +157,23 @@ def test_second_order_training_goes_on_on_torch(monkeypatch: pytest.MonkeyPatch)
     assert [w.code for w in heard.warnings] == ["W0950"]
 
 
+def test_slopes_too_large_for_a_kernel_are_a_limit_and_no_mistake(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    expected = second_order("engine: torch")
+    monkeypatch.setattr(sensitivity_module, "STACK", -1)  # a step of the model needs none
+    heard = Heard()
+    assert_same(second_order("engine: auto", heard), expected)
+    (said,) = heard.warnings
+    assert said.code == "W0951"
+    assert "goes on on torch: its kernel is too large (a step needs " in said.message
+    assert said.help is not None
+    assert "report" not in said.help
+    with pytest.raises(SpecError, match="MiB of stack") as caught:
+        second_order("engine: native")
+    assert [fault.code for fault in caught.value.diagnostics] == ["E0922"]
+
+
 def second_order(engine: str, heard: Heard | None = None) -> TrainingResult:
     program, spec = gain(f"  - {{epochs: 4, optimizer: levenberg_marquardt, {engine}}}\n")
     series = dataset(gain_series(150), train=[70], val=[40])

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import errno
-import grp
 import os
-import pwd
 import stat
+import sys
 from pathlib import Path
 
 
@@ -16,8 +15,11 @@ def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | 
     `folder` has no symbolic link in it (`os.path.realpath`) and exists. It and every folder above
     it belong to the user or to root and are closed to others, up to one with the sticky bit
     (`/tmp`), in which nobody can replace what belongs to somebody else. Such a one will do itself
-    where it only `is_above` the folder that is meant. Raises OSError.
+    where it only `is_above` the folder that is meant. Raises OSError. Windows keeps the folders of
+    a user's profile from others by lists that are not read here.
     """
+    if sys.platform == "win32":
+        return None
     for place in (folder, *folder.parents):
         found = place.lstat()
         if not stat.S_ISDIR(found.st_mode):
@@ -36,6 +38,8 @@ def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | 
 def is_trusted_file(descriptor: int) -> bool:
     """Whether an open file is one that only this user or root could write."""
     found = os.fstat(descriptor)
+    if sys.platform == "win32":
+        return stat.S_ISREG(found.st_mode)
     return stat.S_ISREG(found.st_mode) and _stranger(found) is None and not _others_may_write(found)
 
 
@@ -43,6 +47,8 @@ def _stranger(found: os.stat_result) -> str | None:
     """The owner, if that is neither this user nor root, who may do anything anyway."""
     if found.st_uid in (os.geteuid(), 0):
         return None
+    import pwd  # of POSIX alone
+
     try:
         return pwd.getpwuid(found.st_uid).pw_name
     except KeyError:
@@ -57,6 +63,9 @@ def _others_may_write(found: os.stat_result) -> bool:
 
 def _is_group_of_the_user_alone(group: int) -> bool:
     """Whether a group is the user's private one, as systems with `umask 002` give to everybody."""
+    import grp
+    import pwd
+
     try:
         user, members = pwd.getpwuid(os.geteuid()), grp.getgrgid(group)
     except KeyError:

@@ -88,7 +88,7 @@ def _problem(asked: ControlSpec, program: Program, findings: Findings) -> Contro
     previewed = {name for name, entry in section.references.items() if entry.preview}
     previewed |= {entry.value for entry in section.preview}
     solver = section.interior_point or InteriorPoint.model_construct(place=section.place)
-    return ControlProblem(
+    problem = ControlProblem(
         program=step,
         states=vector_of("x", [(state.name, state.axes, state.unit) for state in step.states]),
         controls=_ports("u", step, asked.controls),
@@ -108,6 +108,11 @@ def _problem(asked: ControlSpec, program: Program, findings: Findings) -> Contro
         iterations=solver.iterations or ITERATIONS[solver.mode],
         tolerance=solver.tolerance or TOLERANCE,
     )
+    # a spec without a controller is checked without what judges one
+    from compiler.elaboration.control.plausible import check_plausible
+
+    check_plausible(problem, section, findings)
+    return problem
 
 
 def _check_costs(asked: ControlSpec, program: Program, findings: Findings) -> None:

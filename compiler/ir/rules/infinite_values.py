@@ -49,12 +49,15 @@ class InfiniteValues:
         self._fixed: list[bool] = []
         self._infinite: list[Infinite] = []
         self._made_of: list[bool] = []
+        self._unbounded: list[bool] = []
+        """Whether it can be ±∞, not NaN alone: of sin(1/x) only what is in it can."""
 
     def expect(self, node: NodeId) -> None:
         """Says of a new node that its value can be infinite whatever it is made of."""
         self._look(node)
         self._infinite[node] = Infinite.ALONE
         self._made_of[node] = True
+        self._unbounded[node] = True
 
     def is_never_zero(self, node: NodeId) -> bool:
         """Whether no element of the value can be 0."""
@@ -79,21 +82,24 @@ class InfiniteValues:
     def _look(self, last: NodeId) -> None:
         for index in range(len(self._signs), last + 1):
             node = self._graph.node(index)
-            made_of = any(self._made_of[arg] for arg in node.args)
             sign = _sign(node, [self._signs[arg] for arg in node.args])
             divisor_sign = _sign(node, [self._divisor_signs[arg] for arg in node.args])
             fixed = isinstance(node.op, ops.Constant | ops.ReadParameter)
             fixed = fixed or (bool(node.args) and all(self._fixed[arg] for arg in node.args))
             if fixed and divisor_sign is Sign.ANY:
                 divisor_sign = Sign.NOT_ZERO
-            if made_of and isinstance(node.op, ops.Divide | ops.Apply):
+            unbounded = any(self._unbounded[arg] for arg in node.args)
+            if unbounded and isinstance(node.op, ops.Divide | ops.Apply):
                 sign = _WITH_ZERO.get(sign, sign)  # 1/∞ and exp(−∞) are 0
                 divisor_sign = _WITH_ZERO.get(divisor_sign, divisor_sign)
             self._signs.append(sign)
             self._divisor_signs.append(divisor_sign)
             self._fixed.append(fixed)
-            self._infinite.append(self._when_infinite(node))
-            self._made_of.append(made_of or self._infinite[index] is not Infinite.NEVER)
+            infinite = self._when_infinite(node)
+            itself = infinite is not Infinite.NEVER
+            self._infinite.append(infinite)
+            self._made_of.append(itself or any(self._made_of[arg] for arg in node.args))
+            self._unbounded.append(itself or (unbounded and not _is_bounded(node)))
 
     def _when_infinite(self, node: Node) -> Infinite:
         of = [self._infinite[arg] for arg in node.args]
@@ -116,6 +122,11 @@ class InfiniteValues:
                 return Infinite.ALONE
             case _:
                 return Infinite.NEVER
+
+
+def _is_bounded(node: Node) -> bool:
+    """Whether its values are finite, or NaN, whatever its operands are."""
+    return isinstance(node.op, ops.Apply) and node.op.function in _BOUNDED
 
 
 def _sign(node: Node, of: list[Sign]) -> Sign:

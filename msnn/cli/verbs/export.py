@@ -80,9 +80,7 @@ def export(
     model = load_model(spec, settings or ())
     report_model(model)
     findings = Findings()
-    targets, missing = writable_targets(
-        names, model.spec.export, has_control=model.control is not None
-    )
+    targets, missing = writable_targets(names, model.spec.export, is_online=model.is_online)
     for target in missing:
         note(target.left_out)
     having = [target.name for target in TARGETS if target.extras]

@@ -52,12 +52,14 @@ def show(
     the model it kept.
     """
     from msnn.cli.console import json_result, report_model, result
+    from msnn.model.kept_run import followed
     from msnn.model.load import load_model
 
     views = (program, windows, resolved, interface, graph is not None, latex)
     if sum(views) > 1:
         message = "choose one of --program, --windows, --resolved, --interface, --graph, --latex"
         raise typer.BadParameter(message)
+    spec = spec if spec.is_dir() else followed(spec)
     if spec.is_dir() and not any(views):
         if settings:
             message = "--set takes a spec or a view of the model: what a run reached is as it is"
@@ -123,7 +125,7 @@ def _show_run(folder: Path, plot: Path | None, format: ResultFormat) -> None:
     else:
         result(run_text(run))
     if plot is not None:
-        from msnn.api.reports import functions_of_run
+        from msnn.reports.functions_of_run import functions_of_run
         from msnn.reports.pictures.run import plot_run
 
         epochs = [stage.epochs for stage in run.stages]

@@ -58,7 +58,6 @@ def train(
     --folds a training a fold, each in a folder of its own; `latest` leads to the best.
     """
     from msnn.cli.console import (
-        is_live,
         json_result,
         note,
         progress_stream,
@@ -83,6 +82,7 @@ def train(
         training_record,
         zeros_note,
     )
+    from msnn.terminals import is_live
     from msnn.training.black_boxes import black_boxes
     from msnn.training.parameter_warnings import parameter_warnings
     from msnn.training.records.progress import Lines

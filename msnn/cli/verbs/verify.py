@@ -13,7 +13,10 @@ from msnn.cli.exit_codes import ExitCode
 
 def verify(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="What `msnn export --to c` wrote: build/export/c.")
+        Path,
+        typer.Argument(
+            metavar="DIR", help="What `msnn export --to c` or `--to mpc` wrote: build/export/c."
+        ),
     ],
     targets: Annotated[
         str,
@@ -41,7 +44,8 @@ def verify(
 
     Strict builds, golden vectors of the interpreter to the bit and what of the code they reach,
     sanitizers; on boards in QEMU also
-    instructions, memory and stack of a step. Exit code 1 when anything was found, 5 when a tool is
+    instructions, memory and stack of a step. Of a controller and its filter golden solves, and
+    calls with drawn numbers, NaN among them. Exit code 1 when anything was found, 5 when a tool is
     missing or did not end: what needs no missing tool is checked all the same.
     """
     from backends.files.atomic_write import write_text

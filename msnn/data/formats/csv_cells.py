@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache, partial
-from pathlib import Path
 
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.csv_header import Dialect, Header, content_lines, is_number, split_cells
-from msnn.data.formats.table import ColumnKey
+from msnn.data.formats.csv_header import Dialect, Header, Lines, is_number, split_cells
+from msnn.data.formats.moments import read_moment
+from msnn.data.formats.table import ColumnKey, WantedColumns
+from msnn.data.formats.written_units import MISSING
 from msnn.errors import data_cells as cell_errors
 from msnn.errors import data_files as errors
+from msnn.errors import data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
-from spec_schema.units.parser import parse_unit
-from spec_schema.units.unit import UnitError
 
 CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
 """A constructor of `errors`: (file, row, column, text, more of the kind, place)."""
@@ -28,49 +28,107 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _LONGEST_SHOWN = 40
 
 
+@dataclass(frozen=True, slots=True)
+class CheckedColumns:
+    """Columns of a table, and the first moment of those that have dates."""
+
+    columns: Sequence[FloatArray]
+    begins: Mapping[ColumnKey, int]
+
+
 def checked_columns(
-    path: Path,
-    header: Header,
-    places: Mapping[ColumnKey, int],
-    optional: frozenset[ColumnKey],
-) -> list[FloatArray]:
+    lines: Lines, header: Header, places: Mapping[ColumnKey, int], wanted: WantedColumns
+) -> CheckedColumns:
     """The columns at `places`, NaN where an optional cell is empty.
 
     Raises SpecError with one diagnostic for each kind of fault and column; it shows the first and
     counts the others.
     """
     faults = _Faults()
-    columns: list[list[float]] = [[] for _ in places]
     readers = [
-        (column, index, key in optional)
-        for column, (key, index) in zip(columns, places.items(), strict=True)
+        (_Times if key in wanted.moments else _Numbers)(
+            index=index, dialect=header.dialect, may_miss=key in wanted.optional
+        )
+        for key, index in places.items()
     ]
     line: _Line | None = None
-    for line in _lines(path, header):
-        if line.row == 0 and line.has_units:
-            raise SpecError((line.units_fault(places),))
+    for line in _lines(lines, header):
         if line.text.count('"') % 2:
             faults.add("quote", line.quote_fault)
         elif len(line.cells) != header.width:
             faults.add("ragged", line.ragged_fault)
         else:
-            for column, index, may_miss in readers:
-                value, fault = _number(line.cells[index].strip(), header.dialect, may_miss)
-                column.append(value)
+            for reader in readers:
+                fault = reader.fault_of(line.cells[reader.index].strip())
                 if fault is not None:
-                    faults.add((fault, index), line.cell_fault(fault, index))
+                    faults.add((fault, reader.index), line.cell_fault(fault, reader.index))
     if line is None:
         raise SpecError((errors.empty_file(header.file, header=header.lines > 0),))
     faults.raise_found()
-    return [np.array(column) for column in columns]
+    begins = {
+        key: reader.nanoseconds[0]
+        for key, reader in zip(places, readers, strict=True)
+        if isinstance(reader, _Times) and reader.nanoseconds
+    }
+    return CheckedColumns([reader.column for reader in readers], begins)
 
 
-def line_of_row(path: Path, header: Header, row: int) -> int:
+def line_of_row(lines: Lines, header: Header, row: int) -> int:
     """The line of the file, counted from 1, that holds a data row."""
-    for found, (number, _) in enumerate(content_lines(path, header.dialect)):
+    for found, (number, _) in enumerate(lines()):
         if found == row + header.lines:
             return number
     raise IndexError("the file has fewer rows")
+
+
+@dataclass(slots=True, kw_only=True)
+class _Numbers:
+    """Reads a column of numbers."""
+
+    index: int
+    dialect: Dialect
+    may_miss: bool
+    values: list[float] = field(default_factory=list[float])
+
+    def fault_of(self, cell: str) -> CellFault | None:
+        """Takes a cell of the column, and says what is wrong with it."""
+        value, fault = _number(cell, self.dialect, self.may_miss)
+        self.values.append(value)
+        return fault
+
+    @property
+    def column(self) -> FloatArray:
+        return np.array(self.values)
+
+
+@dataclass(slots=True, kw_only=True)
+class _Times(_Numbers):
+    """Reads a column of time: moments where the first cell is one, else numbers."""
+
+    nanoseconds: list[int] = field(default_factory=list[int])
+    has_zone: bool = False
+
+    def fault_of(self, cell: str) -> CellFault | None:
+        if not self.nanoseconds and self.values:
+            return _Numbers.fault_of(self, cell)
+        moment = read_moment(cell)
+        if moment is None:
+            if not self.nanoseconds:
+                return _Numbers.fault_of(self, cell)
+            is_missing = cell.lower() in MISSING
+            return cell_errors.missing_value if is_missing else data_units.not_a_moment
+        if not self.nanoseconds:
+            self.has_zone = moment.has_zone
+        self.nanoseconds.append(moment.nanoseconds)
+        return data_units.mixed_zones if moment.has_zone != self.has_zone else None
+
+    @property
+    def column(self) -> FloatArray:
+        """Seconds from the first row; exact to a nanosecond over a hundred days."""
+        if not self.nanoseconds:
+            return np.array(self.values)
+        moments = np.array(self.nanoseconds, dtype=np.int64)
+        return (moments - moments[0]) / 1e9
 
 
 @cache
@@ -80,7 +138,7 @@ def _comma_fault(delimiter: str) -> CellFault:
 
 def _number(cell: str, dialect: Dialect, may_miss: bool) -> tuple[float, CellFault | None]:
     text = cell if dialect.decimal == "." else cell.replace(dialect.decimal, ".")
-    if not text or text.lower() in ("nan", "na", "null"):
+    if text.lower() in MISSING:
         return math.nan, None if may_miss else cell_errors.missing_value
     if not is_number(text):
         comma = _DECIMAL_COMMA.fullmatch(text) is not None
@@ -91,8 +149,8 @@ def _number(cell: str, dialect: Dialect, may_miss: bool) -> tuple[float, CellFau
     return value, cell_errors.infinite_value if math.isinf(value) else None
 
 
-def _lines(path: Path, header: Header) -> Iterator[_Line]:
-    for found, (number, text) in enumerate(content_lines(path, header.dialect)):
+def _lines(lines: Lines, header: Header) -> Iterator[_Line]:
+    for found, (number, text) in enumerate(lines()):
         if found >= header.lines:
             cells = split_cells(text, header.dialect.delimiter)
             yield _Line(
@@ -119,18 +177,6 @@ class _Line:
             end_column=end + 1,
         )
 
-    @property
-    def has_units(self) -> bool:
-        """Whether no cell is a number and every one is empty or a unit."""
-        cells = [cell.strip() for cell in self.cells]
-        return any(cells) and not any(map(is_number, cells)) and all(map(is_unit, cells))
-
-    def units_fault(self, places: Mapping[ColumnKey, int]) -> Diagnostic:
-        units = {key: self.cells[index].strip() for key, index in places.items()}
-        name, unit = next(((k, u) for k, u in units.items() if u), ("NAME", "UNIT"))
-        columns = f"{{{name}: {{column: {name}, unit: {unit}}}}}"
-        return cell_errors.line_of_units(self.header.file, columns, self._place(0, len(self.text)))
-
     def quote_fault(self, more: int) -> Diagnostic:
         column = self.text.rindex('"')
         place = self._place(column, column + 1)
@@ -152,15 +198,6 @@ class _Line:
         label, text = self.header.label(index), self.cells[index].strip()[:_LONGEST_SHOWN]
         place = self._place(start, end)
         return lambda more: fault(self.header.file, self.row, label, text, more, place)
-
-
-def is_unit(cell: str) -> bool:
-    """Whether a cell is empty or a unit, with or without brackets around it."""
-    try:
-        parse_unit(cell.strip("[]()") or "1")
-    except UnitError:
-        return cell == "-"
-    return True
 
 
 class _Faults:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.csv_cells import checked_columns, line_of_row
-from msnn.data.formats.csv_header import Dialect, Header, read_header
+from msnn.data.formats.csv_cells import CheckedColumns, checked_columns, line_of_row
+from msnn.data.formats.csv_header import (
+    BLANKS,
+    Dialect,
+    Header,
+    Lines,
+    content_lines,
+    read_header,
+)
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -27,22 +34,49 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     """
     _refuse_workbooks(path, shown)
     try:
-        header = read_header(path, shown, dialect, wanted.users)
-        places = header.places(wanted)
-        columns = _numbers(path, header, tuple(places.values()))
-        if columns is None or not _complete(columns, tuple(places), wanted.optional):
-            columns = checked_columns(path, header, places, wanted.optional)
+        return _table(path, shown, wanted, dialect)
     except UnicodeDecodeError as error:
         reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
         raise SpecError((errors.unreadable_file(shown, reason),)) from error
     except OSError as error:
         raise SpecError((errors.unreadable_file(shown, error.strerror or str(error)),)) from error
 
-    def place(row: int) -> Span:
-        line = line_of_row(path, header, row)
-        return Span(file=shown, line=line, column=1, end_line=line, end_column=1)
 
-    return ColumnTable(dict(zip(places, columns, strict=True)), place=place)
+def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
+    def lines() -> Iterator[tuple[int, str]]:
+        return content_lines(path, dialect)
+
+    header = read_header(lines, shown, dialect, wanted.users)
+    places = header.places(wanted)
+    columns = _numbers(path, header, tuple(places.values()))
+    if columns is None or not _complete(columns, tuple(places), wanted.optional):
+        return text_table(lines, header, places, wanted)
+    return named_table(lines, header, places, CheckedColumns(columns, {}))
+
+
+def text_table(
+    lines: Lines, header: Header, places: Mapping[ColumnKey, int], wanted: WantedColumns
+) -> ColumnTable:
+    """The wanted columns of a table, cell by cell. Raises SpecError with all of its faults."""
+    return named_table(lines, header, places, checked_columns(lines, header, places, wanted))
+
+
+def named_table(
+    lines: Lines, header: Header, places: Mapping[ColumnKey, int], found: CheckedColumns
+) -> ColumnTable:
+    """Columns with what the file says of them and where their rows stand."""
+
+    def place(row: int) -> Span:
+        line = line_of_row(lines, header, row)
+        return Span(file=header.file, line=line, column=1, end_line=line, end_column=1)
+
+    units = header.units(places.values())
+    return ColumnTable(
+        dict(zip(places, found.columns, strict=True)),
+        place=place,
+        units={key: units[index] for key, index in places.items() if index in units},
+        begins=found.begins,
+    )
 
 
 _WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
@@ -67,11 +101,12 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # no data rows; the other reader explains
         try:
+            blanks = dialect.delimiter == BLANKS
             table = np.loadtxt(
                 path,
-                delimiter=dialect.delimiter,
-                skiprows=header.line if header.lines else dialect.skip,
-                usecols=indices,
+                delimiter=None if blanks else dialect.delimiter,
+                skiprows=header.skipped,
+                usecols=None if blanks else indices,
                 comments=None,
                 encoding="utf-8-sig",
                 ndmin=2,
@@ -80,7 +115,12 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
             raise
         except ValueError:
             return None
-    if not len(table) or _delimiters(path, header) != len(table) * (header.width - 1):
+    if not len(table):
+        return None
+    if blanks:  # all columns were read, so that rows of another width are seen
+        whole = table.shape[1] == header.width
+        return [np.ascontiguousarray(table[:, i]) for i in indices] if whole else None
+    if _delimiters(path, header) != len(table) * (header.width - 1):
         return None
     return [np.ascontiguousarray(column) for column in table.T]
 
@@ -89,7 +129,7 @@ def _delimiters(path: Path, header: Header) -> int:
     """How many there are after the header: loadtxt does not look at columns it does not read."""
     sign, total = header.dialect.delimiter.encode(), 0
     with path.open("rb") as file:
-        for _ in range(header.line if header.lines else header.dialect.skip):
+        for _ in range(header.skipped):
             file.readline()
         while chunk := file.read(_CHUNK):
             total += chunk.count(sign)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from msnn.data.dataset import FloatArray
 from spec_schema.diagnostics.source import Span
+from spec_schema.units.unit import Unit
 
 ColumnKey = str | int
 """A column's name, or its index counted from 0."""
@@ -26,6 +27,8 @@ class WantedColumns:
     """Columns in which values may be missing."""
     spare: frozenset[ColumnKey] = frozenset()
     """Columns that a file need not have."""
+    moments: frozenset[ColumnKey] = frozenset()
+    """Columns of time, which may have dates in place of numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,10 @@ class ColumnTable:
     """Seconds of each row, where the format keeps them itself."""
     place: Callable[[int], Span | None] = _no_place
     """Where a row stands in the file."""
+    units: Mapping[ColumnKey, Unit] = field(default_factory=dict[ColumnKey, Unit])
+    """What the file itself says of columns."""
+    begins: Mapping[ColumnKey, int] = field(default_factory=dict[ColumnKey, int])
+    """Of columns of dates, which are seconds from their first row: nanoseconds since 1970 there."""
 
     @property
     def rows(self) -> int:

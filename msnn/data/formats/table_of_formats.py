@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msnn.errors.failures import MissingExtraError
-from msnn.packages import ASAMMDF, H5PY, PYARROW, ROSBAGS, SCIPY, OptionalPackage
+from msnn.packages import ASAMMDF, H5PY, OPENPYXL, PYARROW, ROSBAGS, SCIPY, OptionalPackage
 
 if TYPE_CHECKING:
     from msnn.data.formats.csv_header import Dialect
@@ -50,6 +50,12 @@ TEXT = FileFormat(
 
 FORMATS = (
     TEXT,
+    FileFormat(
+        name="Excel",
+        suffixes=(".xlsx",),
+        module="msnn.data.formats.xlsx_file",
+        packages=(OPENPYXL,),
+    ),
     FileFormat(name="NPZ", suffixes=(".npz",), module="msnn.data.formats.npz_file"),
     FileFormat(
         name="Parquet",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from compiler.ir.program import Role, Signal
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnKey
 from msnn.errors import data_files as errors
+from msnn.errors import data_units
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.data.columns import Column
 from spec_schema.units.unit import Unit
@@ -25,8 +26,11 @@ class Feed:
 
     signal: Signal
     keys: tuple[ColumnKey, ...]
-    factor: float
-    offset: float
+    factor: float | FloatArray
+    """One for all columns, or one for each."""
+    offset: float | FloatArray
+    column: Column | None = None
+    """What the spec says of them."""
 
     def series(self, columns: Mapping[ColumnKey, FloatArray]) -> FloatArray:
         """(rows, *shape) in the signal's unit."""
@@ -59,8 +63,51 @@ def feeds(
         if len(keys) != size:
             findings.report(errors.wrong_column_count(signal.name, len(keys), size, span))
         else:
-            found.append(Feed(signal, keys, factor, offset))
+            found.append(Feed(signal, keys, factor, offset, column))
     return found
+
+
+def in_units_of_file(
+    found: Iterable[Feed], units: Mapping[ColumnKey, Unit], findings: Findings
+) -> list[Feed]:
+    """Feeds that convert from what the file says of its columns, where the spec says no unit."""
+    return [_in_units(feed, units, findings) for feed in found]
+
+
+def _in_units(feed: Feed, units: Mapping[ColumnKey, Unit], findings: Findings) -> Feed:
+    declared, column = feed.signal.unit, feed.column
+    stated = {key: units[key] for key in feed.keys if key in units}
+    if declared is None or not stated or (column is not None and column.unit is not None):
+        return feed
+    if all(unit.same_as(declared) for unit in stated.values()):
+        return feed
+    span = feed.signal.span if column is None else column.place.value
+    scaled = column is not None and (column.scale != 1.0 or column.offset != 0.0)
+    for key, unit in stated.items():
+        fits = unit.same_dimension(declared)
+        if not fits or (scaled and not unit.same_as(declared)):
+            make = data_units.unit_beside_scale if fits else data_units.misfitting_file_unit
+            name = feed.signal.name.removesuffix(LOG_SUFFIX)
+            findings.report(
+                make(
+                    signal=name,
+                    column=str(key),
+                    found=unit.text,
+                    declared=declared.text,
+                    span=span,
+                )
+            )
+            return feed
+    pairs = [_to_signal(stated.get(key, declared), declared) for key in feed.keys]
+    factors, offsets = (np.array(each) for each in zip(*pairs, strict=True))
+    return replace(feed, factor=factors, offset=offsets)
+
+
+def _to_signal(unit: Unit, declared: Unit) -> tuple[float, float]:
+    """Factor and offset from one unit to another."""
+    if unit.same_as(declared):
+        return 1.0, 0.0
+    return unit.factor_to(declared), unit.convert(0.0, declared)
 
 
 def wanted_columns(found: Iterable[Feed]) -> dict[ColumnKey, str]:
@@ -89,6 +136,5 @@ def _conversion(signal: Signal, column: Column, findings: Findings) -> tuple[flo
             errors.inconvertible_column(signal.name, unit.text, declared.text, column.unit.span)
         )
         return column.scale, column.offset
-    shift = unit.convert(0.0, declared)
-    factor = unit.factor_to(declared) if not unit.same_as(declared) else 1.0
+    factor, shift = _to_signal(unit, declared)
     return factor * column.scale, factor * column.offset + shift

@@ -124,7 +124,7 @@ def _follows(before: FilePart, after: FilePart, sample_time: float | None) -> bo
         return False
     if before.time is None or after.time is None or not len(before.time) * len(after.time):
         return False
-    step = float(after.time[0] - before.time[-1])
+    step = float(after.time[0] - before.time[-1]) + before.seconds_to(after)
     return abs(step - sample_time) <= GAP_TOLERANCE * sample_time
 
 

@@ -10,8 +10,14 @@ import numpy as np
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, FileRows, FloatArray
 from msnn.data.formats.csv_header import Dialect
-from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
-from msnn.data.reading.columns import Feed, feeds, target_columns, wanted_columns
+from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, WantedColumns
+from msnn.data.reading.columns import (
+    Feed,
+    feeds,
+    in_units_of_file,
+    target_columns,
+    wanted_columns,
+)
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.record_rows import RecordRows, record_rows
 from msnn.data.reading.row_filter import RowFilter
@@ -33,6 +39,14 @@ class FilePart:
     """Seconds of each row, where the file says."""
     continues: BoolArray
     usable: BoolArray
+    begins: int | None = None
+    """Nanoseconds since 1970 at time 0, where the file says."""
+
+    def seconds_to(self, other: FilePart) -> float:
+        """From the time 0 of this one to that of another."""
+        if self.begins is None or other.begins is None:
+            return 0.0
+        return (other.begins - self.begins) / 1e9
 
     def with_next(self, other: FilePart) -> FilePart:
         """One record of this one and of another that begins one sample later."""
@@ -45,9 +59,10 @@ class FilePart:
             file=replace(self.file, shown=f"{first}{_TO}{other.file.shown}"),
             pieces=(*self.pieces, *(piece.moved(len(self.continues)) for piece in other.pieces)),
             series={n: np.concatenate((v, other.series[n])) for n, v in self.series.items()},
-            time=np.concatenate((self.time, other.time)),
+            time=np.concatenate((self.time, other.time + self.seconds_to(other))),
             continues=continues,
             usable=np.concatenate((self.usable, other.usable)),
+            begins=self.begins,
         )
 
 
@@ -69,6 +84,9 @@ def read_part(
     more = feeds(beside, columns, mine)
     read = _read(file, data, found, more, mine)
     rows = None
+    if isinstance(read, ColumnTable):
+        found = in_units_of_file(found, read.units, mine)
+        more = in_units_of_file(more, read.units, mine)
     if read is not None and not mine.failed:
         spare = wanted_columns(more).keys() - wanted_columns(found).keys()
         rows = record_rows(read, file, data, program.sample_time, mine, spare)
@@ -96,6 +114,7 @@ def read_part(
         time=rows.time,
         continues=rows.continues,
         usable=usable,
+        begins=rows.begins,
     )
 
 
@@ -127,12 +146,14 @@ def _read(
     spare = frozenset(users) - frozenset(needed)
     optional = spare | (frozenset(users) if data.nan != "error" else target_columns(found))
     time = file.layout.time or data.time
+    moments = frozenset[ColumnKey]()
     if time is not None and not file.keeps_time:
+        moments = frozenset({time.column.column})
         users[time.column.column] = "`time`"
         optional -= {time.column.column}
         spare -= {time.column.column}
     try:
-        wanted = WantedColumns(users, optional, spare)
+        wanted = WantedColumns(users, optional, spare, moments)
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
@@ -145,9 +166,10 @@ def _read(
 def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:
     plain = "\t" if tabs else ","
     if csv is None:
-        return Dialect(delimiter=plain)
+        return Dialect(delimiter=plain, is_usual=True)
     return Dialect(
         delimiter=csv.delimiter or plain,
+        is_usual=csv.delimiter is None,
         decimal=csv.decimal,
         comment=csv.comment,
         header=csv.header,

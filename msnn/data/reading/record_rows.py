@@ -13,11 +13,11 @@ from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, resample
 from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows
 from msnn.errors import data_files as errors
-from msnn.errors import data_formats
+from msnn.errors import data_formats, data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Duration, Samples
-from spec_schema.sections.data.data import Data, Layout
+from spec_schema.sections.data.data import SECOND, Data, Layout, TimeColumn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +32,8 @@ class RecordRows:
     """Whether a row is one sample after the row before."""
     covered: BoolArray
     """Whether a row stands on data: false for moments that resampling put into a hole."""
+    begins: int | None = None
+    """Nanoseconds since 1970 at time 0, where times are dates."""
 
 
 def record_rows(
@@ -52,6 +54,10 @@ def record_rows(
     # resampling brings columns beside to the moments; without it only those of the same times fit
     fitting = () if resampled else beside
     table = _one_table(read, fitting) if isinstance(read, Streams) else read
+    column = file.layout.time or data.time
+    begins = None
+    if column is not None and table is not None and not file.keeps_time:
+        begins = table.begins.get(column.column.column)
     if how in ("linear", "nearest"):
         method: Method = "linear" if how == "linear" else "nearest"
         if sample_time is None:
@@ -60,7 +66,8 @@ def record_rows(
         if table is None:
             assert isinstance(read, Streams)
             return _streams(read, file, data, sample_time, method, findings, beside)
-        return _resampled(table, file, data, sample_time, method, findings)
+        rows = _resampled(table, file, data, sample_time, method, findings)
+        return None if rows is None else replace(rows, begins=begins)
     if table is None:
         assert isinstance(read, Streams)
         first, *others = (key for key in read.columns if key not in beside)
@@ -68,7 +75,8 @@ def record_rows(
         other = next(k for k in others if not np.array_equal(read.columns[k][0], times))
         findings.report(data_formats.different_times(file.shown, str(first), str(other), span))
         return None
-    return _as_recorded(table, file, data, sample_time, how == "error", findings)
+    rows = _as_recorded(table, file, data, sample_time, how == "error", findings)
+    return None if rows is None else replace(rows, begins=begins)
 
 
 def _one_table(streams: Streams, beside: Collection[ColumnKey]) -> ColumnTable | None:
@@ -88,9 +96,36 @@ def _picked(
     time = table.time
     column = file.layout.time or data.time
     if column is not None and not file.keeps_time:
-        time = table.columns[column.column.column] * column.seconds
+        factor = _seconds(column, table, findings)
+        if factor is None:
+            return None
+        time = table.columns[column.column.column] * factor
     picked = picked_rows(file.layout, data, file.shown, table.rows, time, findings)
     return None if picked is None else (picked, time)
+
+
+def _seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> float | None:
+    """What one unit of the column of time is: the spec says it, or the file, else it is seconds."""
+    key = column.column.column
+    if key in table.begins:
+        if column.unit is None:
+            return 1.0
+        findings.report(
+            data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
+        )
+        return None
+    stated = table.units.get(key)
+    if column.unit is not None or stated is None:
+        return column.seconds
+    if stated.same_dimension(SECOND):
+        return 1.0 if stated.same_as(SECOND) else stated.factor_to(SECOND)
+    place = column.place.value
+    findings.report(
+        data_units.misfitting_file_unit(
+            signal="time", column=str(key), found=stated.text, declared="s", span=place
+        )
+    )
+    return None
 
 
 def _as_recorded(

@@ -1,4 +1,4 @@
-"""The target `mpc`: the controller of the spec's `mpc` section as self-contained C99."""
+"""The target `mpc`: controller and filter of the sections `mpc` and `estimator` as C99."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from compiler.ir.program import Program
 from compiler.optimal_control.problem import ControlProblem
+from compiler.state_estimation.problem import EstimationProblem
 from msnn.agreement.agreement import Agreement
 from msnn.errors import predictive_control
 from msnn.errors.failures import MissingExtraError
@@ -20,26 +22,26 @@ from spec_schema.sections.exports import MpcExport
 
 
 @dataclass(frozen=True, slots=True)
-class Controlled:
-    """The problem of a plan."""
+class Online:
+    """The problems of a plan; one of them at least."""
 
-    problem: ControlProblem | None
-
-    @property
-    def known(self) -> ControlProblem:
-        """The problem of a plan that was prepared."""
-        assert self.problem is not None
-        return self.problem
+    control: ControlProblem | None
+    estimation: EstimationProblem | None
 
 
-def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Controlled] | None:
-    problem, report = request.model.control, request.findings.report
-    if problem is None:
+def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | None:
+    control, estimation = request.model.control, request.model.estimation
+    report = request.findings.report
+    if control is not None:
+        program = control.program
+    elif estimation is not None:
+        program = estimation.program
+    else:
         if entry is not None:
             report(predictive_control.no_control(entry.place.key))
         return None
     place = None if request.model.spec.mpc is None else request.model.spec.mpc.place.key
-    if any(block > 1 for block in problem.blocks):
+    if control is not None and any(block > 1 for block in control.blocks):
         report(predictive_control.unsupported_blocks(place))
         return None
     if entry is not None and (entry.outputs is not None or entry.close):
@@ -48,27 +50,35 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Controlled
         return None
     return ExportPlan(
         target=TARGET,
-        program=problem.program,
+        program=program,
         prefix=name_prefix(request, None if entry is None else entry.prefix),
         dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
-        options=Controlled(problem),
+        options=Online(control, estimation),
     )
 
 
-def _write(plan: ExportPlan[Controlled], weights: Weights, folder: Path) -> tuple[Path, ...]:
+def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Path, ...]:
     from backends.predictive_control import write_controller
+    from backends.predictive_control.estimation import write_filter
 
-    return write_controller(
-        plan.options.known, _own(plan, weights), folder, prefix=plan.prefix, dtype=plan.float_type
-    )
+    files: tuple[Path, ...] = ()
+    prefix, dtype = plan.prefix, plan.float_type
+    control, estimation = plan.options.control, plan.options.estimation
+    if control is not None:
+        own = _own(control.program, weights)
+        files += write_controller(control, own, folder, prefix=prefix, dtype=dtype)
+    if estimation is not None:
+        own = _own(estimation.program, weights)
+        files += write_filter(estimation, own, folder, prefix=prefix, dtype=dtype)
+    return files
 
 
-def _own(plan: ExportPlan[Controlled], weights: Weights) -> Weights:
-    known = {parameter.name for parameter in plan.program.parameters}
+def _own(program: Program, weights: Weights) -> Weights:
+    known = {parameter.name for parameter in program.parameters}
     return {name: values for name, values in weights.items() if name in known}
 
 
-def _load(plan: ExportPlan[Controlled], written: Written) -> NoReturn:
+def _load(plan: ExportPlan[Online], written: Written) -> NoReturn:
     raise AssertionError("a controller is judged by its plans, not by its steps")
 
 
@@ -96,23 +106,40 @@ def built_controller(written: Written) -> Generator[Path]:
         yield alone
 
 
-def _compare(plan: ExportPlan[Controlled], weights: Weights, written: Written) -> Agreement:
-
+def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Agreement:
     from msnn.exports.judged_controller import compare_controller
+    from msnn.exports.judged_filter import compare_filter, joined
 
+    found: list[Agreement] = []
+    control, estimation = plan.options.control, plan.options.estimation
     with built_controller(written) as folder:
-        return compare_controller(
-            plan.options.known, _own(plan, weights), folder, plan.float_type, target=TARGET.name
-        )
+        if control is not None:
+            own = _own(control.program, weights)
+            found.append(compare_controller(control, own, folder, plan.float_type, TARGET.name))
+        if estimation is not None:
+            own = _own(estimation.program, weights)
+            found.append(compare_filter(estimation, own, folder, plan.float_type, TARGET.name))
+    return joined(found)
 
 
-TARGET: Target[MpcExport, Controlled] = Target(
+def _tell(plan: ExportPlan[Online], folder: Path) -> str:
+    """Whether the self-tests know the bits that every build gives."""
+    del plan
+    tests = [path.read_text(encoding="utf-8") for path in folder.glob("src/*_selftest.c")]
+    if all("golden" in text for text in tests):
+        return ""
+    return "nothing compiles C here: self-tests know no bits to compare a build with"
+
+
+TARGET: Target[MpcExport, Online] = Target(
     name="mpc",
     entry=MpcExport,
     dtype="float64",
-    options=Controlled(None),
+    options=Online(None, None),
+    is_verified=True,
     prepare=_prepare,
     write=_write,
     load=_load,
     compare=_compare,
+    tell=_tell,
 )

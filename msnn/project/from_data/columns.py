@@ -10,20 +10,19 @@ from pathlib import Path
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.csv_file import read
-from msnn.data.formats.table import WantedColumns
+from msnn.data.formats.moments import read_moment
+from msnn.data.formats.table import ColumnTable, WantedColumns
+from msnn.data.formats.table_of_formats import format_of
+from msnn.data.formats.written_units import plain_label, written_unit
 from msnn.errors.new_specs import no_table
 from msnn.project.from_data.layout import TextLayout, layout_of, number
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.expressions.language import BUILTINS
 from spec_schema.names import is_name, normalised, why_reserved
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.unit import Unit, UnitError
+from spec_schema.units.unit import Unit
 
 _LONGEST_NAME = 40
-_MOST_REPAIRS = 3
-"""Of one unit: each is a spelling that is known, as `°` and `Nm`."""
-_BRACKETS = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*", re.DOTALL)
 _OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
 
 
@@ -55,6 +54,8 @@ class FoundTable:
     columns: tuple[FoundColumn, ...]
     texts: tuple[int, ...]
     """Indices of columns that are not numbers."""
+    dates: FoundColumn | None
+    """The first column of dates, in seconds from the first row."""
 
     @property
     def rows(self) -> int:
@@ -73,30 +74,38 @@ def columns_of(path: Path) -> FoundTable:
     ]
     if not numbers:
         raise SpecError([no_table(path.name)])
-    wanted = WantedColumns(dict.fromkeys(numbers, "the new spec"), frozenset(numbers))
-    table = read(path, path.name, wanted, layout.dialect)
+    dates = next((i for i in range(len(layout.labels)) if _has_dates(layout, i)), None)
+    read = numbers if dates is None else [*numbers, dates]
+    wanted = WantedColumns(
+        dict.fromkeys(read, "the new spec"),
+        optional=frozenset(numbers),
+        moments=frozenset(read) - frozenset(numbers),
+    )
+    table = format_of(path).reader(path, path.name, wanted, layout.dialect)
+    assert isinstance(table, ColumnTable), "tables of text and workbooks have one time"
     names = dict(zip(numbers, _names(layout, numbers), strict=True))
+
+    def column(index: int, unit: Unit | None) -> FoundColumn:
+        return FoundColumn(
+            index=index,
+            label=layout.labels[index],
+            name=names.get(index, "time"),
+            unit=unit,
+            key=_key(layout, index),
+            values=table.columns[index],
+        )
+
     return FoundTable(
         layout=layout,
-        columns=tuple(
-            FoundColumn(
-                index=index,
-                label=layout.labels[index],
-                name=names[index],
-                unit=_unit(layout, index),
-                key=_key(layout, index),
-                values=table.columns[index],
-            )
-            for index in numbers
-        ),
+        columns=tuple(column(index, _unit(layout, index)) for index in numbers),
+        dates=None if dates is None else column(dates, parse_unit("s")),
         texts=tuple(i for i in range(len(layout.labels)) if i not in names),
     )
 
 
-def plain_label(label: str) -> tuple[str, str]:
-    """A header without the unit in brackets at its end, and that unit."""
-    found = _BRACKETS.fullmatch(label)
-    return (found[1], found[2]) if found is not None and found[1] else (label, "")
+def _has_dates(layout: TextLayout, index: int) -> bool:
+    cells = [row[index] for row in layout.sample if index < len(row)]
+    return len(cells) > 1 and all(read_moment(cell) is not None for cell in cells)
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
@@ -124,15 +133,7 @@ def _names(layout: TextLayout, numbers: list[int]) -> Iterator[str]:
 
 def _unit(layout: TextLayout, index: int) -> Unit | None:
     text = layout.units[index].strip("[]()") or plain_label(layout.labels[index])[1]
-    text = text.replace("²", "^2").replace("³", "^3")
-    for _ in range(_MOST_REPAIRS):
-        try:
-            return parse_unit(text) if text else None
-        except UnitError as error:
-            if error.repair is None:
-                return None
-            text = text[: error.start] + error.repair + text[error.end :]
-    return None
+    return None if text == "-" else written_unit(text)
 
 
 def _key(layout: TextLayout, index: int) -> str | int:

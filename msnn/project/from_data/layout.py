@@ -8,16 +8,23 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from msnn.data.formats.csv_cells import is_unit
-from msnn.data.formats.csv_header import Dialect, content_lines, is_number, split_cells
+from msnn.data.formats.csv_header import (
+    Dialect,
+    content_lines,
+    header_cells,
+    is_number,
+    split_cells,
+)
+from msnn.data.formats.table_of_formats import require_reader
+from msnn.data.formats.written_units import MISSING, is_unit
+from msnn.data.formats.xlsx_file import WORKBOOK, sheet_lines
 from msnn.errors import data_files as errors
 from msnn.errors.new_specs import no_table
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _LINES = 400
-_DIALECTS = ((",", "."), (";", "."), ("\t", "."), ("|", "."), (";", ","), ("\t", ","))
+_DIALECTS = ((",", "."), (";", "."), ("\t", "."), ("|", "."), (";", ","), ("\t", ","), (" ", "."))
 _COMMENTS = ("#", "%")
-_NOT_MEASURED = frozenset(("", "nan", "na", "null"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +50,7 @@ def layout_of(path: Path) -> TextLayout:
         raise SpecError([errors.empty_file(path.name, header=False)])
     texts = [text for _, text in lines]
     delimiter, decimal = max(_DIALECTS, key=lambda signs: _fits(texts, *signs))
-    rows = [tuple(cell.strip() for cell in split_cells(text, delimiter)) for text in texts]
+    rows = [header_cells(text, delimiter) for text in texts]
     width = Counter(map(len, rows[len(rows) // 2 :])).most_common(1)[0][0]
     numeric = _numeric([row for row in rows[len(rows) // 2 :] if len(row) == width], decimal)
     first = next((i for i, row in enumerate(rows) if _is_data(row, width, numeric, decimal)), None)
@@ -73,12 +80,14 @@ def layout_of(path: Path) -> TextLayout:
 
 def number(cell: str, decimal: str) -> bool:
     """Whether a cell is a number or a word for none."""
-    return cell.lower() in _NOT_MEASURED or is_number(cell.replace(decimal, "."))
+    return cell.lower() in MISSING or is_number(cell.replace(decimal, "."))
 
 
 def _first_lines(path: Path, dialect: Dialect) -> list[tuple[int, str]]:
+    require_reader(path)
     try:
-        return list(islice(content_lines(path, dialect), _LINES))
+        lines = sheet_lines if path.suffix.lower() == WORKBOOK else content_lines
+        return list(islice(lines(path, dialect), _LINES))
     except UnicodeDecodeError as error:
         reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
         raise SpecError([errors.unreadable_file(path.name, reason)]) from error
@@ -113,7 +122,7 @@ def _fits(texts: Sequence[str], delimiter: str, decimal: str) -> tuple[float, in
     width, count = Counter(map(len, late)).most_common(1)[0]
     cells = [cell.strip() for row in late if len(row) == width for cell in row]
     numbers = sum(is_number(cell.replace(decimal, ".")) for cell in cells)
-    empty = sum(cell.lower() in _NOT_MEASURED for cell in cells)
+    empty = sum(cell.lower() in MISSING for cell in cells)
     share = (numbers + 0.5 * empty) / max(len(cells), 1) * count / len(late)
     # text in a column or two is no sign of another delimiter
     return (round(share, 2) if width == 1 else share + 0.5 if numbers else 0.0, width)
@@ -123,7 +132,7 @@ def _numeric(rows: Sequence[Sequence[str]], decimal: str) -> tuple[int, ...]:
     """The columns that hold numbers in most rows."""
     found: list[int] = []
     for index in range(len(rows[0]) if rows else 0):
-        cells = [row[index] for row in rows if row[index].lower() not in _NOT_MEASURED]
+        cells = [row[index] for row in rows if row[index].lower() not in MISSING]
         numbers = sum(is_number(cell.replace(decimal, ".")) for cell in cells)
         if numbers and 2 * numbers >= len(cells):
             found.append(index)
@@ -134,4 +143,4 @@ def _is_data(row: Sequence[str], width: int, numeric: Sequence[int], decimal: st
     """Whether a line has a number, or a word for none, wherever the lines after it have numbers."""
     if len(row) != width or not all(number(row[index], decimal) for index in numeric):
         return False
-    return any(row[index].lower() not in _NOT_MEASURED for index in numeric)
+    return any(row[index].lower() not in MISSING for index in numeric)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 
 import numpy as np
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.written_units import plain_label
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data_check.signals.sampling import LONGEST_STEP
-from msnn.project.from_data.columns import FoundColumn, FoundTable, plain_label
+from msnn.project.from_data.columns import FoundColumn, FoundTable
 from spec_schema.units.parser import parse_unit
 
 _WORDS = re.compile(
@@ -49,18 +48,17 @@ class FoundTime:
 def time_of(table: FoundTable) -> FoundTime:
     """The time of a file: a column that is called so, or the first one if it steps evenly."""
     counters = tuple(c.index for c in table.columns if _counts(c))
+    if table.dates is not None:
+        return _from(table.dates, counters)
     for column in table.columns:
         if _WORDS.fullmatch(plain_label(column.label)[0].strip()) and _rises(column.values):
             return _from(column, counters)
     first = table.columns[0]
     if first.index == 0 and first.index not in counters and _even(first.values):
         return _from(first, counters)
-    step, note = _text_time(table) or (
-        1.0,
-        "no column says the time: the sample time of 1 s is only a guess, write the true one",
-    )
+    note = "no column says the time: the sample time of 1 s is only a guess, write the true one"
     return FoundTime(
-        column=None, unit="s", step=step, resample=None, notes=(note,), counters=counters
+        column=None, unit="s", step=1.0, resample=None, notes=(note,), counters=counters
     )
 
 
@@ -138,24 +136,3 @@ def _counts(column: FoundColumn) -> bool:
     """Whether a column numbers the rows and is called so."""
     called = _COUNTERS.fullmatch(plain_label(column.label)[0].strip()) is not None
     return called and bool(np.all(np.diff(column.values) == 1))
-
-
-def _text_time(table: FoundTable) -> tuple[float, str] | None:
-    """The usual step of a column of dates, which no spec reads."""
-    for index in table.texts:
-        cells = [row[index] for row in table.layout.sample if index < len(row)]
-        times = _dates(cells)
-        if times is not None and len(times) > 2:
-            usual = float(np.median(np.diff(times)))
-            if usual > 0:
-                note = f"column {index} has dates, {usual:.6g} s apart: rows are taken as even"
-                return float(f"{usual:.6g}"), note
-    return None
-
-
-def _dates(cells: Sequence[str]) -> FloatArray | None:
-    try:
-        found = [datetime.fromisoformat(cell) for cell in cells]
-        return np.array([(date - found[0]).total_seconds() for date in found])
-    except (ValueError, TypeError, IndexError):
-        return None

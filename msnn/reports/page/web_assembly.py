@@ -8,8 +8,9 @@ from pathlib import Path
 from backends.c.host.build import CompilerFailedError
 from backends.files.run_compiler import CompilerTooSlowError, run_compiler
 from msnn.packages import ZIGLANG
-from msnn.verification.builds.harness import TEMPLATES, includes, write_harness
+from msnn.verification.builds.harness import TEMPLATES, write_harness
 from msnn.verification.exported_c import ExportedC
+from msnn.verification.sources import includes
 
 _FLAGS = (
     "-target",

@@ -18,7 +18,7 @@ from compiler.ir.program import State
 from compiler.ir.types import Type
 from msnn.data.dataset import FloatArray, IntArray
 from msnn.data.starts import Runs
-from msnn.training.engines.squares import Squares
+from msnn.training.engines.squares import Slopes
 from msnn.training.plans.stage_plan import StagePlan
 
 Weights = Mapping[str, FloatArray]
@@ -70,7 +70,7 @@ class JointStarts:
             found[start_signal(state)] = whole
         return found
 
-    def products(self, squares: Squares, runs: Runs, weights: Weights) -> dict[str, Products]:
+    def products(self, squares: Slopes, runs: Runs, weights: Weights) -> dict[str, Products]:
         """The products of every loss, the slopes in the start of each run apart."""
         moved = self.moved(weights)
         alone = [squares.products(runs.take(np.array([i])), moved) for i in range(len(runs))]

@@ -17,6 +17,7 @@ from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.native.native_squares import NativeSquares
+from msnn.training.engines.needed_memory import installed_memory, memory_warnings
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
@@ -100,6 +101,7 @@ def open_engine(
         return OpenedEngine(LevenbergMarquardtEngine(*arguments, TorchSquares), plan, notes)
     from msnn.training.engines.torch.torch_engine import TorchEngine
 
+    notes += memory_warnings(plan, data.train, installed_memory())
     return OpenedEngine(TorchEngine(*arguments), plan, notes)
 
 

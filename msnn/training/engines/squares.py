@@ -15,16 +15,8 @@ from msnn.training.plans.stage_plan import StagePlan
 RowsByLoss = Mapping[str, BoolArray]
 
 
-class Squares(Protocol):
-    """The losses of a stage as sums of squares, at any weights, in float64."""
-
-    def __init__(
-        self,
-        plan: StagePlan,
-        series: Mapping[str, FloatArray],
-        train_rows: RowsByLoss | None,
-        evaluation_rows: RowsByLoss | None,
-    ) -> None: ...
+class Slopes(Protocol):
+    """The losses of a stage as sums of squares with their slopes, at any weights, in float64."""
 
     def check(self, runs: Runs, weights: Mapping[str, FloatArray]) -> None:
         """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
@@ -37,6 +29,18 @@ class Squares(Protocol):
     def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:
         """Of every loss: products of its residuals and slopes in the numbers of `plan.trained`."""
         ...
+
+
+class Squares(Slopes, Protocol):
+    """The same with the losses alone, for those who try steps."""
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        series: Mapping[str, FloatArray],
+        train_rows: RowsByLoss | None,
+        evaluation_rows: RowsByLoss | None,
+    ) -> None: ...
 
     def train_costs(self, runs: Runs, weights: Mapping[str, FloatArray]) -> LossSums:
         """The losses of rollouts to train on."""

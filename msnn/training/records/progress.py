@@ -103,12 +103,7 @@ class Lines:
     def stage_started(self, event: StageStart) -> None:
         """Names the stage and its size."""
         self._shown = -float("inf")
-        self._line(
-            f"stage {event.number}/{event.stages} {event.name}: {event.epochs} epochs, "
-            f"{event.starts} starts, horizon {event.horizon}, best on {event.monitored_on}"
-            + (f", best of {event.attempts} runs" if event.attempts > 1 else "")
-            + (f", goes on after epoch {event.epoch}" if event.epoch else "")
-        )
+        self._line(stage_text(event))
 
     def epoch_ended(self, event: EpochEnd) -> None:
         """Shows the losses, not more often than once an interval."""
@@ -116,14 +111,7 @@ class Lines:
         if now - self._shown < self._interval:
             return
         self._shown = now
-        epochs_left = event.epochs * (event.attempts - event.attempt + 1) - event.epoch
-        left = event.seconds / event.epoch * epochs_left
-        text = (
-            f"  {_run(event.attempt, event.attempts)}"
-            f"epoch {event.epoch}/{event.epochs}  loss {event.total:.4g}  "
-            f"monitor {event.monitor:.4g}  best {event.best:.4g} (epoch {event.best_epoch})  "
-            f"{event.seconds:.1f} s, {left:.0f} s left"
-        )
+        text = f"  {epoch_text(event)}"
         if self._terminal:
             self._stream.write(f"\r\x1b[2K{text}")
             self._stream.flush()
@@ -132,10 +120,7 @@ class Lines:
 
     def stage_ended(self, event: StageEnd) -> None:
         """Says how the stage went."""
-        self._line(
-            f"  {_run(event.attempt, event.attempts)}{event.reason} after {event.epochs} epochs, "
-            f"best {event.best:.6g} (epoch {event.best_epoch}), {event.seconds:.1f} s"
-        )
+        self._line(f"  {end_text(event)}")
 
     def warned(self, diagnostic: Diagnostic) -> None:
         """Prints a warning on a line of its own."""
@@ -145,6 +130,36 @@ class Lines:
         start = "\r\x1b[2K" if self._terminal else ""
         self._stream.write(f"{start}{text}\n")
         self._stream.flush()
+
+
+def stage_text(event: StageStart) -> str:
+    """A stage and its size, in a line."""
+    return (
+        f"stage {event.number}/{event.stages} {event.name}: {event.epochs} epochs, "
+        f"{event.starts} starts, horizon {event.horizon}, best on {event.monitored_on}"
+        + (f", best of {event.attempts} runs" if event.attempts > 1 else "")
+        + (f", goes on after epoch {event.epoch}" if event.epoch else "")
+    )
+
+
+def epoch_text(event: EpochEnd) -> str:
+    """The losses of an epoch and the time that is left, in a line."""
+    epochs_left = event.epochs * (event.attempts - event.attempt + 1) - event.epoch
+    left = event.seconds / event.epoch * epochs_left
+    return (
+        f"{_run(event.attempt, event.attempts)}"
+        f"epoch {event.epoch}/{event.epochs}  loss {event.total:.4g}  "
+        f"monitor {event.monitor:.4g}  best {event.best:.4g} (epoch {event.best_epoch})  "
+        f"{event.seconds:.1f} s, {left:.0f} s left"
+    )
+
+
+def end_text(event: StageEnd) -> str:
+    """How a stage went, in a line."""
+    return (
+        f"{_run(event.attempt, event.attempts)}{event.reason} after {event.epochs} epochs, "
+        f"best {event.best:.6g} (epoch {event.best_epoch}), {event.seconds:.1f} s"
+    )
 
 
 def _run(attempt: int, attempts: int) -> str:

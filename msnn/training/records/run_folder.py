@@ -23,6 +23,7 @@ from msnn.model.kept_run import (
     PARTS,
     SPEC,
     WEIGHTS,
+    leads_to,
     read_json,
 )
 from msnn.model.spec_hash import SubmodelFile
@@ -61,7 +62,7 @@ class RunFolder:
     def is_latest(self) -> bool:
         """Whether `latest` points at this run."""
         link = self.latest
-        return link is not None and link.is_symlink() and link.readlink() == self._target(link)
+        return link is not None and leads_to(link) == self._target(link)
 
     def _target(self, link: Path) -> Path:
         """The run as `link` says it."""
@@ -169,9 +170,15 @@ def finite(value: Any) -> Any:
 
 
 def _point(link: Path, target: Path) -> None:
-    """Makes `link` a symbolic link to `target`, replacing an older one in one step."""
+    """Makes `link` a symbolic link to `target`, replacing an older one in one step.
+
+    Where links are refused, as Windows does to most users, it is a text file with the target.
+    """
     temporary = link.with_name(f".{link.name}.{os.getpid()}")
     temporary.unlink(missing_ok=True)
-    temporary.symlink_to(target, target_is_directory=True)
+    try:
+        temporary.symlink_to(target, target_is_directory=True)
+    except (OSError, NotImplementedError):
+        temporary.write_text(f"{target.as_posix()}\n", encoding="utf-8")
     temporary.replace(link)
     sync(link.parent)

@@ -31,8 +31,8 @@ from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.simulation.start_fit import StartFit
 from msnn.training.engines.joint_starts import JointStarts, without_starts
 from msnn.training.engines.native.kernel_or_not import try_natively
-from msnn.training.engines.native.native_squares import NativeSquares
-from msnn.training.engines.squares import Squares
+from msnn.training.engines.native.native_slopes import NativeSlopes
+from msnn.training.engines.squares import Slopes
 from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
 from msnn.training.plans.squared_losses import NUMBER_OF, squared
 from msnn.training.plans.stage_data import TRAIN
@@ -167,11 +167,11 @@ def _squares(
     rows: Mapping[str, np.ndarray] | None,
     runs: Runs,
     weights: Mapping[str, FloatArray],
-) -> tuple[Squares, tuple[Diagnostic, ...]]:
+) -> tuple[Slopes, tuple[Diagnostic, ...]]:
     """By kernels where there can be any, else by torch with what the user should know."""
 
-    def native(_: StagePlan) -> NativeSquares:
-        squares = NativeSquares(plan, data.series, rows, rows)
+    def native(_: StagePlan) -> NativeSlopes:
+        squares = NativeSlopes(plan, data.series, rows)
         squares.check(runs, weights)
         return squares
 

@@ -31,8 +31,13 @@ def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -
         "linearizes": model.linearizes,
         "hashed_reals": model.hashed_reals,
     }
-    text = _environment().get_template(f"{template}.j2").render(**common, **facts)
-    path = folder / template
+    return write_template(template, folder, **common, **facts)
+
+
+def write_template(template: str, folder: Path, **facts: Any) -> Path:
+    """Fills `templates/verify/<template>.j2`; the path of what it wrote."""
+    text = _environment().get_template(f"{template}.j2").render(**facts)
+    path = folder / Path(template).name
     path.write_text(text, encoding="utf-8")
     return path
 
@@ -52,11 +57,6 @@ def write_linker_script(board: Board, folder: Path) -> Path:
     path = folder / "board.ld"
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def includes(model: ExportedC) -> list[str]:
-    """Where the harness finds the model and its vectors."""
-    return [f"-I{model.include}", f"-I{model.folder / 'src'}", f"-I{model.folder / 'test'}"]
 
 
 @cache

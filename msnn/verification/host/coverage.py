@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from msnn.verification.builds.harness import includes
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.proof_step import ProofStep, Result, ToolFailedError, run_tool
+from msnn.verification.sources import includes
 from msnn.verification.tools import GCC, GCOV
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from msnn.verification.builds.golden_run import differences
-from msnn.verification.builds.harness import includes, write_harness
+from msnn.verification.builds.harness import write_harness
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
 from msnn.verification.proof_step import (
@@ -17,11 +17,12 @@ from msnn.verification.proof_step import (
     ToolTimedOutError,
     run_tool,
 )
+from msnn.verification.sources import Sources, includes
 from msnn.verification.tools import CLANG, CPPCHECK, GCC, GPP, NM, Tool
 
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
-_STANDARD = ("-std=c99", "-ffp-contract=off")
-_SANITIZERS = (
+STANDARD = ("-std=c99", "-ffp-contract=off")
+SANITIZERS = (
     "-O1",
     "-g",
     "-fsanitize=address,undefined,float-cast-overflow",
@@ -31,18 +32,24 @@ _SANITIZERS = (
 
 def host_checks(model: ExportedC) -> Iterator[ProofStep]:
     """All that a machine with gcc and clang can say in seconds."""
-    yield _compiling("warnings", "gcc", (GCC,), model, [*_STANDARD, "-O2", *GCC_WARNINGS])
-    yield _compiling("warnings", "clang", (CLANG,), model, [*_STANDARD, "-O2", *CLANG_WARNINGS])
-    cpp = ["-x", "c++", "-std=c++17", "-ffp-contract=off", "-O1", *CPP_WARNINGS]
-    yield _compiling("warnings", "g++", (GPP,), model, cpp)
-    yield _compiling("analyzer", "gcc", (GCC,), model, [*_STANDARD, "-O1", "-fanalyzer"])
-    yield _memory(model)
+    yield from source_checks(model)
     for tool in (GCC, CLANG):
         yield _golden(tool, model)
     yield _sanitized(model)
 
 
-def misra_check(model: ExportedC) -> ProofStep:
+def source_checks(model: Sources, accepted: Sequence[str] = ()) -> Iterator[ProofStep]:
+    """What compilers say of the sources but for `accepted` warnings, and what memory they have."""
+    gcc, clang = [*GCC_WARNINGS, *accepted], [*CLANG_WARNINGS, *accepted]
+    yield _compiling("warnings", "gcc", (GCC,), model, [*STANDARD, "-O2", *gcc])
+    yield _compiling("warnings", "clang", (CLANG,), model, [*STANDARD, "-O2", *clang])
+    cpp = ["-x", "c++", "-std=c++17", "-ffp-contract=off", "-O1", *CPP_WARNINGS]
+    yield _compiling("warnings", "g++", (GPP,), model, cpp)
+    yield _compiling("analyzer", "gcc", (GCC,), model, [*STANDARD, "-O1", "-fanalyzer"])
+    yield _memory(model)
+
+
+def misra_check(model: Sources) -> ProofStep:
     """The MISRA addon of cppcheck, which checks a part of MISRA C:2012."""
 
     def run(folder: Path) -> Result:
@@ -70,7 +77,7 @@ def misra_check(model: ExportedC) -> ProofStep:
 
 
 def _compiling(
-    name: str, target: str, needs: tuple[Tool, ...], model: ExportedC, flags: list[str]
+    name: str, target: str, needs: tuple[Tool, ...], model: Sources, flags: list[str]
 ) -> ProofStep:
     """A compiler that shall have nothing to say."""
 
@@ -93,13 +100,13 @@ _WRITABLE = re.compile(r"^(\S+?):.* [bBcCdDgGsS] (\S+)$", re.MULTILINE)
 
 def writable_objects(sources: Sequence[Path], options: Sequence[str], folder: Path) -> list[str]:
     """What memory the sources have besides the structs they are given, as `file: name`."""
-    run_tool([GCC.command, *_STANDARD, "-O0", *options, "-c", *sources], folder)
+    run_tool([GCC.command, *STANDARD, "-O0", *options, "-c", *sources], folder)
     objects = [f"{path.stem}.o" for path in sources]
     said = run_tool([NM.command, "-A", *objects], folder)
     return [f"{file.removesuffix('.o')}.c: {name}" for file, name in _WRITABLE.findall(said)]
 
 
-def _memory(model: ExportedC) -> ProofStep:
+def _memory(model: Sources) -> ProofStep:
     """Instances are independent where all memory is in the structs that functions are given."""
 
     def run(folder: Path) -> Result:
@@ -128,7 +135,7 @@ def _golden(tool: Tool, model: ExportedC) -> ProofStep:
 def _sanitized(model: ExportedC) -> ProofStep:
     def run(folder: Path) -> Result:
         try:
-            answer = _replay(GCC.command, list(_SANITIZERS), model, folder)
+            answer = _replay(GCC.command, list(SANITIZERS), model, folder)
         except ToolTimedOutError:
             raise
         except ToolFailedError as error:
@@ -145,6 +152,6 @@ def _replay(compiler: str, flags: list[str], model: ExportedC, folder: Path) -> 
     write_harness("replay.h", model, folder)
     main = write_harness("host_main.c", model, folder)
     program = folder / "replay"
-    command = [compiler, *_STANDARD, *flags, *includes(model), f"-I{folder}", main]
+    command = [compiler, *STANDARD, *flags, *includes(model), f"-I{folder}", main]
     run_tool([*command, *model.sources, "-o", program, "-lm"], folder)
     return run_tool([program], folder)

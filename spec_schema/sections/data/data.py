@@ -57,16 +57,16 @@ class TimeColumn(Entry):
     @property
     def seconds(self) -> float:
         """What one unit of the column is in seconds."""
-        return 1.0 if self.unit is None else self.unit.value.factor_to(_SECOND)
+        return 1.0 if self.unit is None else self.unit.value.factor_to(SECOND)
 
     @model_validator(mode="after")
     def _is_time(self, info: ValidationInfo) -> "TimeColumn":
-        if self.unit is not None and not self.unit.value.same_dimension(_SECOND):
+        if self.unit is not None and not self.unit.value.same_dimension(SECOND):
             findings_of(info).report(errors.no_unit_of_time(self.unit.value.text, self.unit.span))
         return self
 
 
-_SECOND = parse_unit("s")
+SECOND = parse_unit("s")
 
 
 class Layout(Entry):

@@ -12,7 +12,6 @@ from backends.native.variables import by_parameter, flat
 from compiler.differentiation.interpreted_products import interpreted_products
 from compiler.differentiation.interpreted_training import InterpretedTraining
 from compiler.differentiation.sensitivities import Sensitivities
-from compiler.differentiation.training_step import training_step
 from compiler.interpreter.bounded_sums import Total
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
@@ -23,19 +22,20 @@ _MORE = 3
 
 
 def check_kernel(kernel: Kernel, series: Weights, runs: Runs, weights: Weights) -> None:
-    """Compares the losses and slopes of a kernel with the interpreter's. WrongKernelError."""
-    step = training_step(kernel.program)
+    """Compares the losses of a kernel, and its slopes, with the interpreter's. WrongKernelError."""
     shares = {name: 1.0 + 0.3 * i for i, name in enumerate(kernel.source.losses)}
     for case in cases(kernel.program, series, runs, weights, kernel.lanes + _MORE):
         few = case.runs
         groups = kernel.groups(few.t0, np.full(len(few.t0), few.steps))
         data = kernel.data(few.log, few.skip)
-        found = kernel.losses(data, groups, flat(kernel.program, case.weights), [*shares.values()])
-        right = InterpretedTraining(step, case.weights, kernel.dtype).losses(few, shares)
+        physical, given = flat(kernel.program, case.weights), [*shares.values()]
+        found = kernel.losses(data, groups, physical, given, gradient=kernel.slopes)
+        right = InterpretedTraining(kernel.step, case.weights, kernel.dtype).losses(few, shares)
         for name, total, count in zip(shares, found.sums, found.counts, strict=True):
             _compare(kernel.built, f"the loss `{name}`", total, right.sums[name])
             _compare(kernel.built, f"the elements of `{name}`", count, right.counts[name])
-        for name, slope in by_parameter(kernel.program, found.gradient).items():
+        slopes = by_parameter(kernel.program, found.gradient) if kernel.slopes else {}
+        for name, slope in slopes.items():
             _compare(kernel.built, f"the slope in `{name}`", slope, right.gradient[name])
 
 

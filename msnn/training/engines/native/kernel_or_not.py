@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from backends.files.c_compiler import CompilerMissingError
+from backends.native.sensitivity_kernel import StackTooSmallError
 from msnn.errors import kernels
 from msnn.errors import training as errors
 from msnn.simulation.engines.kernel_trials import NO_FALLBACK, WrongKernelError
@@ -47,6 +48,11 @@ def try_natively(
             resolved = on_torch(plan) if other.made is None else other.plan
             return Attempt(other.made, resolved, (note, *other.notes))
         note = kernels.wrong_kernel(plan.name, str(error), "on torch", plan.span)
+    except StackTooSmallError as error:
+        reason = str(error)
+        if plan.engine == "native":
+            raise SpecError((errors.no_native_engine(plan.name, reason, plan.span),)) from error
+        note = kernels.kernel_not_made(plan.name, reason, "on torch", plan.span, too_large=True)
     except Exception as error:
         _raise_if_asked(error)
         reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]

@@ -1,4 +1,4 @@
-"""Computes residuals, slopes and costs by training kernels."""
+"""Computes residuals, slopes and costs by kernels."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from collections.abc import Mapping
 from backends.gauss_newton_products import Products
 from backends.native.kernel import Kernel
 from backends.native.kernel_data import KernelData
-from backends.native.sensitivity_kernel import SensitivityKernel
 from backends.native.variables import flat
-from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import LossSums
-from msnn.training.engines.native.kernel_check import check_kernel, check_sensitivities
+from msnn.training.engines.native.kernel_check import check_kernel
+from msnn.training.engines.native.native_slopes import NativeSlopes
 from msnn.training.engines.own_series import own_series
 from msnn.training.plans.stage_plan import StagePlan
 
@@ -33,39 +32,31 @@ class NativeSquares:
         train_rows: Mapping[str, BoolArray] | None,
         evaluation_rows: Mapping[str, BoolArray] | None,
     ) -> None:
-        program = with_compared_squares(plan.rollout.program)
-        self._plan, self._program = plan, program
+        self._slopes = NativeSlopes(plan, series, train_rows)
+        self._program = with_compared_squares(plan.rollout.program)
         self._series = series = own_series(plan, series)
-        self._costs = Kernel(program, "float64", plan.threads)
-        self._sensitivities = sensitivities(program, plan.trained)
-        self._slopes = SensitivityKernel(self._sensitivities)
-        own, skip = own_series(plan, series), plan.train_skip
-        self._train = self._slopes.data(own, skip, train_rows)
-        self._train_costs = self._costs.data(own, skip, train_rows)
+        self._costs = Kernel(self._program, "float64", plan.threads, slopes=False)
+        self._train = self._costs.data(own_series(plan, series), plan.train_skip, train_rows)
         self._evaluation = self._costs.data(series, plan.rollout.skip, evaluation_rows)
 
     def check(self, runs: Runs, weights: Weights) -> None:
         """Compares fresh kernels with the interpreter. Raises WrongKernelError."""
-        costs, slopes, series = self._costs, self._slopes, self._series
+        costs, series = self._costs, self._series
         check_if_fresh(costs.built, lambda: check_kernel(costs, series, runs, weights))
-        check_if_fresh(
-            slopes.built,
-            lambda: check_sensitivities(slopes, self._sensitivities, series, runs, weights),
-        )
+        self._slopes.check(runs, weights)
 
     def write(self, series: Weights, *, watched: bool) -> None:
         """Replaces series by which runs start: of those that are watched, or trained on."""
-        for data in (self._evaluation,) if watched else (self._train, self._train_costs):
-            data.write(series)
+        self._slopes.write(series, watched=watched)
+        (self._evaluation if watched else self._train).write(series)
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
         """Of every loss: products of its residuals and slopes."""
-        physical = flat(self._program, weights)
-        return self._slopes.products(self._train, runs.t0, runs.steps, physical)
+        return self._slopes.products(runs, weights)
 
     def train_costs(self, runs: Runs, weights: Weights) -> LossSums:
         """The losses of rollouts to train on."""
-        return self._costs_on(self._train_costs, runs, weights)
+        return self._costs_on(self._train, runs, weights)
 
     def watched_costs(self, runs: Runs, weights: Weights) -> LossSums:
         """The losses of rollouts on the rows that are watched."""

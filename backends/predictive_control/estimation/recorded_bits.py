@@ -1,0 +1,29 @@
+"""Records the bits that a filter gives for its golden steps."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+
+from backends.predictive_control.estimation.golden_filter import GoldenSteps
+from backends.predictive_control.estimation.library import FilterLibrary
+from backends.predictive_control.recorded import compiled_texts
+
+
+def recorded_bits(golden: GoldenSteps, texts: Mapping[str, str], name: str) -> int | None:
+    """FNV-1a of the words of all estimates and deviations; None where nothing compiles them."""
+    built = compiled_texts(texts)
+    if built is None:
+        return None
+    library = FilterLibrary(json.loads(texts[f"{name}.json"]), built)
+    library.reset(golden.start)
+    hashed = 2166136261
+    for step in golden.steps:
+        found = library.correct_numbers(step.measured, step.given)
+        library.predict_numbers(step.given)
+        for values in (found.x, found.std):
+            for word in values.view(np.uint32).tolist():
+                hashed = ((hashed ^ word) * 16777619) & 0xFFFFFFFF
+    return hashed

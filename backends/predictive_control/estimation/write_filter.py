@@ -1,0 +1,195 @@
+"""Writes the files of a Kalman filter: header, source, math, self-test, description."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from backends.c.folder.header_text import origin
+from backends.c_kernels.sources import c_sources
+from backends.c_language.functions import FunctionNames, FunctionTable
+from backends.c_language.literals import Dtype
+from backends.c_language.printer import Printer
+from backends.c_language.rendering import render
+from backends.files.atomic_write import write_text
+from backends.predictive_control.estimation.filter_description import filter_description
+from backends.predictive_control.estimation.filter_fields import (
+    FilterField,
+    input_fields,
+    measured_fields,
+)
+from backends.predictive_control.estimation.filter_functions import filter_functions
+from backends.predictive_control.estimation.golden_filter import golden_steps
+from backends.predictive_control.estimation.recorded_bits import recorded_bits
+from backends.predictive_control.inputs import quantity_lines
+from backends.predictive_control.members import StructMember
+from backends.predictive_control.numbers import Numbers
+from compiler.jacobian.matrices import Vector, vector_of
+from compiler.passes.inline_parameters import inline_parameters
+from compiler.state_estimation.augmented import augmented
+from compiler.state_estimation.kalman_filter import KalmanFilter
+from compiler.state_estimation.problem import EstimationProblem
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """What the files are named after."""
+
+    model: str
+    prefix: str
+    takes_parameters: bool = False
+
+
+def write_filter(
+    problem: EstimationProblem,
+    weights: Mapping[str, ArrayLike],
+    folder: Path,
+    *,
+    prefix: str,
+    dtype: Dtype,
+) -> tuple[Path, ...]:
+    """Writes `include/<prefix>_ekf.h`, `src/<prefix>_ekf*.c`; returns their paths."""
+    texts = filter_texts(problem, weights, prefix, dtype)
+    return tuple(write_text(folder / name, text) for name, text in texts.items())
+
+
+def filter_texts(
+    problem: EstimationProblem, weights: Mapping[str, ArrayLike], prefix: str, dtype: Dtype
+) -> dict[str, str]:
+    """Texts by path."""
+    judge = KalmanFilter(problem, weights)
+    estimated = judge.numbers
+    name = f"{prefix}_ekf"
+    numbers = Numbers(dtype)
+    smallest = float(np.finfo(dtype).tiny)
+    table = FunctionTable(FunctionNames(name, dtype, "own"))
+    program = inline_parameters(augmented(problem.program, problem.parameters), weights)
+    functions = filter_functions(problem, program, estimated, table, numbers.real)
+    given = input_fields(problem, estimated)
+    measured, read = measured_fields(
+        problem, [field for field in given if field.name in functions.read], smallest
+    )
+    moving = [int(i) for i in np.flatnonzero(judge.drift)]
+    struct = _members(estimated.size, problem, measured, len(moving), numbers.real)
+    golden = golden_steps(problem, weights, dtype)
+    signals = vector_of("innovation", [_innovation(problem, m.value) for m in problem.measured])
+    facts: dict[str, Any] = {
+        **origin(problem.program.spec_hash),
+        "about": numbers.comment(_about(problem)),
+        "real": numbers.real,
+        "num": numbers.literal,
+        "braced": numbers.braced,
+        "sqrt": "sqrtf" if dtype == "float32" else "sqrt",
+        "nan": "NAN" if dtype == "float32" else "(double)NAN",
+        "smallest": numbers.literal(smallest),
+        "states": problem.states.size,
+        "estimated": estimated.size,
+        "measured": signals.size,
+        "input_fields": given,
+        "measured_fields": measured,
+        "read_fields": read,
+        "lines": quantity_lines(estimated, "x"),
+        "innovation_lines": quantity_lines(_named(problem, signals), "innovation"),
+        "members": struct,
+        "functions": [
+            Printer(name, dtype).function(function)
+            for function in (*table.definitions(), *functions.functions)
+        ],
+        "kernels": bool(table.kernels),
+        "start": judge.vector.tolist(),
+        "known": [int(known) for known in judge.is_known],
+        "first": np.diagonal(judge.covariance).tolist(),
+        "noises": moving,
+        "noise": [max(float(judge.drift[i]), smallest) for i in moving],
+        "bounds": [
+            {
+                "first": estimated.member(parameter).first,
+                "end": estimated.member(parameter).first + estimated.member(parameter).size,
+                "low": bound.minimum,
+                "high": bound.maximum,
+            }
+            for parameter, bound in problem.parameters.items()
+            if bound.minimum is not None or bound.maximum is not None
+        ],
+        "golden": golden,
+        "inputs": problem.inputs.size,
+        "infinite": "INFINITY" if dtype == "float32" else "(double)INFINITY",
+    }
+
+    def text(template: str, title: str, **more: Any) -> str:
+        named = Filter(problem.program.name, name)
+        return render(template, named, title, "estimation", **(facts | more))
+
+    texts = {
+        f"include/{name}.h": text("header.h.j2", "Kalman filter"),
+        f"src/{name}.c": text("filter.c.j2", "Kalman filter"),
+        f"{name}.json": filter_description(
+            name,
+            dtype,
+            estimated,
+            states=problem.states.size,
+            struct=struct,
+            given=given,
+            measured=(*measured, *read),
+        ),
+    }
+    if table.kernels:
+        kernels = c_sources(table.kernels, numbers.real, name)
+        texts[f"src/{kernels.header_name}"] = kernels.header
+        texts[f"src/{kernels.source_name}"] = kernels.source
+    bits = recorded_bits(golden, texts, name)
+    test = text("selftest.c.j2", "Self-test of the Kalman filter", bits=bits)
+    return dict(sorted({**texts, f"src/{name}_selftest.c": test}.items()))
+
+
+def _members(
+    size: int,
+    problem: EstimationProblem,
+    measured: tuple[FilterField, ...],
+    noises: int,
+    real: str,
+) -> list[StructMember]:
+    most = max([size, *(field.size for field in measured)])
+
+    def reals(name: str, *shape: int) -> StructMember:
+        return StructMember(name, "real", shape, real)
+
+    return [
+        StructMember("ready", "uint32", (), real),
+        StructMember("known", "uint8", (size,), real),
+        reals("x", size),
+        reals("factor", size, size),
+        reals("given", max(problem.inputs.size, 1)),
+        reals("next", size),
+        reals("gain", size),
+        reals("moved", size),
+        reals("results", most),
+        reals("slopes", most * size),
+        reals("work", size, size + noises),
+    ]
+
+
+def _innovation(problem: EstimationProblem, value: str) -> tuple[str, Any, Any]:
+    type = problem.program.step[problem.program.output(value).node].type
+    return value, type.axes, type.unit
+
+
+def _named(problem: EstimationProblem, vector: Vector) -> Vector:
+    signals = [m.signal for m in problem.measured]
+    return vector_of(
+        vector.letter,
+        [(s, m.axes, m.unit) for s, m in zip(signals, vector.members, strict=True)],
+    )
+
+
+def _about(problem: EstimationProblem) -> str:
+    measured = ", ".join(measurement.signal for measurement in problem.measured)
+    return (
+        f"Estimates the states of the model from what is measured of it ({measured}) by the "
+        f"extended Kalman filter of the spec's `estimator` section, sample by sample."
+    )

@@ -1,0 +1,307 @@
+"""Estimates states and parameters by an extended Kalman filter.
+
+    predict   ξ ← F(ξ, u),  P ← A P Aᵀ + Q
+    correct   for each number y of a measurement, one after the other, with h its slope and r its
+              variance: s = hᵀ P h + r,  k = P h / s,  ξ ← ξ + k (y − h(ξ)),
+              P ← (I − k hᵀ) P (I − k hᵀ)ᵀ + r k kᵀ
+
+ξ is x and the estimated parameters. The last form (Joseph) is a sum of squares: rounding leaves P
+positive, where P − k hᵀ P lets it become indefinite (Bucy, Joseph: Filtering for Stochastic
+Processes, 1968). Measurement errors are independent, so that numbers are corrected one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from compiler.hessian.interpret import DerivativeInterpreter
+from compiler.hessian.step_derivatives import next_value, step_derivatives
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.liveness import reads_log
+from compiler.ir.program import History, Tape
+from compiler.ir.types import Type
+from compiler.jacobian.matrices import by_name, vector_of
+from compiler.state_estimation.augmented import augmented
+from compiler.state_estimation.problem import EstimationProblem
+
+Array = NDArray[Any]
+
+
+class FilterStatus(IntEnum):
+    """What became of a correction; the numbers are those of controllers."""
+
+    FILTERED = 0
+    """The estimate is that of the measurements."""
+    DIVERGED = 2
+    """Something is not finite: the estimate is as it was."""
+    INPUT_NOT_FINITE = 3
+    """An input is NaN, or anything given infinite: the estimate is as it was."""
+    NOT_INITIALISED = 4
+    """Some state was never given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What is known at a sample, by name and in the units of the spec."""
+
+    status: FilterStatus
+    states: dict[str, Array]
+    parameters: dict[str, Array]
+    std: dict[str, Array]
+    """Standard deviations of both."""
+    innovations: dict[str, Array]
+    """By signal what was measured less what was expected; NaN where nothing was."""
+
+
+class KalmanFilter:
+    """The filter of a model, `msnn.estimator(model)`; it remembers from sample to sample."""
+
+    def __init__(
+        self,
+        problem: EstimationProblem,
+        weights: Mapping[str, ArrayLike],
+        dtype: DTypeLike = np.float64,
+    ) -> None:
+        """`weights` are those of all parameters, from which estimated ones begin."""
+        self.problem = problem
+        self.dtype: np.dtype[Any] = np.dtype(dtype)
+        known = problem.program.parameters
+        self._weights = {p.name: np.asarray(weights[p.name], float) for p in known}
+        program = augmented(problem.program, problem.parameters)
+        self.numbers = vector_of("x", [(s.name, s.axes, s.unit) for s in program.states])
+        """ξ: states, then estimated parameters."""
+        self._size = self.numbers.size
+        self._derivatives = step_derivatives(program, inputs=(), hessian=False)
+        self._judge = DerivativeInterpreter(self._derivatives, program, self._weights, self.dtype)
+        self._columns = self._places()
+        self.drift: Array = self._deviations(initial=False) ** 2 * problem.sample_time
+        self.covariance: Array = np.zeros((self._size, self._size), self.dtype)
+        self.vector: Array = np.zeros(self._size, self.dtype)
+        self._known: set[str] = set()
+        self.reset()
+
+    def reset(self, x: Mapping[str, ArrayLike] | None = None) -> None:
+        """Begins anew, from states where they are given; others as `init` says without a log."""
+        problem = self.problem
+        program = problem.program
+        self.vector = np.zeros(self._size, self.dtype)
+        self.covariance = np.diag(self._deviations(initial=True) ** 2).astype(self.dtype)
+        alone = [s for s in program.states if not reads_log(program.start, s.start)]
+        alone = [state for state in alone if state.name not in problem.registers]
+        start = Interpreter(replace(program, states=tuple(alone), outputs=()), self._weights)
+        self._known = set()
+        for name in problem.parameters:
+            self._set(name, self._weights[name])
+        for name, value in start.start({}, 0).items():
+            self._set(name, value[0])
+        for name, value in (x or {}).items():
+            self._give(name, np.asarray(value, float))
+
+    def correct(
+        self,
+        measured: Mapping[str, ArrayLike],
+        inputs: Mapping[str, ArrayLike] | None = None,
+    ) -> Estimate:
+        """The estimate at t, from what was measured there; NaN is what was not.
+
+        `inputs` at t are wanted where measured outputs read them. Raises ValueError for a name or
+        a shape that the problem does not have.
+        """
+        problem = self.problem
+        known = {m.signal: m for m in problem.measured}
+        unknown = sorted({*measured} - {*known})
+        if unknown:
+            raise ValueError(f"measured signals are {sorted(known)}, given are {unknown} too")
+        log = self._log(inputs or {}, wanted=False)
+        given = {name: np.asarray(value, float) for name, value in measured.items()}
+        if any(np.any(np.isinf(v)) for v in given.values()) or _is_not_finite(log):
+            return self._told(FilterStatus.INPUT_NOT_FINITE, {})
+        if not self._is_complete:
+            return self._told(FilterStatus.NOT_INITIALISED, {})
+        vector, covariance = self.vector.copy(), self.covariance.copy()
+        innovations: dict[str, Array] = {}
+        for name, value in given.items():
+            measurement = known[name]
+            expected, slopes = self._expected(measurement.value, log, vector)
+            if value.shape != expected.shape:
+                raise ValueError(f"`{name}` has shape {value.shape}, not {expected.shape}")
+            innovations[name] = value - expected
+            variance = self.dtype.type(measurement.std**2)
+            before = vector
+            for number, row in zip(innovations[name].ravel(), slopes, strict=True):
+                if not np.isnan(number):
+                    # what numbers of the same measurement before it have moved already
+                    rest = self.dtype.type(number) - row @ (vector - before)
+                    gain, covariance = _joseph(covariance, row, variance)
+                    vector = vector + gain * rest
+        vector = self._within(vector)
+        if not (np.all(np.isfinite(vector)) and np.all(np.isfinite(covariance))):
+            return self._told(FilterStatus.DIVERGED, innovations)
+        self.vector, self.covariance = vector, covariance
+        return self._told(FilterStatus.FILTERED, innovations)
+
+    def expected(self, inputs: Mapping[str, ArrayLike] | None = None) -> dict[str, Array]:
+        """What would be measured of each signal at t, were the estimate right."""
+        log = self._log(inputs or {}, wanted=False)
+        known = self.problem.measured
+        return {m.signal: self._expected(m.value, log, self.vector)[0] for m in known}
+
+    def predict(self, inputs: Mapping[str, ArrayLike] | None = None) -> FilterStatus:
+        """Goes on to t+1, with the inputs that act from t on."""
+        log = self._log(inputs or {}, wanted=True)
+        if _is_not_finite(log):
+            return FilterStatus.INPUT_NOT_FINITE
+        if not self._is_complete:
+            return FilterStatus.NOT_INITIALISED
+        results, jacobian = self._evaluated(log, self.vector)
+        names = [next_value(member.name) for member in self.numbers.members]
+        transition = jacobian[self._rows(names)]
+        vector = np.concatenate([*(np.ravel(results[name]) for name in names), np.empty(0)])
+        covariance = transition @ self.covariance @ transition.T
+        covariance = (covariance + covariance.T) / 2 + np.diag(self.drift).astype(self.dtype)
+        if not (np.all(np.isfinite(vector)) and np.all(np.isfinite(covariance))):
+            return FilterStatus.DIVERGED
+        self.vector = self._within(vector.astype(self.dtype))
+        self.covariance = covariance
+        return FilterStatus.FILTERED
+
+    # ---- inside
+
+    @property
+    def is_known(self) -> NDArray[np.bool_]:
+        """Whether each number of ξ was ever given."""
+        parts = [np.full(m.size, m.name in self._known) for m in self.numbers.members]
+        return np.concatenate([*parts, np.empty(0, np.bool_)])
+
+    @property
+    def _is_complete(self) -> bool:
+        return bool(np.all(self.is_known))
+
+    def _deviations(self, *, initial: bool) -> Array:
+        """Of ξ: at first, or in a second. A register that is fed back is known but its newest."""
+        found = np.zeros(self._size)
+        table = {**self.problem.deviations, **self.problem.parameters}
+        for member in self.numbers.members:
+            if member.name in table:
+                std = table[member.name].initial if initial else table[member.name].drift
+                values = np.full(Type(member.axes).shape, std)
+                if isinstance(self.problem.registers.get(member.name), Tape) and not initial:
+                    values[..., :-1] = 0.0
+                found[member.first : member.first + member.size] = values.ravel()
+        return found
+
+    def _places(self) -> NDArray[np.int64]:
+        """Where the numbers of ξ are among the variables of the derivatives."""
+        known = self._derivatives.variables
+        parts = [np.arange(m.size) + known.member(m.name).first for m in self.numbers.members]
+        return np.concatenate([*parts, np.empty(0, int)]).astype(np.int64)
+
+    def _rows(self, names: list[str]) -> NDArray[np.int64]:
+        members = [self._derivatives.results.member(name) for name in names]
+        parts = [np.arange(member.size) + member.first for member in members]
+        return np.concatenate([*parts, np.empty(0, int)]).astype(np.int64)
+
+    def _evaluated(self, log: Mapping[str, Array], vector: Array) -> tuple[dict[str, Array], Array]:
+        """Results, and their slopes by ξ."""
+        found = self._judge.values(log, 0, by_name(self.numbers, vector[None]))
+        results = {name: value[0] for name, value in found.results.items()}
+        return results, found.matrices["J"][0][:, self._columns]
+
+    def _expected(self, value: str, log: Mapping[str, Array], vector: Array) -> tuple[Array, Array]:
+        results, jacobian = self._evaluated(log, vector)
+        return results[value], jacobian[self._rows([value])]
+
+    def _log(self, inputs: Mapping[str, ArrayLike], *, wanted: bool) -> dict[str, Array]:
+        """One row of each port; fills registers that nothing is known of."""
+        problem = self.problem
+        names = [member.name for member in problem.inputs.members]
+        unknown = sorted({*inputs} - {*names})
+        missing = sorted({*names} - {*inputs}) if wanted else []
+        if unknown or missing:
+            message = f"inputs wanted for {sorted(names)}, given for {sorted(inputs)}"
+            raise ValueError(message)
+        log: dict[str, Array] = {}
+        for member in problem.inputs.members:
+            type = Type(member.axes)
+            shape = type.shape
+            array = np.asarray(inputs.get(member.name, np.zeros(shape)), float)
+            if array.shape != shape:
+                raise ValueError(f"`{member.name}` has shape {array.shape}, not {shape}")
+            log[member.name] = array[None] if type.window is None else np.moveaxis(array, -1, 0)
+        for name, origin in problem.registers.items():
+            if name in self._known or not isinstance(origin, History):
+                continue
+            if origin.source in inputs and np.all(np.isfinite(log[origin.source][0])):
+                self._give(
+                    name, np.repeat(log[origin.source][0][..., None], self._length(name), -1)
+                )
+        return log
+
+    def _length(self, register: str) -> int:
+        return self.problem.states.member(register).axes[-1].size
+
+    def _give(self, name: str, value: Array) -> None:
+        tapes = {
+            origin.signal: register
+            for register, origin in self.problem.registers.items()
+            if isinstance(origin, Tape)
+        }
+        if name in tapes:
+            name = tapes[name]
+            value = np.repeat(value[..., None], self._length(name), -1)
+        if all(member.name != name for member in self.numbers.members):
+            raise ValueError(f"no state or fed-back signal `{name}`")
+        self._set(name, value)
+
+    def _set(self, name: str, value: Array) -> None:
+        member = self.numbers.member(name)
+        shape = Type(member.axes).shape
+        if value.shape != shape:
+            raise ValueError(f"`{name}` has shape {value.shape}, not {shape}")
+        self.vector[member.first : member.first + member.size] = value.ravel()
+        self._known.add(name)
+
+    def _within(self, vector: Array) -> Array:
+        """Parameters kept within their bounds."""
+        found = vector.copy()
+        for name, numbers in self.problem.parameters.items():
+            member = self.numbers.member(name)
+            part = slice(member.first, member.first + member.size)
+            low = -np.inf if numbers.minimum is None else numbers.minimum
+            high = np.inf if numbers.maximum is None else numbers.maximum
+            found[part] = np.clip(found[part], low, high)
+        return found
+
+    def _told(self, status: FilterStatus, innovations: dict[str, Array]) -> Estimate:
+        std = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        found, deviations = (
+            {name: value[0] for name, value in by_name(self.numbers, v[None]).items()}
+            for v in (self.vector, std)
+        )
+        own = self.problem.parameters
+        return Estimate(
+            status,
+            {name: value for name, value in found.items() if name not in own},
+            {name: value for name, value in found.items() if name in own},
+            deviations,
+            innovations,
+        )
+
+
+def _joseph(covariance: Array, row: Array, variance: Any) -> tuple[Array, Array]:
+    """The gain of one number with the slope `row`, and the covariance once it is known."""
+    gain: Array = covariance @ row
+    gain = gain / (row @ gain + variance)
+    keep: Array = np.eye(len(row), dtype=covariance.dtype) - np.outer(gain, row)
+    after: Array = keep @ covariance @ keep.T + variance * np.outer(gain, gain)
+    return gain, (after + after.T) / 2
+
+
+def _is_not_finite(log: Mapping[str, Array]) -> bool:
+    return any(not np.all(np.isfinite(value)) for value in log.values())

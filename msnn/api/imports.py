@@ -1,0 +1,25 @@
+"""Reads models that other tools saved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from msnn.importing.written import Written
+
+
+def import_nnodely(file: str | Path, out: str | Path | None = None) -> Written:
+    """Writes the spec and the weights of a model that nnodely 1.x saved as JSON.
+
+        written = msnn.import_nnodely("plant.json")
+        model = msnn.load(written.spec)
+        (run,) = msnn.simulate(model, frames, written.weights)
+
+    `out` is the spec, by default the file's name with the ending `.msnn.yaml`; the weights lie
+    beside it. Raises SpecError where a value or relation is not as nnodely writes it, where a
+    function is not translated, and where one of the files exists.
+    """
+    from msnn.importing.written import write_import
+
+    return write_import(Path(file), None if out is None else Path(out))

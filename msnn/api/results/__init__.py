@@ -1,0 +1,1 @@
+"""Holds what verbs return: their results with tables, frames and pictures."""

@@ -1,0 +1,92 @@
+"""Shows a result: short in a prompt, as tables in a notebook, as a frame and as a picture."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, overload
+
+from msnn.packages import PANDAS
+from msnn.tables import Table
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Picture:
+    """A drawing that a notebook shows where it is the last value of a cell."""
+
+    png: bytes
+
+    def __repr__(self) -> str:
+        return f"<Picture, {len(self.png):,} bytes of PNG>"
+
+    def _repr_png_(self) -> bytes:
+        return self.png
+
+
+class Shown:
+    """A result with tables: what each kind of result adds is below."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return f"<{self._said()}>"
+
+    def __str__(self) -> str:
+        return "\n\n".join(filter(None, (table.text for table in self._tables())))
+
+    def _repr_html_(self) -> str:
+        """The tables as a notebook shows them."""
+        tables = "".join(_html(table) for table in self._tables() if table.rows)
+        return f"<p>{escape(self._said())}</p>{tables}"
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with numbers as numbers. MissingExtraError without pandas."""
+        PANDAS.require("makes frames of results")
+        return import_module("pandas").DataFrame(self._columns())
+
+    @overload
+    def plot(self, path: None = None) -> Picture: ...
+    @overload
+    def plot(self, path: str | Path) -> Path: ...
+    def plot(self, path: str | Path | None = None) -> Picture | Path:
+        """Draws it: into a file (`.png`, `.svg`, `.pdf`), else as a picture for a notebook.
+
+        MissingExtraError without matplotlib.
+        """
+        if path is not None:
+            return self._draw(Path(path))
+        with TemporaryDirectory() as folder:
+            return Picture(self._draw(Path(folder) / "picture.png").read_bytes())
+
+    @abstractmethod
+    def _said(self) -> str:
+        """What it is, in a line."""
+
+    @abstractmethod
+    def _tables(self) -> Sequence[Table]:
+        """What the command line prints of it."""
+
+    @abstractmethod
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        """The columns of its frame."""
+
+    @abstractmethod
+    def _draw(self, path: Path) -> Path:
+        """Writes its picture in the format that the name ends with."""
+
+
+def _html(table: Table) -> str:
+    def row(cells: Sequence[str], tag: str) -> str:
+        return "".join(
+            f'<{tag} style="text-align: {"right" if i in table.numbers else "left"}">'
+            f"{escape(cells[i])}</{tag}>"
+            for i in table.filled
+        )
+
+    body = "".join(f"<tr>{row(cells, 'td')}</tr>" for cells in table.rows)
+    return f"<table><thead><tr>{row(table.header, 'th')}</tr></thead><tbody>{body}</tbody></table>"

@@ -1,0 +1,106 @@
+"""Chooses who hears how far a training is: a terminal, a notebook, a function, or nobody."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from html import escape
+from importlib import import_module
+from typing import Any, TypeAlias
+
+from msnn.terminals import is_live
+from msnn.training.records.progress import (
+    EpochEnd,
+    Lines,
+    Progress,
+    Silent,
+    StageEnd,
+    StageStart,
+    end_text,
+    epoch_text,
+    stage_text,
+)
+from spec_schema.diagnostics.diagnostic import Diagnostic, describe
+
+Event: TypeAlias = StageStart | EpochEnd | StageEnd | Diagnostic
+Hearer: TypeAlias = Progress | Callable[[Event], object] | bool | None
+"""None shows lines in terminals and notebooks; True shows them everywhere, False nowhere."""
+
+_AGAIN = 0.2
+"""Seconds between two looks of a notebook's line."""
+
+
+def heard_by(hearer: Hearer) -> Progress:
+    """The progress that a caller of `train` asks for."""
+    if hearer is None or isinstance(hearer, bool):
+        if hearer is not False and in_notebook():
+            return NotebookLines()
+        live = is_live(sys.stderr)
+        shown = live if hearer is None else hearer
+        return Lines(sys.stderr, terminal=live) if shown else Silent()
+    return Called(hearer) if callable(hearer) else hearer
+
+
+def in_notebook() -> bool:
+    """Whether a Jupyter kernel runs this; IPython in a terminal is a terminal."""
+    shell: Any = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return shell is not None and hasattr(shell, "kernel")
+
+
+class Called:
+    """Gives every event to one function."""
+
+    def __init__(self, hear: Callable[[Event], object]) -> None:
+        self._hear = hear
+
+    def stage_started(self, event: StageStart) -> None:
+        self._hear(event)
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        self._hear(event)
+
+    def stage_ended(self, event: StageEnd) -> None:
+        self._hear(event)
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        self._hear(diagnostic)
+
+
+class NotebookLines:
+    """Shows a bar and a line a stage, below the cell, which are drawn anew as epochs end."""
+
+    def __init__(self) -> None:
+        self._display: Any = import_module("IPython.display")
+        self._said: list[str] = []
+        self._handle: Any = None
+        self._next = 0.0
+
+    def stage_started(self, event: StageStart) -> None:
+        self._said.append(stage_text(event))
+        self._show()
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        now = time.monotonic()
+        if now >= self._next:
+            self._next = now + _AGAIN
+            done = (event.attempt - 1) * event.epochs + event.epoch
+            self._show(epoch_text(event), done / (event.attempts * event.epochs))
+
+    def stage_ended(self, event: StageEnd) -> None:
+        self._said.append(f"  {end_text(event)}")
+        self._show()
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        self._said.append(describe(diagnostic))
+        self._show()
+
+    def _show(self, now: str = "", share: float | None = None) -> None:
+        bar = "" if share is None else f'<progress value="{share:.4f}"></progress>'
+        html = f"<pre>{escape(chr(10).join(self._said))}\n{bar} {escape(now)}</pre>"
+        text = "\n".join([*self._said, *([f"  {now}"] if now else [])])
+        shown = {"text/html": html, "text/plain": text}
+        if self._handle is None:
+            self._handle = self._display.display(shown, raw=True, display_id=True)
+        else:
+            self._handle.update(shown, raw=True)

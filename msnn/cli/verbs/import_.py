@@ -1,0 +1,45 @@
+"""`msnn import`: reads a model that nnodely saved as a spec and weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import OutputFormat, ResultFormat
+
+
+def import_(
+    model: Annotated[
+        Path, typer.Argument(metavar="MODEL.json", help="What nnodely 1.x saved by `saveModel`.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="The spec to write; default: MODEL.msnn.yaml beside it.",
+        ),
+    ] = None,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Make a spec of a model of nnodely 1.x.
+
+    The spec is readable, and predicts what nnodely predicts; the weights lie beside it. Functions
+    in Python are translated from their source or refused with the line: nothing of the file is
+    run. Nothing that exists is overwritten.
+    """
+    from msnn.api.imports import import_nnodely
+    from msnn.cli.console import json_result, report, result
+
+    written = import_nnodely(model, out)
+    report(written.warnings, (written.model.text.source,))
+    if format is ResultFormat.JSON:
+        files = {"spec": str(written.spec), "weights": str(written.weights)}
+        names = written.model.names
+        json_result("import", {**files, "inputs": names["input"], "outputs": names["output"]})
+        return
+    result(f"{written.spec}, {written.weights}")
+    result(f"next: msnn simulate {written.spec} --weights {written.weights} --data LOG.csv")

@@ -1,0 +1,47 @@
+"""Reads moments such as `2026-11-22T17:00:00.25+01:00` (ISO 8601) exactly, in nanoseconds."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+_MOMENT = re.compile(
+    r"(?P<day>\d{4}-\d\d-\d\d)"
+    r"(?:[Tt ]\s*(?P<clock>\d\d:\d\d)(?::(?P<second>\d\d)(?:[.,](?P<fraction>\d{1,9}))?)?"
+    r"\s*(?P<zone>[Zz]|[+-]\d\d(?::?\d\d)?)?)?"
+)
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_SECOND = timedelta(seconds=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """Nanoseconds since 1970: of UTC, or of the logger's own clock where no zone is given."""
+
+    nanoseconds: int
+    has_zone: bool
+
+
+def read_moment(text: str) -> Moment | None:
+    """The moment that a text means; None for any other text and for a day that is none."""
+    found = _MOMENT.fullmatch(text)
+    if found is None:
+        return None
+    clock = f"{found['clock'] or '00:00'}:{found['second'] or '00'}"
+    try:
+        whole = datetime.fromisoformat(f"{found['day']} {clock}+00:00")
+    except ValueError:
+        return None
+    seconds = (whole - _EPOCH) // _SECOND - _offset(found["zone"] or "Z")
+    fraction = int((found["fraction"] or "").ljust(9, "0"))
+    return Moment(seconds * 1_000_000_000 + fraction, found["zone"] is not None)
+
+
+def _offset(zone: str) -> int:
+    """Seconds by which a zone is ahead of UTC."""
+    if zone in "Zz":
+        return 0
+    digits = zone[1:].replace(":", "").ljust(4, "0")
+    seconds = 3600 * int(digits[:2]) + 60 * int(digits[2:])
+    return -seconds if zone[0] == "-" else seconds

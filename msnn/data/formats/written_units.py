@@ -1,0 +1,76 @@
+"""Reads units as loggers write them: `F [N]`, `F (N)`, `°C`, `m/s²`, a line of units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import ONE, Unit, UnitError
+
+MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))
+"""Words for a value that was not measured, in small letters."""
+
+_MOST_REPAIRS = 3
+"""Of one unit: each is a spelling that is known, as `°` and `Nm`."""
+_BRACKETS = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*", re.DOTALL)
+_COLUMN_AND_UNIT = re.compile(r"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(([^()]*)\))\s*", re.DOTALL)
+_NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%°-]")
+
+
+def plain_label(label: str) -> tuple[str, str]:
+    """A header without the brackets at its end, and what stands in them."""
+    found = _BRACKETS.fullmatch(label)
+    return (found[1], found[2]) if found is not None and found[1] else (label, "")
+
+
+def column_and_unit(label: str) -> tuple[str, Unit | None]:
+    """The column that a header such as `F [N]` or `F (N)` names, and its unit.
+
+    What no unit stands in is the name as it is: `x[1]`, `f(x)`, `v (filtered)`.
+    """
+    found = _COLUMN_AND_UNIT.fullmatch(label)
+    text = "" if found is None else found[2] or found[3] or ""
+    unit = written_unit(text) if _NOT_AN_INDEX.search(text) else None
+    return (label, None) if found is None or unit is None else (found[1], unit)
+
+
+def written_unit(text: str) -> Unit | None:
+    """The unit that a text means, spellings of loggers included; None where it means none."""
+    text = text.strip().replace("²", "^2").replace("³", "^3")
+    if text == "-":
+        return ONE
+    for _ in range(_MOST_REPAIRS):
+        try:
+            return parse_unit(text) if text else None
+        except UnitError as error:
+            if error.repair is None:
+                return None
+            text = text[: error.start] + error.repair + text[error.end :]
+    return None
+
+
+def is_unit(cell: str) -> bool:
+    """Whether a cell is empty or a unit, with or without brackets around it."""
+    text = cell.strip().strip("[]()")
+    return not text or written_unit(text) is not None
+
+
+def units_line(cells: Sequence[str]) -> tuple[Unit | None, ...] | None:
+    """The units of a line in which every cell is a unit or empty and none is a number.
+
+    None for any other line; one of words for missing values alone is a row without values.
+    """
+    if any(map(_is_number, cells)) or not all(map(is_unit, cells)):
+        return None
+    if all(cell.strip().lower() in MISSING for cell in cells):
+        return None
+    return tuple(written_unit(cell.strip().strip("[]()")) for cell in cells)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,80 @@
+"""Reads the first sheet of an Excel workbook as the table of text that it would be saved as."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from datetime import date, datetime
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from msnn.data.formats.csv_file import text_table
+from msnn.data.formats.csv_header import Dialect, read_header
+from msnn.data.formats.table import ColumnTable, WantedColumns
+from msnn.errors import data_files as errors
+from spec_schema.diagnostics.diagnostic import SpecError
+
+WORKBOOK = ".xlsx"
+_CELLS = "\t"
+
+
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
+    """The wanted columns; rows in messages are those below the header, lines those of the sheet.
+
+    Numbers are the doubles of the workbook, formulas the values they had when it was saved. Raises
+    SpecError with all faults of the sheet.
+    """
+    found = list(sheet_lines(path, dialect, shown))
+
+    def lines() -> Iterator[tuple[int, str]]:
+        return iter(found)
+
+    own = Dialect(delimiter=_CELLS, comment=dialect.comment, header=dialect.header)
+    header = read_header(lines, shown, own, wanted.users)
+    return text_table(lines, header, header.places(wanted), wanted)
+
+
+def sheet_lines(
+    path: Path, dialect: Dialect, shown: str | None = None
+) -> Iterator[tuple[int, str]]:
+    """Number and text of the rows after `skip` that are not empty and no comment."""
+    for number, text in _sheet(path, shown or path.name):
+        plain = text.lstrip()
+        comment = dialect.comment is not None and plain.startswith(dialect.comment)
+        if number > dialect.skip and plain and not comment:
+            yield number, text
+
+
+def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
+    """The rows of the first sheet with their numbers, cells apart by tabs."""
+    openpyxl: Any = import_module("openpyxl")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # styles that it does not know
+            book: Any = openpyxl.load_workbook(path, read_only=True, data_only=True)
+            rows: Any = book.worksheets[0].iter_rows(values_only=True)
+            found = [(n, _CELLS.join(map(_text, row))) for n, row in enumerate(rows, start=1)]
+            book.close()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise SpecError((errors.unreadable_file(shown, reason),)) from error
+    except Exception as error:
+        # what is broken in the archive shows as whatever its parser met first
+        reason = f"it is not a workbook that can be read ({str(error).splitlines()[0][:80]})"
+        raise SpecError((errors.unreadable_file(shown, reason),)) from error
+    return found
+
+
+def _text(cell: object) -> str:
+    match cell:
+        case None:
+            return ""
+        case bool():
+            return str(int(cell))
+        case float():
+            return repr(cell)
+        case datetime() | date():
+            return cell.isoformat()
+        case _:
+            return str(cell).replace(_CELLS, " ").replace("\n", " ").replace('"', "'").strip()

@@ -1,0 +1,45 @@
+"""Gives everything of a model a name that a spec can have."""
+
+from __future__ import annotations
+
+import re
+
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from spec_schema.expressions.language import BUILTINS, LOSS_FUNCTIONS
+from spec_schema.names import is_name, normalised, why_reserved
+
+_OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
+_LONGEST = 60
+
+
+class Names:
+    """The names that are taken, and which new name an old one has."""
+
+    def __init__(self) -> None:
+        self._taken = {*BUILTINS, *LOSS_FUNCTIONS, *SCALAR_FUNCTIONS, "flow", "next", "identity"}
+        self._new: dict[tuple[str, str], str] = {}
+
+    def of(self, kind: str, old: str) -> str:
+        """The name of something of the file: its own where that is possible."""
+        key = (kind, old)
+        if key not in self._new:
+            self._new[key] = self.free(old)
+        return self._new[key]
+
+    def free(self, wanted: str) -> str:
+        """A name like the wanted one that nothing has; it is taken then."""
+        name = legal_name(wanted)
+        found, count = name, 1
+        while found in self._taken:
+            count += 1
+            found = f"{name}_{count}"
+        self._taken.add(found)
+        return found
+
+
+def legal_name(wanted: str) -> str:
+    """A name that the grammar allows and no word of the language takes."""
+    name = _OTHER.sub("_", normalised(wanted)).strip("_")[:_LONGEST].rstrip("_")
+    if not is_name(name):
+        name = f"n_{name}" if name else "unnamed"
+    return f"{name}_" if why_reserved(name) is not None else name

@@ -1,0 +1,48 @@
+"""Reads the source text of one Python function as a tree, and says where one is refused."""
+
+from __future__ import annotations
+
+import ast
+import warnings
+
+_LONGEST = 20_000
+
+
+class FunctionError(Exception):
+    """What of a function is not translated: its line, from 1, and why."""
+
+    def __init__(self, line: int, reason: str) -> None:
+        super().__init__(reason)
+        self.line = line
+        self.reason = reason
+
+
+def parse_function(code: str, name: str) -> ast.FunctionDef:
+    """The function of a source text. Raises FunctionError where it is anything else."""
+    if len(code) > _LONGEST:
+        raise FunctionError(1, f"it has more than {_LONGEST:,} characters")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            body = ast.parse(code).body
+    except (RecursionError, MemoryError):
+        raise FunctionError(1, "it is nested too deep") from None
+    except (SyntaxError, ValueError) as fault:
+        line = getattr(fault, "lineno", None) or 1
+        raise FunctionError(line, "it is not Python") from None
+    if len(body) != 1 or not isinstance(body[0], ast.FunctionDef):
+        raise FunctionError(1, "its source is more than one function")
+    function = body[0]
+    arguments = function.args
+    if function.name != name:
+        raise FunctionError(function.lineno, f"it is called `{function.name}`, not `{name}`")
+    if function.decorator_list:
+        raise FunctionError(function.lineno, "it has a decorator")
+    if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults:
+        raise FunctionError(function.lineno, "its arguments have defaults or stars")
+    return function
+
+
+def argument_names(function: ast.FunctionDef) -> list[str]:
+    """The names of the arguments in their order."""
+    return [one.arg for one in (*function.args.posonlyargs, *function.args.args)]

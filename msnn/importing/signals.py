@@ -1,0 +1,214 @@
+"""Finds what a window of an input is: logged samples, a state, or what is connected to it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from msnn.errors.importing import fed_back_late, rounded_window, starts_at_zero
+from msnn.importing.grammar import File, Input
+from msnn.importing.json_text import JsonText
+from msnn.importing.names import Names
+from msnn.importing.terms import Signal, Term
+from msnn.importing.values import ShapeError, Value, Values, refuse_many
+from spec_schema.diagnostics.diagnostic import Findings
+
+_HIDDEN = re.compile(r".*_(sw|tw|int|der)\d+")
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """How many samples nnodely keeps of an input, and how many of them lie in the future."""
+
+    back: int
+    ahead: int
+
+    @property
+    def length(self) -> int:
+        return self.back + self.ahead
+
+
+class LoopError(Exception):
+    """A closed loop of more samples than was thought; the model is followed again."""
+
+
+@dataclass(slots=True)
+class Signals:
+    """The inputs, states and fed-back equations of a spec."""
+
+    file: File
+    text: JsonText
+    names: Names
+    values: Values
+    findings: Findings
+    value_of: Callable[[str], Value]
+    loop_windows: dict[str, int]
+    """Samples of what closes a loop, where it is more than one."""
+    inputs: dict[str, int] = field(default_factory=dict[str, int])
+    states: dict[str, tuple[Term, int]] = field(default_factory=dict[str, "tuple[Term, int]"])
+    equations: dict[str, Term] = field(default_factory=dict[str, Term])
+    """Whose past is kept, from 0."""
+    scoring: bool = False
+    """Whether losses are followed, which read what was logged."""
+    targets: dict[str, int] = field(default_factory=dict[str, int])
+    loops: list[str] = field(default_factory=list[str])
+    """Closed inputs that are read, whose next values are still to be followed."""
+    predicted: dict[str, int] = field(default_factory=dict[str, int])
+    """Inputs that the log begins and an output predicts, and how far ahead."""
+
+    def window(self, name: str) -> Window:
+        """The union of the windows that the file says of an input, in samples."""
+        given = self.file.Inputs[name]
+        back: list[int] = []
+        ahead: list[int] = []
+        if given.tw is not None:
+            back.append(self.samples(name, -given.tw[0]))
+            ahead.append(self.samples(name, given.tw[1]))
+        if given.sw is not None:
+            back.append(-given.sw[0])
+            ahead.append(given.sw[1])
+        if not back:
+            raise ShapeError(f"the input `{name}` has no window")
+        found = Window(max(back), max(ahead))
+        if found.length < 1:
+            raise ShapeError(f"the window of `{name}` is empty")
+        return found
+
+    def samples(self, name: str, seconds: float) -> int:
+        """A duration in samples, rounded as nnodely does."""
+        step = self.file.Info.SampleTime
+        if abs(seconds / step) > 1e6:
+            raise ShapeError(f"a window of `{name}` has more than 1,000,000 samples")
+        count = round(seconds / step)
+        if abs(seconds / step - count) > 1e-6:
+            place = self.text.place("Inputs", name)
+            self.findings.report(rounded_window(name, abs(seconds), abs(count), place))
+        return count
+
+    def read(self, name: str, first: int, end: int) -> Value:
+        """The samples between two bounds of nnodely: [−1, 0] is the current one."""
+        given = self.file.Inputs[name]
+        kept = self.window(name)
+        if not (-kept.back <= first < end <= kept.ahead):
+            raise ShapeError(f"[{first}, {end}] is no part of the window of `{name}`")
+        slots = (kept.back + first, kept.back + end)
+        if given.connect is not None:
+            return self._spread(name, self._connected(name, given.connect, kept.length, slots))
+        if given.closed_loop is None or self.scoring:
+            return self._logged(name, first, end)
+        if name not in self.loops:
+            self.loops.append(name)
+        width = self.loop_windows.get(name, 1)
+        if width == 1 and self._is_logged(name, given) and kept.ahead >= 0:
+            if end > 0:
+                raise ShapeError(f"the model reads the future of `{name}`, which is fed back")
+            if kept.ahead > 0 and name not in self.predicted:
+                place = self.text.place("Inputs", name)
+                self.findings.report(fed_back_late(self._new(name), kept.ahead, place))
+            self.predicted[name] = 1 + kept.ahead
+            return self._logged(name, first, end)
+        if self._is_logged(name, given):
+            place = self.text.place("Inputs", name)
+            self.findings.report(starts_at_zero(self._new(name), place))
+        refuse_many(end - first if width > 1 else 1)
+        pieces = [self._slot(name, kept.length, width, k) for k in range(*slots)]
+        return (
+            Value(len(pieces), given.dim, tuple(pieces))
+            if width > 1
+            else self._state(name, kept.length, slots)
+        )
+
+    def close(self, name: str, value: Value) -> None:
+        """Says what the next value of a closed input is."""
+        given = self.file.Inputs[name]
+        width = self.loop_windows.get(name, 1)
+        if value.window != width:
+            if value.window > self.window(name).length:
+                raise ShapeError(f"what closes `{name}` has more samples than it")
+            self.loop_windows[name] = value.window
+            raise LoopError
+        if value.dim not in {1, given.dim}:
+            raise ShapeError(f"what closes `{name}` has {value.dim} elements, not {given.dim}")
+        if name in self.predicted:
+            return
+        for k in range(width):
+            sample = self.values.samples(value, k, k + 1)
+            term = self._spread(name, sample).pieces[0]
+            self.states[self._kept(name, width, k)] = (term, given.dim)
+
+    def _logged(self, name: str, first: int, end: int) -> Value:
+        size = self.file.Inputs[name].dim
+        if not self.scoring:
+            self.inputs[name] = size
+        elif name not in self.inputs:
+            self.targets[name] = size
+        window = end - first if end - first > 1 else None
+        term = Term(Signal(self._new(name), first + 1, end), (), window, size)
+        return Value(end - first, size, (term,))
+
+    def _state(self, name: str, length: int, slots: tuple[int, int]) -> Value:
+        first, end = slots
+        size = self.file.Inputs[name].dim
+        window = end - first if end - first > 1 else None
+        head = Signal(self._kept(name, 1, 0), first + 1 - length, end - length)
+        return Value(end - first, size, (Term(head, (), window, size),))
+
+    def _slot(self, name: str, length: int, width: int, slot: int) -> Term:
+        """One sample of a buffer whose last samples are all replaced in each step."""
+        newest = slot - (length - width)
+        size = self.file.Inputs[name].dim
+        head = Signal(self._kept(name, width, max(newest, 0)), min(newest, 0), min(newest, 0))
+        return Term(head, (), None, size)
+
+    def _connected(self, name: str, source: str, length: int, slots: tuple[int, int]) -> Value:
+        value = self.value_of(source)
+        width = min(value.window, length)
+        newest = self.values.samples(value, value.window - width, value.window)
+        old = length - width
+        first, end = slots
+        late = None
+        if end > old:
+            late = self.values.samples(newest, max(first, old) - old, end - old)
+        if first >= old and late is not None:
+            return late
+        oldest = self.values.samples(newest, 0, 1)
+        past = self._past(name, oldest, first - old, min(end, old) - old - 1)
+        return past if late is None else self.values.after(past, late)
+
+    def kept_past(self, name: str) -> Value:
+        """What is connected to an input, as an equation whose past is 0 before the start."""
+        source = self.file.Inputs[name].connect
+        assert source is not None
+        value = self.value_of(source)
+        if value.window != 1:
+            raise ShapeError(f"`{name}` is fed more than one sample")
+        return self._past(name, value, 0, 0)
+
+    def _past(self, name: str, oldest: Value, first: int, last: int) -> Value:
+        """Earlier values of what is connected, 0 before the start."""
+        size = self.file.Inputs[name].dim
+        new = self._new(name)
+        self.equations[new] = self._spread(name, oldest).pieces[0]
+        window = last - first + 1 if last > first else None
+        term = Term(Signal(new, first, last), (), window, size)
+        return Value(last - first + 1, size, (term,))
+
+    def _spread(self, name: str, value: Value) -> Value:
+        """A scalar that is connected to an input of several elements stands in each."""
+        size = self.file.Inputs[name].dim
+        if value.dim == size:
+            return value
+        if value.dim != 1:
+            raise ShapeError(f"`{name}` has {size} elements, not {value.dim}")
+        return self.values.stacked([value] * size)
+
+    def _is_logged(self, name: str, given: Input) -> bool:
+        return not (given.local and _HIDDEN.fullmatch(name))
+
+    def _kept(self, name: str, width: int, k: int) -> str:
+        new = self._new(name)
+        return new if width == 1 else self.names.of("sample", f"{new}_{k}")
+
+    def _new(self, name: str) -> str:
+        return self.names.of("input", name)

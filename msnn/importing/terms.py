@@ -1,0 +1,297 @@
+"""Builds expressions of the language as trees that can be cut to a part of their window."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from operator import add, mul, sub
+from typing import TypeAlias
+
+import numpy as np
+
+LARGEST = float(np.finfo(np.float32).max)
+"""Of single precision, in which nnodely computes."""
+ATOM, POWER, SIGN, PRODUCT, SUM = 5, 4, 3, 2, 1
+"""How tightly a text binds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """The samples t + first … t + last of an input, a state or an equation."""
+
+    name: str
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A parameter, a constant, the sample time or an argument of a function."""
+
+    name: str
+    axes: tuple[str, ...] = ()
+    timed: bool = False
+    """Whether its last axis runs along the window."""
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """An equation that stands for itself: a gradient is taken by it."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Infix:
+    """An operator between two operands, of the left one first where it binds alike."""
+
+    sign: str
+    binding: int
+
+
+@dataclass(frozen=True, slots=True)
+class Minus:
+    """The negative."""
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call; `rest` is what follows the operands in the brackets."""
+
+    name: str
+    rest: str = ""
+    steady: bool = True
+    """Whether each sample of the result is that of the same samples of the operands."""
+
+
+Head: TypeAlias = Number | Signal | Named | Held | Infix | Minus | Call
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Term:
+    """An expression: what it does, and with what."""
+
+    head: Head
+    args: tuple[Term, ...] = ()
+    window: int | None = None
+    """Samples along its window; None for one value."""
+    dim: int = 1
+    """Elements of its dimension; 1 for a scalar."""
+
+
+_FOLDED = {"+": add, "-": sub, "*": mul}
+
+
+class CutError(Exception):
+    """A window of a value whose samples are not known one by one."""
+
+
+@dataclass(slots=True)
+class Cutter:
+    """Takes samples out of windows; the same samples of one term are one term."""
+
+    samples: Callable[[Term, int, int], Term]
+    """A part of a parameter along its last axis."""
+    stacked: Callable[[Sequence[Term]], Term]
+    """Samples as the part of a parameter that runs along the window."""
+    _known: dict[tuple[int, int, int], tuple[Term, Term]] = field(
+        default_factory=dict[tuple[int, int, int], "tuple[Term, Term]"]
+    )
+
+    def cut(self, term: Term, first: int, end: int) -> Term:
+        """The samples first … end − 1 of a window, counted from 0."""
+        for node in after_operands(term, lambda t: (id(t), first, end) in self._known):
+            self._known[(id(node), first, end)] = (node, self._cut_node(node, first, end))
+        return self._known[(id(term), first, end)][1]
+
+    def _cut_node(self, term: Term, first: int, end: int) -> Term:
+        if term.window is None or (first == 0 and end == term.window):
+            return term
+        window = end - first if end - first > 1 else None
+        match term.head:
+            case Signal(name, start):
+                head = Signal(name, start + first, start + end - 1)
+                return Term(head, (), window, term.dim)
+            case Named():
+                return self.samples(term, first, end)
+            case Call("stack", steady=False) if len(term.args) == term.window:
+                return self.stacked(term.args[first:end])
+            case Held() | Call(steady=False):
+                raise CutError
+            case head:
+                args = tuple(self._known[(id(arg), first, end)][1] for arg in term.args)
+                return Term(head, args, window, term.dim)
+
+
+def after_operands(root: Term, is_done: Callable[[Term], bool]) -> Iterator[Term]:
+    """Every term of a tree that is not done, operands before what is made of them."""
+    stack = [(root, False)]
+    seen: set[int] = set()
+    while stack:
+        term, ready = stack.pop()
+        if ready:
+            yield term
+            continue
+        if id(term) in seen or is_done(term):
+            continue
+        seen.add(id(term))
+        stack.append((term, True))
+        stack.extend((arg, False) for arg in reversed(term.args))
+
+
+def number(value: float) -> Term:
+    """A number as a term."""
+    return Term(Number(value))
+
+
+def joined(head: Head, *args: Term, dim: int | None = None) -> Term:
+    """An operation element by element and sample by sample."""
+    windows = [arg.window for arg in args if arg.window is not None]
+    size = max((arg.dim for arg in args), default=1) if dim is None else dim
+    return Term(head, args, windows[0] if windows else None, size)
+
+
+def infix(sign: str, left: Term, right: Term) -> Term:
+    """`left sign right`; of numbers their result, and what changes nothing is left out."""
+    if isinstance(left.head, Number) and isinstance(right.head, Number) and sign in _FOLDED:
+        return number(_FOLDED[sign](left.head.value, right.head.value))
+    if sign == "+" and _is(left, 0.0) and right.args:
+        return right
+    if (sign in "+-" and _is(right, 0.0)) or (sign in "*/" and _is(right, 1.0)):
+        return left
+    return joined(Infix(sign, PRODUCT if sign in "*/@" else SUM), left, right)
+
+
+def plus(left: Term, right: Term) -> Term:
+    """A sum."""
+    return infix("+", left, right)
+
+
+def minus(left: Term, right: Term) -> Term:
+    """A difference."""
+    return infix("-", left, right)
+
+
+def times(left: Term, right: Term) -> Term:
+    """A product."""
+    return infix("*", left, right)
+
+
+def quotient(left: Term, right: Term) -> Term:
+    """A quotient."""
+    return infix("/", left, right)
+
+
+def larger(left: Term, right: Term) -> Term:
+    """The larger one."""
+    return call("max", left, right)
+
+
+def smaller(left: Term, right: Term) -> Term:
+    """The smaller one."""
+    return call("min", left, right)
+
+
+def root(term: Term) -> Term:
+    """A square root."""
+    return call("sqrt", term)
+
+
+def exponential(term: Term) -> Term:
+    """e to a power."""
+    return call("exp", term)
+
+
+def same(term: Term) -> Term:
+    """The term itself."""
+    return term
+
+
+def power(base: Term, exponent: Term) -> Term:
+    """A power: `x ** 2` of a known exponent."""
+    if _is(exponent, 1.0):
+        return base
+    if isinstance(exponent.head, Number):
+        return joined(Infix("**", POWER), base, exponent)
+    return joined(Call("pow"), base, exponent)
+
+
+def call(name: str, *args: Term, rest: str = "", dim: int | None = None) -> Term:
+    """A function element by element, or along the dimension alone."""
+    return joined(Call(name, rest), *args, dim=dim)
+
+
+def _is(term: Term, value: float) -> bool:
+    return isinstance(term.head, Number) and term.head.value == value
+
+
+def number_text(value: float) -> str:
+    """A number as the language writes it: the shortest that is the same in single precision.
+
+    What was saved in single precision is then what somebody wrote: 9.81, not 9.8100004196167.
+    """
+    if float(value).is_integer() and abs(value) < 1e15:
+        return str(int(value))
+    return "pi" if value == math.pi else repr(shortest(value))
+
+
+def shortest(value: float) -> float:
+    """The number with the fewest digits that single precision keeps as this one."""
+    if abs(value) > LARGEST:
+        return float(value)
+    single = np.float32(value)
+    return float(str(single)) if float(single) == value else float(value)
+
+
+def text_of(term: Term, operands: Sequence[tuple[str, int]]) -> tuple[str, int]:
+    """The text of a term, given those of its operands, and how tightly it binds."""
+    match term.head:
+        case Number(value):
+            return number_text(value), SIGN if value < 0 else ATOM
+        case Signal(name, first, last):
+            return _signal_text(name, first, last, term.window is not None), ATOM
+        case Named(name) | Held(name):
+            return name, ATOM
+        case Minus():
+            return f"-{_closed(operands[0], POWER)}", SIGN
+        case Infix("**"):
+            return f"{_closed(operands[0], ATOM)} ** {_closed(operands[1], ATOM)}", POWER
+        case Infix(sign, binding):
+            left, right = _closed(operands[0], binding), _closed(operands[1], binding + 1)
+            return f"{left} {sign} {right}", binding
+        case Call(name, rest):
+            inner = ", ".join(text for text, _ in operands)
+            return f"{name}({inner}{rest})", ATOM
+
+
+def text_of_whole(root: Term) -> str:
+    """The text of a term with all that it is made of."""
+    texts: dict[int, tuple[str, int]] = {}
+    for node in after_operands(root, lambda one: False):
+        texts[id(node)] = text_of(node, [texts[id(arg)] for arg in node.args])
+    return texts[id(root)][0]
+
+
+def _closed(operand: tuple[str, int], binding: int) -> str:
+    text, own = operand
+    return text if own >= binding else f"({text})"
+
+
+def _signal_text(name: str, first: int, last: int, is_window: bool) -> str:
+    if not is_window:
+        return name if first == 0 else f"{name}[{_time(first)}]"
+    if last == 0:
+        return f"{name}.past({1 - first})"
+    return f"{name}[{_time(first)}:{_time(last)}]"
+
+
+def _time(offset: int) -> str:
+    return "t" if offset == 0 else f"t{offset:+d}"

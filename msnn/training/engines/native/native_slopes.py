@@ -1,0 +1,49 @@
+"""Computes residuals and their slopes by a kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from backends.gauss_newton_products import Products
+from backends.native.sensitivity_kernel import SensitivityKernel
+from backends.native.variables import flat
+from compiler.differentiation.sensitivities import sensitivities
+from compiler.differentiation.sums_of_squares import with_compared_squares
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_trials import check_if_fresh
+from msnn.training.engines.native.kernel_check import check_sensitivities
+from msnn.training.engines.own_series import own_series
+from msnn.training.plans.stage_plan import StagePlan
+
+Weights = Mapping[str, FloatArray]
+
+
+class NativeSlopes:
+    """Asks one kernel for slopes. Raises CompilerMissingError and StackTooSmallError."""
+
+    def __init__(
+        self, plan: StagePlan, series: Weights, train_rows: Mapping[str, BoolArray] | None
+    ) -> None:
+        self._program = with_compared_squares(plan.rollout.program)
+        self._series = series = own_series(plan, series)
+        self._found = sensitivities(self._program, plan.trained)
+        self._kernel = SensitivityKernel(self._found)
+        self._train = self._kernel.data(own_series(plan, series), plan.train_skip, train_rows)
+
+    def check(self, runs: Runs, weights: Weights) -> None:
+        """Compares a fresh kernel with the interpreter. Raises WrongKernelError."""
+        kernel, found, series = self._kernel, self._found, self._series
+        check_if_fresh(
+            kernel.built, lambda: check_sensitivities(kernel, found, series, runs, weights)
+        )
+
+    def write(self, series: Weights, *, watched: bool) -> None:
+        """Replaces series by which runs start that are trained on."""
+        if not watched:
+            self._train.write(series)
+
+    def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
+        """Of every loss: products of its residuals and slopes."""
+        physical = flat(self._program, weights)
+        return self._kernel.products(self._train, runs.t0, runs.steps, physical)

@@ -1,0 +1,100 @@
+"""Compiles sources for a board, links them with what starts it, and runs them in QEMU."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from msnn.verification.builds.boards import Board
+from msnn.verification.builds.harness import TEMPLATES, write_linker_script
+from msnn.verification.proof_step import run_tool
+from msnn.verification.sources import Sources, includes
+from msnn.verification.tools import GCC
+
+
+class BoardBuild:
+    """The files of one board and level in one folder."""
+
+    def __init__(self, board: Board, level: str, model: Sources, folder: Path) -> None:
+        self.board, self.folder = board, folder
+        self._library: list[Path] = []
+        headers = [f"-I{folder}", f"-I{TEMPLATES}"]
+        if board.riscv:
+            self._library = [TEMPLATES / "freestanding" / "library.c"]
+            headers += [f"-I{TEMPLATES / 'freestanding'}", "-ffreestanding"]
+        self._compiler = [
+            board.compiler.command,
+            *board.flags,
+            "-std=gnu11",
+            "-ffp-contract=off",
+            "-fno-math-errno",
+            "-ffunction-sections",
+            "-fdata-sections",
+            *includes(model),
+            *headers,
+        ]
+        self._script = write_linker_script(board, folder)
+        # at the level that is measured, with its stack use
+        flags = [level, "-fcallgraph-info=su"]
+        self.objects = [self.object(path, flags) for path in model.sources]
+
+    def object(self, source: Path, flags: Sequence[str], name: str | None = None) -> Path:
+        """Compiles one source."""
+        result = self.folder / f"{name or source.stem}.o"
+        run_tool([*self._compiler, *flags, "-c", source, "-o", result], self.folder)
+        return result
+
+    def link(self, name: str, objects: Sequence[Path], options: Sequence[str] = ()) -> Path:
+        """Links objects with what starts the board."""
+        start = "startup_riscv.c" if self.board.riscv else "startup_arm.c"
+        harness = [TEMPLATES / start, *self._library]
+        others = [
+            self.object(path, ["-O1", "-fno-tree-loop-distribute-patterns"]) for path in harness
+        ]
+        program = self.folder / f"{name}.elf"
+        flags = ["-nostartfiles", "-Wl,--gc-sections", f"-T{self._script}", *options]
+        if self.board.riscv:
+            flags += ["-nostdlib"]
+        libraries = ["-lgcc"] if self.board.riscv else ["-lm"]
+        run_tool(
+            [*self._compiler, *flags, *objects, *others, "-o", program, *libraries], self.folder
+        )
+        return program
+
+    def answer(self, program: Path, seconds: float) -> str:
+        """What the board wrote; the plugin leaves the counts of instructions in a file."""
+        symbols = run_tool([f"{self.board.binutils}nm", program], self.folder)
+        addresses = {line.split()[-1]: line.split()[0] for line in symbols.splitlines()}
+        begin, end = (addresses[f"measure_{place}"] for place in ("begin", "end"))
+        plugin = self.folder / "instructions_plugin.so"
+        source = TEMPLATES / "instructions_plugin.c"
+        run_tool([GCC.command, "-O1", "-fPIC", "-shared", source, "-o", plugin], self.folder)
+        run_tool(
+            [
+                self.board.emulator.command,
+                *("-M", self.board.machine, "-display", "none", "-monitor", "none"),
+                *("-serial", "none", "-semihosting-config", "enable=on,target=native"),
+                *(("-bios", "none") if self.board.riscv else ()),
+                *("-plugin", f"{plugin},begin={begin},end={end},out=counts.txt"),
+                *("-kernel", program),
+            ],
+            self.folder,
+            seconds,
+        )
+        return (self.folder / "result.txt").read_text(encoding="utf-8", errors="replace")
+
+    def counts(self) -> list[int]:
+        """Instructions between the two marks, visit by visit."""
+        text = (self.folder / "counts.txt").read_text(encoding="utf-8")
+        return [int(line) for line in text.split()]
+
+    def added(self, main: Path) -> tuple[int, int, int]:
+        """Flash, .data and .bss of a program with the model less those of one without."""
+        full, empty = self._size("full", main, []), self._size("empty", main, ["-DEMPTY"])
+        text, data, bss = (a - b for a, b in zip(full, empty, strict=True))
+        return text + data, data, bss
+
+    def _size(self, name: str, main: Path, flags: list[str]) -> tuple[int, ...]:
+        objects = [self.object(main, ["-Os", *flags], name), *self.objects]
+        said = run_tool([f"{self.board.binutils}size", self.link(name, objects)], self.folder)
+        return tuple(int(word) for word in said.splitlines()[1].split()[:3])

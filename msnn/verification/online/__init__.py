@@ -1,0 +1,1 @@
+"""Verifies exported controllers and filters: golden solves, drawn numbers, boards."""

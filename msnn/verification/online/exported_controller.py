@@ -1,0 +1,158 @@
+"""Reads the folder of an export of controllers: what is in it, and what always holds of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlLimits:
+    """What a control never leaves; None where nothing is known of it."""
+
+    low: float | None
+    high: float | None
+    rate: float | None
+    before: int | None
+    """Where the state has its value of the sample before."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControllerPart:
+    """The controller."""
+
+    prefix: str
+    inputs: int
+    """Numbers in the struct of its input."""
+    states: int
+    iterations: int
+    tolerance: float
+    limits: tuple[ControlLimits, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilterPart:
+    """The filter."""
+
+    prefix: str
+    inputs: int
+    """Numbers in the struct of inputs; there is none where it is 0."""
+    measured: int
+    estimated: int
+    states: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportedController:
+    """An export of the target `mpc`: a controller, a filter, or both."""
+
+    folder: Path
+    dtype: str
+    controller: ControllerPart | None
+    filter: FilterPart | None
+
+    @property
+    def prefix(self) -> str:
+        part = self.controller or self.filter
+        assert part is not None
+        return part.prefix
+
+    @property
+    def real(self) -> str:
+        """The type of its numbers in C."""
+        return "float" if self.dtype == "float32" else "double"
+
+    @property
+    def include(self) -> Path:
+        return self.folder / "include"
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        return tuple(sorted((self.folder / "src").glob("*.c")))
+
+    @property
+    def model_sources(self) -> tuple[Path, ...]:
+        """The sources without self-tests, as deployed."""
+        return tuple(path for path in self.sources if not path.stem.endswith("_selftest"))
+
+    @property
+    def has_bits(self) -> bool:
+        """Whether its self-tests know the bits that every build gives."""
+        tests = [path for path in self.sources if path not in self.model_sources]
+        return all("golden" in path.read_text(encoding="utf-8") for path in tests)
+
+
+def read_exported_controller(folder: Path) -> ExportedController | None:
+    """The export in a folder; None where there is none that this version wrote."""
+    try:
+        parts = {kind: _about(folder, kind) for kind in ("mpc", "ekf")}
+        found = [about for about in parts.values() if about is not None]
+        if not found:
+            return None
+        return ExportedController(
+            folder=folder.resolve(),
+            dtype=found[0]["dtype"],
+            controller=None if parts["mpc"] is None else _controller(parts["mpc"]),
+            filter=None if parts["ekf"] is None else _filter(parts["ekf"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _about(folder: Path, kind: str) -> dict[str, Any] | None:
+    for path in sorted(folder.glob(f"*_{kind}.json")):
+        about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if about["dtype"] not in ("float32", "float64"):
+            raise ValueError(about["dtype"])
+        return about
+    return None
+
+
+def _controller(about: dict[str, Any]) -> ControllerPart:
+    return ControllerPart(
+        prefix=_identifier(about["prefix"]),
+        inputs=_numbers(about["in"]),
+        states=sum(int(state["size"]) for state in about["states"]),
+        iterations=int(about["iterations"]),
+        tolerance=float(about["tolerance"]),
+        limits=tuple(
+            ControlLimits(
+                low=_number(limit["min"]),
+                high=_number(limit["max"]),
+                rate=_number(limit.get("rate")),
+                before=None if limit.get("before") is None else int(limit["before"]),
+            )
+            for limit in about["limits"]
+        ),
+    )
+
+
+def _filter(about: dict[str, Any]) -> FilterPart:
+    return FilterPart(
+        prefix=_identifier(about["prefix"]),
+        inputs=_numbers(about["in"]),
+        measured=_numbers(about["measured"]),
+        estimated=sum(int(part["size"]) for part in about["estimated"]),
+        states=int(about["states"]),
+    )
+
+
+def _numbers(fields: list[dict[str, Any]]) -> int:
+    return sum(math.prod(field["shape"]) for field in fields)
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None else float(value)
+
+
+def _identifier(text: str) -> str:
+    """The text, which goes into C and into command lines, if it is a plain C name."""
+    if not _NAME.fullmatch(text):
+        raise ValueError(text)
+    return text

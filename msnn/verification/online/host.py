@@ -1,0 +1,198 @@
+"""Checks a controller and a filter on this machine: golden solves, sanitizers, drawn numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from msnn.verification.builds.harness import write_template
+from msnn.verification.host.host_checks import LEVELS, SANITIZERS, STANDARD, source_checks
+from msnn.verification.online.exported_controller import ControlLimits, ExportedController
+from msnn.verification.proof_step import (
+    ProofStep,
+    Result,
+    ToolFailedError,
+    ToolTimedOutError,
+    run_tool,
+)
+from msnn.verification.sources import includes
+from msnn.verification.tools import CLANG, GCC, LIBFUZZER, Tool
+
+_RUNS = 400
+"""Of drawn numbers, of 8 calls each."""
+_ACCEPTED = ("-Wno-float-equal",)
+"""`x * 0 == 0` is how the solver tells finite numbers from others."""
+_FUZZER_DONE = re.compile(r"Done (\d+) runs in (\d+) second")
+_SAID = re.compile(r"^(\w+) ([0-9a-f]{8})$", re.MULTILINE)
+
+
+def online_host_checks(model: ExportedController) -> Iterator[ProofStep]:
+    """All that a machine with gcc and clang can say in seconds."""
+    yield from source_checks(model, _ACCEPTED)
+    for tool in (GCC, CLANG):
+        yield _golden(tool, model)
+    yield _sanitized(model)
+    yield _drawn(model)
+
+
+def online_fuzz_check(model: ExportedController, seconds: int) -> ProofStep:
+    """The calls of `_drawn`, with numbers that libFuzzer looks for, for so many seconds."""
+
+    def run(folder: Path) -> Result:
+        flags = ("-O1", "-g", "-DFUZZER", "-fsanitize=fuzzer,address,undefined,float-cast-overflow")
+        program = _drawn_program(model, folder, CLANG, (*flags, "-fno-sanitize-recover=all"))
+        options = (f"-max_total_time={seconds}", "-max_len=4096", "-seed=1", "-len_control=0")
+        try:
+            said = run_tool([program, *options], folder, seconds + 60.0)
+        except ToolTimedOutError:
+            raise
+        except ToolFailedError as error:
+            return check.of(_named(error), "the fuzzer found an input")
+        done = _FUZZER_DONE.search(said)
+        return check.of([], f"{int(done[1]) if done else 0:,} runs of up to 8 calls in {seconds} s")
+
+    check = ProofStep("fuzz", "clang", (CLANG, LIBFUZZER), run)
+    return check
+
+
+def no_proof(model: ExportedController) -> ProofStep:
+    """Says that analysis proves nothing of a solver: its iterations go where the numbers lead."""
+
+    def run(folder: Path) -> Result:
+        detail = "no analysis bounds what iterations compute; drawn numbers and sanitizers look"
+        return Result(check=check.name, target=check.target, verdict="left out", detail=detail)
+
+    check = ProofStep("proof", model.prefix, (), run)
+    return check
+
+
+def prefixes(model: ExportedController) -> list[str]:
+    """What the names of its parts begin with."""
+    return [part.prefix for part in (model.controller, model.filter) if part is not None]
+
+
+def selftest_faults(model: ExportedController, said: str) -> list[str]:
+    """What self-tests returned other than 0, in sentences."""
+    answers = dict(_SAID.findall(said))
+    return [
+        f"the self-test of {prefix} returned 0x{answers[prefix]}"
+        if prefix in answers
+        else f"the self-test of {prefix} did not end"
+        for prefix in prefixes(model)
+        if answers.get(prefix) != "00000000"
+    ]
+
+
+def promise(model: ExportedController) -> str:
+    """What self-tests that return 0 say."""
+    return "0 bits differ" if model.has_bits else "no bits were recorded: refusals and limits"
+
+
+def _golden(tool: Tool, model: ExportedController) -> ProofStep:
+    def run(folder: Path) -> Result:
+        found: list[str] = []
+        for level in LEVELS:
+            said = _selftest(tool, model, folder, [level])
+            found += [f"{tool.command} {level}: {fault}" for fault in selftest_faults(model, said)]
+        detail = f"self-tests at {' '.join(LEVELS)}: {promise(model)}"
+        return check.of(found, "golden solves differ" if found else detail)
+
+    check = ProofStep("golden solves", tool.command, (tool,), run)
+    return check
+
+
+def _sanitized(model: ExportedController) -> ProofStep:
+    def run(folder: Path) -> Result:
+        try:
+            said = _selftest(GCC, model, folder, SANITIZERS)
+        except ToolTimedOutError:
+            raise
+        except ToolFailedError as error:
+            return check.of(error.lines, "a sanitizer stopped the self-test")
+        return check.of(
+            selftest_faults(model, said), "address, undefined behaviour, float-cast-overflow"
+        )
+
+    check = ProofStep("sanitizers", "gcc", (GCC,), run)
+    return check
+
+
+def _drawn(model: ExportedController) -> ProofStep:
+    """NaN, infinite, huge and denormal numbers in any calls, between guarded bytes."""
+
+    def run(folder: Path) -> Result:
+        program = _drawn_program(model, folder, GCC, SANITIZERS)
+        try:
+            run_tool([program], folder)
+        except ToolTimedOutError:
+            raise
+        except ToolFailedError as error:
+            return check.of(_named(error), "drawn numbers broke a promise")
+        return check.of(
+            [], f"{_RUNS} runs of 8 calls: limits and rates hold, no byte outside the structs"
+        )
+
+    check = ProofStep("drawn numbers", "gcc", (GCC,), run)
+    return check
+
+
+def _selftest(tool: Tool, model: ExportedController, folder: Path, flags: Sequence[str]) -> str:
+    main = write_template("online/selftest_main.c", folder, prefixes=prefixes(model))
+    return run_tool([_linked(tool, model, folder, flags, main)], folder)
+
+
+def _drawn_program(
+    model: ExportedController, folder: Path, tool: Tool, flags: Sequence[str]
+) -> Path:
+    single = model.dtype == "float32"
+    controller, size = model.controller, 4 if single else 8
+    numbers = max(
+        0 if controller is None else controller.inputs,
+        0 if model.filter is None else model.filter.inputs + model.filter.measured,
+    )
+    main = write_template(
+        "online/drawn_main.c",
+        folder,
+        controller=controller,
+        filter=model.filter,
+        real=model.real,
+        tolerance=None if controller is None else _literal(controller.tolerance),
+        limits=[] if controller is None else [_limits(limit, model) for limit in controller.limits],
+        huge="1e30" if single else "1e300",
+        denormal="1e-40" if single else "1e-310",
+        bytes=8 * (3 + (numbers + 8) * (1 + size)),
+        runs=_RUNS,
+    )
+    return _linked(tool, model, folder, flags, main)
+
+
+def _linked(
+    tool: Tool, model: ExportedController, folder: Path, flags: Sequence[str], main: Path
+) -> Path:
+    program = folder / main.stem
+    command = [tool.command, *STANDARD, *flags, *includes(model), main, *model.sources]
+    run_tool([*command, "-o", program, "-lm"], folder)
+    return program
+
+
+def _limits(limit: ControlLimits, model: ExportedController) -> dict[str, Any]:
+    """As literals that read back as the numbers of the C."""
+    rounded = np.float32 if model.dtype == "float32" else np.float64
+    numbers = {"low": limit.low, "high": limit.high, "rate": limit.rate}
+    return {
+        **{key: None if x is None else _literal(float(rounded(x))) for key, x in numbers.items()},
+        "before": limit.before,
+    }
+
+
+def _literal(value: float) -> str:
+    return repr(value)
+
+
+def _named(error: ToolFailedError) -> list[str]:
+    named = [line for line in error.lines if "error:" in line or "ERROR:" in line]
+    return named or error.lines or [str(error)]

@@ -1,0 +1,187 @@
+"""Controllers in the controls alone: windows of all kinds, the same plans as stage by stage."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backends.c.host.build import build_library
+from backends.c_language.literals import Dtype
+from backends.predictive_control import write_controller
+from backends.predictive_control.inputs import input_fields
+from backends.predictive_control.library import ControllerLibrary
+from compiler.optimal_control.problem import ControlProblem, Structure
+from msnn.exports.judged_controller import compare_controller
+from tests.conditions import require_tool
+from tests.control.specs import load
+
+DTYPES: tuple[Dtype, ...] = ("float64", "float32")
+START = "msnn: 1\nname: plant\nsample_time: 0.1 s\n"
+PLANTS = {
+    "filter_without_states": """
+inputs: {u: {between: hold}}
+layers: {h: {fir: {window: 5, init: 0.3}}}
+outputs: {y: h(u)}
+mpc:
+  horizon: 8
+  controls: [u]
+  references: {r: {preview: true}}
+  cost: {stage: (y - r)**2 + 1e-3 * u**2}
+  bounds: {u: {min: -1, max: 1}, y: {max: 0.9}}
+""",
+    "filter_and_rates": """
+inputs: {u: {between: hold}, d: {between: hold}, v: {between: hold}}
+layers: {h: {fir: {window: 12, init: 0.05}}}
+states: {x: {next: "(0.9 + 0.05 * tanh(v)) * x + h(u) * v + d[t-2]", init: 0}}
+outputs: {y: x}
+mpc:
+  horizon: 15
+  controls: [u]
+  references: {top: {}}
+  cost: {stage: "(x - 0.5)**2 + 0.1 * (u - u[t-1])**2", terminal: 5 * (x - 0.5)**2}
+  preview: [d]
+  bounds: {u: {min: -1, max: 1 + 0.1 * tanh(top), rate: 3 1/s}, x: {max: 0.6}}
+""",
+    "network_on_windows": """
+inputs: {u: {between: hold}, w: {between: hold}, y: {}}
+layers: {net: {mlp: {hidden: 5}}, past_u: {fir: {window: 4, init: 0.2}}}
+outputs:
+  y1:
+    expr: "0.8 * y - 0.2 * y[t-2] + 0.3 * net(y, y[t-1], u, u[t-3]) + 0.2 * past_u(w)"
+    predicts: "y[t+1]"
+  drive: {expr: "u + u[t-1] + u[t-2] + u[t-3] + w + w[t-1]"}
+mpc:
+  horizon: 10
+  controls: [u, w]
+  cost: {stage: (y - 0.4)**2 + 0.05 * u**2 + 0.01 * w**2 + 0 * drive, terminal: (y - 0.4)**2}
+  bounds:
+    u: {min: -1, max: 1}
+    w: {min: 0.1, max: 0.1}
+    drive: {max: 2}
+    y: {max: 0.45, hard: true}
+""",
+    "disturbance_decides_slopes": """
+inputs: {u: {between: hold}, v: {between: hold}}
+layers: {h: {fir: {window: 6, init: 0.1}}}
+states: {x: {next: 0.9 * x + sin(v) * h(u), init: 0}}
+outputs: {y: x}
+mpc:
+  horizon: 12
+  controls: [u]
+  preview: [v]
+  cost: {stage: (x - 0.3)**2 + 1e-3 * u**2}
+  hessian: gauss_newton
+  bounds: {u: {min: -1, max: 1}}
+""",
+}
+
+
+def _problem(plant: str, folder: Path, structure: Structure) -> ControlProblem:
+    model = load(folder, START + PLANTS[plant])
+    assert model.control is not None
+    return replace(model.control, structure=structure)
+
+
+def _weights(problem: ControlProblem) -> dict[str, np.ndarray]:
+    random = np.random.default_rng(2)
+    shapes = {p.name: tuple(axis.size for axis in p.axes) for p in problem.program.parameters}
+    return {name: 0.2 * random.normal(size=shape) for name, shape in shapes.items()}
+
+
+def _library(plant: str, folder: Path, structure: Structure = "condensed") -> ControllerLibrary:
+    require_tool("gcc", install="apt install gcc")
+    problem = _problem(plant, folder, structure)
+    out = folder / structure
+    write_controller(problem, _weights(problem), out, prefix="plant", dtype="float64")
+    return ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+
+
+def _given(problem: ControlProblem, random: np.random.Generator) -> dict[str, np.ndarray]:
+    fields = input_fields(problem)
+    found = {f.identifier: 0.3 * random.normal(size=f.size) for f in fields}
+    return found | {"x": 0.3 * random.normal(size=problem.states.size)}
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_plans_are_those_of_the_stages(plant: str, tmp_path: Path) -> None:
+    condensed, staged = (_library(plant, tmp_path, s) for s in ("condensed", "staged"))
+    problem = _problem(plant, tmp_path, "staged")
+    random = np.random.default_rng(5)
+    solved = 0
+    for _ in range(8):
+        given = _given(problem, random)
+        own, other = condensed.solve(given), staged.solve(given)
+        assert own.status == other.status
+        if own.status == 0:
+            solved += 1
+            # a gradient of 1e-6 over the least curvature, 2e-3
+            assert own.control == pytest.approx(other.control, abs=2e-3)
+            np.testing.assert_allclose(condensed.plan()[0, :-1], staged.plan()[0, :-1], atol=2e-3)
+    assert solved >= 4
+
+
+@pytest.mark.parametrize(
+    ("plant", "dtype"), list(zip(PLANTS, itertools.cycle(DTYPES), strict=False))
+)
+def test_what_is_called_solved_is_optimal_to_the_interpreter(
+    plant: str, dtype: Dtype, tmp_path: Path
+) -> None:
+    require_tool("gcc", install="apt install gcc")
+    problem = _problem(plant, tmp_path, "condensed")
+    weights, out = _weights(problem), tmp_path / "c"
+    write_controller(problem, weights, out, prefix="plant", dtype=dtype)
+    library = ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+    assert library.selftest() == 0
+    found = compare_controller(problem, weights, out, dtype, "mpc")
+    assert found.agrees, found.faults
+
+
+@pytest.mark.parametrize("plant", ["filter_and_rates", "network_on_windows"])
+def test_the_first_gain_is_that_of_the_recursion(plant: str, tmp_path: Path) -> None:
+    """`feedback` moves the control as a Riccati recursion over all of the memory would."""
+    require_tool("gcc", install="apt install gcc")
+    laws: list[np.ndarray] = []
+    for structure in ("condensed", "staged"):
+        problem = _problem(plant, tmp_path, structure)
+        out = tmp_path / structure
+        write_controller(problem, _weights(problem), out, prefix="plant", dtype="float64")
+        source = out / "src" / "plant_mpc.c"
+        # the same barrier in both, which the gain hangs on
+        alike = re.sub(r"(BARRIER_SHARE|KEEP) = [0-9.]+", r"\1 = 0.02", source.read_text())
+        source.write_text(alike.replace("KEEP = 0.02", "KEEP = 0.99"))
+        library = ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+        given = _given(problem, np.random.default_rng(1))
+        given["x"] = 0.1 * given["x"]
+        library.solve(given)
+        library.prepare()
+        laws.append(library.member("gain")[0])
+    own, other = laws
+    # the barrier begins at 2 % of the residual that is left: limits are as stiff as that
+    np.testing.assert_allclose(own, other, rtol=1e-2, atol=1e-3)
+
+
+def test_sources_are_clean_and_touch_nothing_else(tmp_path: Path) -> None:
+    require_tool("g++", install="apt install g++")
+    strict = ["-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-O1", "-ffp-contract=off"]
+    sanitized = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    main = tmp_path / "main.c"
+    main.write_text(
+        "int plant_mpc_selftest(void);\nint main(void) { return plant_mpc_selftest(); }\n"
+    )
+    for plant in PLANTS:
+        problem = _problem(plant, tmp_path, "condensed")
+        out = tmp_path / plant
+        write_controller(problem, _weights(problem), out, prefix="plant", dtype="float32")
+        sources = sorted((out / "src").glob("*.c"))
+        for source in sources:
+            include = [f"-I{out / 'include'}", "-c", source, "-o", "/dev/null"]
+            subprocess.run(["g++", "-x", "c++", *strict, *include], check=True)
+        command = ["gcc", "-std=c99", "-pedantic", *strict, *sanitized, f"-I{out / 'include'}"]
+        subprocess.run([*command, *sources, main, "-o", out / "run", "-lm"], check=True)
+        subprocess.run([out / "run"], check=True)

@@ -1,0 +1,233 @@
+"""Files as loggers write them are data: dates, units, words for nothing, blanks, workbooks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openpyxl
+import pandas as pd
+import pytest
+
+import msnn
+from msnn.data.formats import table_of_formats
+from msnn.packages import OPENPYXL, OptionalPackage
+from spec_schema.diagnostics.diagnostic import SpecError
+
+SPEC = """\
+msnn: 1
+name: plant
+sample_time: 0.5 s
+inputs: {F: {unit: N}, x: {unit: m}}
+constants: {softness: 1 m/N}
+outputs: {y: {expr: F * softness + x, unit: m}}
+data:
+  source: {train: FILE}
+  time: time
+"""
+FORCE = [1.0, 2.0, 4.0]
+PLACE = [0.1, 0.2, 0.3]
+
+
+def read(
+    folder: Path, text: str, *, spec: str = SPEC, name: str = "log.csv", **layout: Any
+) -> msnn.Simulations:
+    """What a free run reads of a file."""
+    (folder / name).write_text(text, encoding="utf-8")
+    return simulated(folder, name, spec=spec, **layout)
+
+
+def simulated(folder: Path, name: str, *, spec: str = SPEC, **layout: Any) -> Any:
+    (folder / "plant.msnn.yaml").write_text(spec.replace("FILE", name))
+    settings = {f"data.{key}": value for key, value in layout.items()}
+    return msnn.simulate(msnn.load(folder / "plant.msnn.yaml", settings))
+
+
+def output(runs: Sequence[Any]) -> list[float]:
+    (run,) = runs
+    return run.outputs["y"].tolist()
+
+
+PLAIN = np.array(FORCE) + np.array(PLACE)
+GOOD: dict[str, str] = {
+    "semicolons": "time;F;x\n0;1;0.1\n0.5;2;0.2\n1;4;0.3\n",
+    "tabs": "time\tF\tx\n0\t1\t0.1\n0.5\t2\t0.2\n1\t4\t0.3\n",
+    "blanks": "time   F  x\n 0   1   0.1\n 0.5 2   0.2\n 1   4\t0.3\n",
+    "blanks and units": "time [s]  F [N]  x [m]\n0 1 0.1\n0.5 2 0.2\n1 4 0.3\n",
+    "byte order mark": "\ufefftime,F,x\n0,1,0.1\n0.5,2,0.2\n1,4,0.3\n",
+    "units in the header": "time [ms],F [kN],x (cm)\n0,0.001,10\n500,0.002,20\n1000,0.004,30\n",
+    "a line of units": "time,F,x\nms,kN,cm\n0,0.001,10\n500,0.002,20\n1000,0.004,30\n",
+    "a line of units in brackets": "time,F,x\n[s],[N],[m]\n0,1,0.1\n0.5,2,0.2\n1,4,0.3\n",
+    "a line of some units": "time,F,x\ns,,mm\n0,1,100\n0.5,2,200\n1,4,300\n",
+    "other columns with text": "time,F,x,who\n0,1,0.1,a\n0.5,2,0.2,b\n1,4,0.3,c\n",
+    "dates": "time,F,x\n2026-11-22 17:00:00,1,0.1\n2026-11-22 17:00:00.5,2,0.2\n"
+    "2026-11-22 17:00:01.000,4,0.3\n",
+    "dates of ISO 8601": "time,F,x\n2026-12-31T23:59:59.5Z,1,0.1\n2027-01-01T01:00:00+01:00,2,0.2\n"
+    "2026-12-31T19:00:00.5-0500,4,0.3\n",
+}
+
+
+@pytest.mark.parametrize("case", GOOD)
+def test_it_is_read(case: str, tmp_path: Path) -> None:
+    np.testing.assert_allclose(output(read(tmp_path, GOOD[case])), PLAIN, rtol=1e-15)
+
+
+def test_times_are_seconds_from_the_first_row(tmp_path: Path) -> None:
+    (run,) = read(tmp_path, GOOD["dates of ISO 8601"])
+    assert run.places.time.tolist() == [0.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize("word", ["", "NA", "N/A", "#N/A", "NaN", "null", "-"])
+def test_words_for_nothing_are_missing_values(tmp_path: Path, word: str) -> None:
+    text = f"time,F,x\n0,1,0.1\n0.5,{word},0.2\n1,4,0.3\n1.5,4,0.3\n"
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text)
+    assert [found.code for found in caught.value.diagnostics] == ["E0809"]
+    first, second = read(tmp_path, text, nan="split")
+    assert (first.steps, second.steps) == (1, 2)
+
+
+def test_a_row_of_words_for_nothing_is_a_row(tmp_path: Path) -> None:
+    text = "x,F\n-,-\n0.1,1\n0.2,2\n"
+    spec = SPEC.replace("  time: time\n", "  nan: split\n")
+    (run,) = read(tmp_path, text, spec=spec)
+    assert run.places.rows.tolist() == [1, 2]
+
+
+def test_decimal_commas_need_their_key_and_then_are_numbers(tmp_path: Path) -> None:
+    text = "time;F;x\n0;1;0,1\n0,5;2;0,2\n1;4;0,3\n"
+    with pytest.raises(SpecError, match="E0808"):
+        read(tmp_path, text)
+    np.testing.assert_allclose(output(read(tmp_path, text, csv={"decimal": ","})), PLAIN)
+
+
+def test_both_spellings_of_a_header_find_a_column(tmp_path: Path) -> None:
+    text = GOOD["units in the header"]
+    columns = {"F": "F [kN]", "x": "x"}
+    np.testing.assert_allclose(output(read(tmp_path, text, columns=columns)), PLAIN)
+    said = {"F": {"column": "F", "unit": "N"}}
+    assert output(read(tmp_path, text, columns=said))[0] == pytest.approx(0.101)
+
+
+@pytest.mark.parametrize("name", ["x[1]", "f(x)", "x (filtered)", "x [0]"])
+def test_what_is_no_unit_stays_in_the_name(tmp_path: Path, name: str) -> None:
+    text = f"time,F,{name}\n0,1,0.1\n0.5,2,0.2\n1,4,0.3\n"
+    assert output(read(tmp_path, text, columns={"x": name})) == PLAIN.tolist()
+
+
+REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
+    "another delimiter than the spec says": (
+        GOOD["semicolons"],
+        {"csv": {"delimiter": ","}},
+        "E0805",
+    ),
+    "a word among dates": (
+        GOOD["dates"] + "later,5,0.4\n",
+        {},
+        "E0989",
+    ),
+    "a number among dates": (GOOD["dates"] + "1.5,5,0.4\n", {}, "E0989"),
+    "a date that is none": (GOOD["dates"] + "2026-02-30 00:00:00,5,0.4\n", {}, "E0989"),
+    "days of a country": ("time,F,x\n22.11.2026,1,0.1\n", {}, "E0807"),
+    "zones of some": (
+        "time,F,x\n2026-11-22 17:00:00Z,1,0.1\n2026-11-22 17:00:00.5,2,0.2\n",
+        {},
+        "E0990",
+    ),
+    "two units": ("time,F [N],x\ns,kN,m\n0,1,0.1\n", {}, "E0991"),
+    "a unit and a factor": (
+        GOOD["units in the header"],
+        {"columns": {"F": {"column": "F", "scale": 1000}}},
+        "E0997",
+    ),
+    "a unit of dates": (GOOD["dates"], {"time": {"column": "time", "unit": "ms"}}, "E0998"),
+    "another dimension": (GOOD["semicolons"].replace("x", "x (t)", 1), {}, "E0999"),
+    "time that is none": (GOOD["semicolons"].replace("time", "time [m]", 1), {}, "E0999"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_not_clear_is_asked(case: str, tmp_path: Path) -> None:
+    text, layout, code = REFUSED[case]
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, **layout)
+    assert {found.code for found in caught.value.diagnostics} == {code}
+
+
+def test_a_factor_beside_the_unit_of_the_signal_is_clear(tmp_path: Path) -> None:
+    text = "time,F [N],x [m]\n0,0.1,0.1\n0.5,0.2,0.2\n1,0.4,0.3\n"
+    found = read(tmp_path, text, columns={"F": {"column": "F", "scale": 10}})
+    np.testing.assert_allclose(output(found), PLAIN)
+
+
+def test_dated_files_that_follow_each_other_are_joined(tmp_path: Path) -> None:
+    head = "time,F,x\n"
+    (tmp_path / "a.csv").write_text(f"{head}2026-11-22 17:00,1,0.1\n2026-11-22 17:00:00.5,2,0.2\n")
+    (tmp_path / "b.csv").write_text(f"{head}2026-11-22 17:00:01,4,0.3\n2026-11-22 17:00:01.5,4,3\n")
+    (run,) = simulated(tmp_path, "[a.csv, b.csv]", join=True)
+    assert run.steps == 4
+    apart = simulated(tmp_path, "[a.csv, b.csv]")
+    assert [each.steps for each in apart] == [2, 2]
+
+
+def _workbook(folder: Path, rows: Sequence[Sequence[object]]) -> str:
+    book = openpyxl.Workbook()
+    sheet: Any = book.active
+    for row in rows:
+        sheet.append(list(row))
+    book.create_sheet("notes").append(["nothing"])
+    book.save(folder / "log.xlsx")
+    return "log.xlsx"
+
+
+def test_a_workbook_is_read_by_its_first_sheet(tmp_path: Path) -> None:
+    times = [datetime(2026, 11, 22, 17, 0, 0, 500_000 * k) for k in (0, 1)]
+    times.append(datetime(2026, 11, 22, 17, 0, 1))
+    rows: list[Sequence[object]] = [["time", "F [kN]", "x", "who"], ["", "", "cm", ""]]
+    rows += [[t, f / 1000, 100 * x, "me"] for t, f, x in zip(times, FORCE, PLACE, strict=True)]
+    name = _workbook(tmp_path, rows)
+    np.testing.assert_allclose(output(simulated(tmp_path, name)), PLAIN, rtol=1e-15)
+
+
+def test_a_fault_in_a_workbook_names_its_row(tmp_path: Path) -> None:
+    name = _workbook(tmp_path, [["time", "F", "x"], [0, 1, 0.1], [0.5, "much", 0.2]])
+    with pytest.raises(SpecError, match="`much` in column `F` is not a number") as caught:
+        simulated(tmp_path, name)
+    (found,) = caught.value.diagnostics
+    assert found.span is not None
+    assert found.span.line == 3
+
+
+def test_a_workbook_asks_for_what_reads_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = _workbook(tmp_path, [["time", "F", "x"], [0, 1, 0.1]])
+    missing = OptionalPackage("no_such_openpyxl", OPENPYXL.extra, OPENPYXL.purpose)
+    excel = replace(table_of_formats.format_of(name), packages=(missing,))
+    monkeypatch.setattr(table_of_formats, "FORMATS", (excel,))
+    with pytest.raises(msnn.MissingExtraError, match="reads Excel files"):
+        simulated(tmp_path, name)
+
+
+def test_a_broken_workbook_says_so(tmp_path: Path) -> None:
+    (tmp_path / "log.xlsx").write_bytes(b"PK\x03\x04 broken")
+    with pytest.raises(SpecError, match="not a workbook that can be read"):
+        simulated(tmp_path, "log.xlsx")
+
+
+def test_serial_dates_of_spreadsheets_are_refused_with_the_reason(tmp_path: Path) -> None:
+    rows = "".join(f"{46348.5 + 0.5 * k / 86400:.9f},1,0.1\n" for k in range(4))
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, f"time,F,x\n{rows}")
+    (found,) = caught.value.diagnostics
+    assert found.code == "E0812"
+    assert "format the cells as dates" in (found.help or "")
+
+
+def test_frames_have_dates_too(tmp_path: Path) -> None:
+    model = msnn.load(SPEC.replace("FILE", "none.csv"))
+    time = pd.date_range("2026-11-22 17:00", periods=3, freq="500ms")
+    frame = pd.DataFrame({"time": time, "F": FORCE, "x": PLACE})
+    assert output(msnn.simulate(model, frame)) == PLAIN.tolist()

@@ -1,0 +1,90 @@
+"""Imports a model that nnodely saved and compares its run with the one that nnodely recorded."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import msnn
+from compiler.ir.types import WINDOW
+from msnn.api.imports import import_nnodely
+from msnn.importing.written import Written
+
+RECORDS = Path(__file__).parent / "records"
+
+TOLERANCE = 1e-5
+"""The promise of an import. The peer computes in single precision, with 6e-8 for each operation."""
+
+
+@dataclass(frozen=True)
+class RecordedModel:
+    """A saved model, the log that it was run over and what it gave."""
+
+    model: str
+    first: int
+    """Row of the log at which the first step was evaluated."""
+    log: Mapping[str, NDArray[np.float64]]
+    outputs: Mapping[str, NDArray[np.float64]]
+
+
+def recorded(name: str) -> dict[str, RecordedModel]:
+    """The recorded models of a file, by their names."""
+    text = gzip.decompress((RECORDS / f"{name}.json.gz").read_bytes())
+    return {key: read_record(value) for key, value in json.loads(text).items()}
+
+
+def read_record(given: dict[str, Any]) -> RecordedModel:
+    """A record as the worker of the peer writes it."""
+    return RecordedModel(
+        given["model"],
+        given["first"],
+        {key: np.asarray(value, np.float64) for key, value in given["log"].items()},
+        {key: np.asarray(value, np.float64) for key, value in given["outputs"].items()},
+    )
+
+
+def imported(record: RecordedModel, folder: Path) -> Written:
+    """The record's model as files in a folder."""
+    file = folder / "model.json"
+    file.write_text(record.model, encoding="utf-8")
+    return import_nnodely(file)
+
+
+def deviations(
+    record: RecordedModel, written: Written, engine: str = "interpreter"
+) -> dict[str, float]:
+    """The largest difference of each output, relative to its largest magnitude or 1."""
+    model = msnn.load(written.spec)
+    names = written.model.names
+    log = {names["input"][old]: values for old, values in record.log.items()}
+    log = {name: values for name, values in log.items() if name in _columns(model)}
+    rows = len(next(iter(record.outputs.values())))
+    (probe,) = msnn.simulate(model, log, written.weights, engine=engine)
+    start = record.first - probe.first
+    assert start >= 0, "the import looks back further than nnodely"
+    log = {name: values[start:] for name, values in log.items()}
+    (run,) = msnn.simulate(model, log, written.weights, engine=engine)
+    axes = {
+        output.name: model.program.step.nodes[output.node].type.axes
+        for output in model.program.outputs
+    }
+    found: dict[str, float] = {}
+    for old, wanted in record.outputs.items():
+        name = names["output"][old]
+        got = run.outputs[name][:rows]
+        if got.ndim == 3 and axes[name][-1].name == WINDOW:
+            got = np.swapaxes(got, 1, 2)
+        got = got.reshape(wanted.shape)
+        found[old] = float(np.max(np.abs(got - wanted)) / max(1.0, float(np.max(np.abs(wanted)))))
+    return found
+
+
+def _columns(model: msnn.Model) -> set[str]:
+    return {signal.name for signal in model.program.signals}

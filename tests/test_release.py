@@ -1,0 +1,64 @@
+"""The recipe of a release refuses what does not fit together."""
+
+import importlib.util
+import subprocess
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from spec_schema.version import __version__
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def release() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("release", ROOT / ".ci" / "release.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_changelog_has_a_section_for_the_version_of_the_code(release: ModuleType):
+    version = release.released_version((ROOT / "spec_schema" / "version.py").read_text())
+    assert version == __version__
+    notes = release.release_notes((ROOT / "CHANGELOG.md").read_text(), version, tagged=False)
+    assert notes.startswith(f"# msnn {version}\n\n")
+
+
+@pytest.mark.parametrize("version", ["1.2", "v1.2.3", "1.2.3-beta", "next"])
+def test_versions_that_installers_cannot_order_are_refused(release: ModuleType, version: str):
+    with pytest.raises(release.ReleaseError, match="no version"):
+        release.released_version(f'__version__ = "{version}"\n')
+
+
+def test_the_notes_are_the_section_alone_and_dated_where_it_is_released(release: ModuleType):
+    log = "# Changelog\n\n## 1.1.0 (not released)\n\nnew\n\n## 1.0.0 (2026-01-31)\n\nold\n"
+    assert release.release_notes(log, "1.0.0", tagged=True) == "# msnn 1.0.0\n\nold\n"
+    assert release.release_notes(log, "1.1.0", tagged=False) == "# msnn 1.1.0\n\nnew\n"
+    with pytest.raises(release.ReleaseError, match="write the day"):
+        release.release_notes(log, "1.1.0", tagged=True)
+    with pytest.raises(release.ReleaseError, match=r"no section `## 2\.0\.0"):
+        release.release_notes(log, "2.0.0", tagged=False)
+
+
+def test_hashes_are_those_that_sha256sum_checks(release: ModuleType, tmp_path: Path):
+    file = tmp_path / "a.whl"
+    file.write_bytes(b"wheel")
+    (tmp_path / "SHA256SUMS").write_text(release.hashes([file]))
+    command = ["sha256sum", "--check", "--strict", "SHA256SUMS"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+
+def test_a_commit_without_its_tag_is_refused(release: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    said = {"status": "", "tag": "v0.9.0"}
+    monkeypatch.setattr(release, "git", lambda *arguments: said[arguments[0]])
+    release.check_tag("0.9.0")
+    with pytest.raises(release.ReleaseError, match=r"git tag -a v1\.0\.0"):
+        release.check_tag("1.0.0")
+    said["status"] = " M README.md"
+    with pytest.raises(release.ReleaseError, match="changes that no commit has"):
+        release.check_tag("0.9.0")

@@ -1,0 +1,145 @@
+"""`msnn verify` of controllers and filters: nothing to find in them, and every kind of fault is."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from msnn.cli.application import run
+from msnn.verification.tools import ARM_GCC, ARM_QEMU, CLANG, GCC, LIBFUZZER, Tool
+from tests.conditions import miss
+
+PLANT = """
+msnn: 1
+name: plant
+sample_time: 0.1 s
+inputs: {u: {between: hold}, d: {between: hold}}
+states: {x: {next: 0.9 * x + 0.2 * u + 0.1 * d + 0.05 * sin(x), init: 0}}
+outputs: {y: {expr: next(x), predicts: "x[t+1]"}}
+mpc:
+  horizon: 6
+  controls: [u]
+  cost: {stage: "(x - r)**2 + 0.1 * (u - u[t-1])**2", terminal: 5 * (x - r)**2}
+  references: {r: {}}
+  bounds: {u: {min: -1, max: 1, rate: 3 1/s}, x: {max: 0.5}}
+estimator: {ekf: {measured: {y: 0.1}, process: {x: 0.1}, initial: {x: 1}}}
+export: {mpc: {dtype: float32}}
+"""
+
+
+def require(*tools: Tool) -> None:
+    for tool in tools:
+        if not tool.is_there:
+            miss(f"{tool.command} is not installed: apt-get install {tool.package}")
+
+
+def exported(folder: Path, text: str = PLANT) -> Path:
+    spec = folder / "plant.msnn.yaml"
+    spec.write_text(text, encoding="utf-8")
+    assert run(["export", str(spec), "--initial", "--to", "mpc", "--out", str(folder)]) == 0
+    return folder / "mpc"
+
+
+def verified(
+    capsys: pytest.CaptureFixture[str], folder: Path, *options: str
+) -> tuple[int, dict[tuple[str, str], Any]]:
+    """The exit code, and results by check and target."""
+    capsys.readouterr()
+    code = run(["verify", str(folder), "--format", "json", *options])
+    said = json.loads(capsys.readouterr().out)
+    return code, {(result["check"], result["target"]): result for result in said["results"]}
+
+
+def test_nothing_is_found_in_a_controller_and_its_filter(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require(GCC, CLANG, LIBFUZZER, ARM_GCC, ARM_QEMU)
+    folder = exported(tmp_path)
+    code, said = verified(capsys, folder, "--targets", "host,m4,m0", "--fuzz", "2", "--proof")
+    assert code == 0, said
+    assert said["proof", "plant_mpc"]["verdict"] == "left out"
+    for target in ("Cortex-M4F -O2", "Cortex-M0 -Os"):
+        board = said["golden solves", target]
+        assert "0 bits differ; at most 50 × " in board["detail"]
+        figures = {figure["of"]: figure for figure in board["figures"]}
+        assert set(figures) == {"solve", "prepare", "feedback", "correct", "predict"}
+        for figure in figures.values():
+            least, mean, most = figure["instructions"]
+            assert 0 < least <= mean <= most
+            # the square root of the C library keeps errno where the core has none
+            assert figure["data"] == 0 or target.startswith("Cortex-M0")
+            assert figure["stack_painted"] <= (figure["stack_bound"] or 1 << 20)
+        assert figures["feedback"]["instructions"][2] < figures["solve"]["instructions"][0]
+        # the structs of both
+        assert 2_000 < figures["solve"]["bss"] < 8_000
+    report = (folder / "REPORT.md").read_text(encoding="utf-8")
+    assert re.search(r"\n\| Cortex-M4F -O2 solve \| \d+ \| ", report)
+
+
+def test_a_filter_alone_is_verified(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    require(GCC, CLANG, ARM_GCC, ARM_QEMU)
+    text = re.sub(r"mpc:\n  horizon.*?(?=estimator)", "", PLANT, flags=re.DOTALL)
+    folder = exported(tmp_path, text)
+    assert not list(folder.glob("src/*_mpc.c"))
+    code, said = verified(capsys, folder, "--targets", "host,m4")
+    assert code == 0, said
+    figures = said["golden solves", "Cortex-M4F -Os"]["figures"]
+    assert [figure["of"] for figure in figures] == ["correct", "predict"]
+
+
+FAULTS = {
+    "another rounding": (
+        "plant_ekf.c",
+        "sum += f * v;",
+        "sum += f * v * 1.0000001f;",
+        "golden solves",
+        "the self-test of plant_ekf returned 0x00000004",
+    ),
+    "a control beyond its limit": (
+        "plant_mpc.c",
+        "        out->u[i] = u;\n",
+        "        out->u[i] = u * 1.01f;\n",
+        "drawn numbers",
+        "error: a control",
+    ),
+    "NaN that is taken for solved": (
+        "plant_mpc.c",
+        "if (c->residual <= TOLERANCE) {",
+        "if (!(c->residual > 10 * TOLERANCE)) {",
+        "drawn numbers",
+        "error: solved though the residual is above the tolerance",
+    ),
+    "a write behind the struct": (
+        "plant_ekf.c",
+        "    return commit(e);",
+        "    ((unsigned char *)e)[sizeof *e] = 0;\n    return commit(e);",
+        "drawn numbers",
+        "error: a byte outside of the structs was written",
+    ),
+    "an index that is too large": (
+        "plant_ekf.c",
+        "    for (int i = 0; i < ALL; i++) {\n        e->gain[i] /= sum;",
+        "    for (int i = 0; i < ALL + 1; i++) {\n        e->gain[i] /= sum;",
+        "sanitizers",
+        "runtime error: index 1 out of bounds",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_faults_are_found(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    require(GCC, CLANG)
+    file, before, after, check, finding = FAULTS[name]
+    folder = exported(tmp_path)
+    source = folder / "src" / file
+    text = source.read_text(encoding="utf-8")
+    assert text.count(before) >= 1, name
+    source.write_text(text.replace(before, after, 1), encoding="utf-8")
+    code, said = verified(capsys, folder)
+    assert code == 1
+    (found,) = [r for (c, t), r in said.items() if c == check and t == "gcc"]
+    assert any(finding in line for line in found["findings"]), found
