@@ -3,7 +3,7 @@
 PYTHON ?= python3.11
 PY := .venv/bin/python
 
-.PHONY: help setup demo test lint pytest format benchmark lock clean
+.PHONY: help setup demo test lint pytest format benchmark site lock clean
 
 help:
 	@echo "make demo       train the mass-spring-damper example and export every target"
@@ -12,6 +12,7 @@ help:
 	@echo "make lint       ruff, pyright and the import rules"
 	@echo "make format     rewrite the code in the project's format"
 	@echo "make benchmark  measure, side by side with a peer"
+	@echo "make site       the documentation as a site, in build/site"
 	@echo "make lock       write requirements.lock again from pyproject.toml"
 	@echo "make clean      remove everything that these commands made"
 
@@ -39,6 +40,9 @@ format: setup
 
 benchmark: setup
 	@for script in $(sort $(wildcard benchmarks/*/run.py)); do echo "== $$script"; $(PY) "$$script" || exit 1; done
+
+site: setup
+	$(PY) .ci/site.py
 
 lock: setup
 	.venv/bin/uv pip compile pyproject.toml --all-extras --group dev --generate-hashes --upgrade \

@@ -1,4 +1,4 @@
-"""Lays out plain text tables: aligned columns, no colours, nothing that a pipe would spoil."""
+"""Lays out tables: plain text with aligned columns, no colours; or Markdown."""
 
 from __future__ import annotations
 
@@ -28,6 +28,15 @@ class Table:
         return table_text(self.header, self.rows, self.numbers)
 
     @property
+    def markdown(self) -> str:
+        """As pages of code hosts show it; no cell is read as markup."""
+        kept = self.filled
+        rule = ["---:" if i in self.numbers else "---" for i in kept]
+        lines = [[self.header[i] for i in kept], rule]
+        lines += [[_unmarked(row[i]) for i in kept] for row in self.rows]
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+    @property
     def filled(self) -> Sequence[int]:
         """Indices of the columns that are not empty in every row."""
         return [i for i in range(len(self.header)) if any(row[i] for row in self.rows)]
@@ -54,6 +63,13 @@ def table_text(
         )
         for block in _blocks(widths, LINE_WIDTH.get())
     )
+
+
+_MARKUP = str.maketrans({character: f"\\{character}" for character in "\\`*_{}[]<>()#+!|~$"})
+
+
+def _unmarked(cell: str) -> str:
+    return _printable(cell).translate(_MARKUP)
 
 
 def _blocks(widths: Sequence[int], most: int | None) -> list[list[int]]:

@@ -47,7 +47,6 @@ def solver_constants(
         ("LEAST_SLACK", 4 * precision, "Least slack of a control, by its scale: rounding."),
         ("LEAST_CURVATURE", 1e-8 if exact else 1e-5, "Floor of curvatures."),
         ("LEAST_SHARE", 1e-4, "Floor of the curvature of a control by its own stage's."),
-        ("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."),
         ("ROTATED", 1e-24 if exact else 1e-12, "Part off the diagonal that counts as none."),
         ("STEEP", 1e7 if exact else 1e3, "Ratio whose hypotenuse is itself."),
         ("ENOUGH", 1e-4, "Part of the promised decrease that a step must give."),
@@ -60,6 +59,8 @@ def solver_constants(
         ("LARGE_RATIO", 1e8, "The same for large ones."),
         ("LEAST_ROOM", 1e-9 if exact else 1e-5, "Distance of limits that leaves a control room."),
     ]
+    if not is_staged:
+        table.append(("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."))
     if can_be_infinite:
         steepest = 1e8 if exact else 1e4
         table.append(("STEEPEST", steepest, "Slope that stands for an infinite one."))

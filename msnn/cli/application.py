@@ -90,6 +90,8 @@ def run(arguments: Sequence[str]) -> int:
     forget_manners()
     LINE_WIDTH.set(terminal_width())
     code = _ended(arguments)
+    if NOW.messages == "sarif" and code not in (ExitCode.USAGE, ExitCode.BUG):
+        _tell_kept_messages()
     if NOW.output is not None and code not in (ExitCode.USAGE, ExitCode.BUG):
         code = max(code, _ended_writing(NOW.output, NOW.results))
     if NOW.is_verbose:
@@ -121,8 +123,7 @@ def _ended(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         return _tell_of_interrupt()
     except ReaderGoneError:
-        # nothing may be written when the process ends either
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _write_no_more()
         return ExitCode.OK
     except Exception as error:  # noqa: BLE001  (the one place that answers for every failure)
         if is_interrupt(error):
@@ -134,6 +135,21 @@ def _ended(arguments: Sequence[str]) -> int:
             _tell_of_bug(error)
         return code
     return ExitCode.OK
+
+
+def _tell_kept_messages() -> None:
+    """Prints the log of SARIF, which has what ended the command too."""
+    from msnn.cli.console import sarif_result
+
+    try:
+        sarif_result()
+    except ReaderGoneError:
+        _write_no_more()
+
+
+def _write_no_more() -> None:
+    """Nothing may be written when the process ends either."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _tell_of_interrupt() -> ExitCode:

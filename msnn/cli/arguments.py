@@ -8,6 +8,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from msnn.cli.manners import NOW
+
 SpecFile: TypeAlias = Annotated[
     Path,
     typer.Argument(
@@ -135,14 +137,39 @@ ValidationEngine: TypeAlias = Annotated[
 
 
 class ResultFormat(StrEnum):
-    """How a result is printed."""
+    """How a result and messages are printed."""
 
     TEXT = "text"
     JSON = "json"
+    GITHUB = "github"
+    SARIF = "sarif"
+
+
+def tell_messages(format: StrEnum) -> StrEnum:
+    """Tells messages of the whole command as its `--format` says; the others are the result's."""
+    match format.value:
+        case "concise" | "github" | "sarif" as chosen:
+            NOW.messages = chosen
+        case _:
+            pass
+    return format
 
 
 OutputFormat: TypeAlias = Annotated[
-    ResultFormat, typer.Option("--format", help="Print the result as text or as JSON.")
+    ResultFormat,
+    typer.Option(
+        "--format",
+        help="The result as text or as JSON; github: messages as annotations; sarif: one log of "
+        "messages alone.",
+        callback=tell_messages,
+    ),
+]
+
+SummaryFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--summary", metavar="FILE", help="Also append tables in Markdown: $GITHUB_STEP_SUMMARY."
+    ),
 ]
 
 RUNS = Path("runs")

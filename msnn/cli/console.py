@@ -8,7 +8,7 @@ import math
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, TextIO, cast
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from msnn.cli.manners import NOW
 from msnn.errors.failures import ReaderGoneError
@@ -23,11 +23,23 @@ if TYPE_CHECKING:
 JSON_VERSION = 1
 """Version of what `--format json` prints, raised when a reader of the former one would misread."""
 
-DiagnosticFormat = Literal["full", "concise", "json", "github"]
-
 
 def result(text: str) -> None:
-    """What the command was asked for: to stdout, or at the end to the file of `-o`."""
+    """What the command was asked for: to stdout, or at the end to the file of `-o`.
+
+    Nothing where a log of SARIF is the result.
+    """
+    if NOW.messages != "sarif":
+        _written(text)
+
+
+def sarif_result() -> None:
+    """The log of all that was reported, where messages are kept for it."""
+    if NOW.messages == "sarif":
+        _written(render(NOW.kept, "sarif"))
+
+
+def _written(text: str) -> None:
     if NOW.output is None:
         _say(text, sys.stdout)
     else:
@@ -74,19 +86,19 @@ def _say(text: str, stream: TextIO) -> None:
         raise
 
 
-def report(
-    diagnostics: Sequence[Diagnostic],
-    sources: Iterable[SourceText],
-    format: DiagnosticFormat = "full",
-) -> None:
-    """Diagnostics on stderr; warnings in full stand apart from what the command says next."""
+def report(diagnostics: Sequence[Diagnostic], sources: Iterable[SourceText]) -> None:
+    """Diagnostics on stderr, as `--format` says; those in full stand apart from what comes next."""
+    if NOW.messages == "sarif":
+        NOW.kept.extend(diagnostics)
+        return
     if NOW.is_quiet:
         diagnostics = [found for found in diagnostics if found.severity == "error"]
     if not diagnostics:
         return
     failed = any(diagnostic.severity == "error" for diagnostic in diagnostics)
-    end = "\n" if format == "full" and not failed else ""
-    _say(render(diagnostics, format, sources, color=wants_color(sys.stderr)) + end, sys.stderr)
+    end = "\n" if NOW.messages == "full" and not failed else ""
+    text = render(diagnostics, NOW.messages, sources, color=wants_color(sys.stderr))
+    _say(text + end, sys.stderr)
 
 
 def report_model(model: Model) -> None:

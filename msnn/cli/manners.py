@@ -9,11 +9,15 @@ from dataclasses import dataclass, field
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from msnn.tables import LINE_WIDTH
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+Messages = Literal["full", "concise", "github", "sarif"]
+"""How messages are told: as text, as annotations of GitHub, or kept for one log of SARIF."""
 
 
 @dataclass(slots=True)
@@ -25,6 +29,9 @@ class Manners:
     output: Path | None = None
     results: list[str] = field(default_factory=list[str])
     """What goes to `output` when the command is over."""
+    messages: Messages = "full"
+    kept: list[Diagnostic] = field(default_factory=list[Diagnostic])
+    """Messages of the log of SARIF, which is the only result then."""
 
 
 NOW = Manners()
@@ -34,7 +41,9 @@ NOW = Manners()
 def forget_manners() -> None:
     """Before a command: as if no option had been given."""
     NOW.is_quiet, NOW.is_verbose, NOW.output = False, False, None
+    NOW.messages = "full"
     NOW.results.clear()
+    NOW.kept.clear()
 
 
 def terminal_width() -> int | None:

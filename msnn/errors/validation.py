@@ -1,6 +1,7 @@
-"""W1004: what measuring a trained model finds that its user should know."""
+"""E0870 and W1004: what measuring a trained model finds that its user should know."""
 
-from spec_schema.diagnostics.diagnostic import Diagnostic, warning
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
+from spec_schema.diagnostics.source import Span
 
 
 def extrapolates(name: str, signal: str, share: float, low: float, high: float) -> Diagnostic:
@@ -14,3 +15,13 @@ def extrapolates(name: str, signal: str, share: float, low: float, high: float) 
         "reach: `range:` of the input"
     )
     return warning("W1004", None, message, help=repair)
+
+
+def broken_limit(
+    *, of: str, metric: str, value: str, limit: str, simulated: str, data: str, span: Span | None
+) -> Diagnostic:
+    """E0870: a metric of a trained model that does not keep the limit of its entry."""
+    message = f"{metric} of `{of}` is {value}, and the limit is {limit}"
+    repair = "train again, or change the limit where the model is as good as it has to be"
+    notes = (f"measured on `{data}`: {simulated}",)
+    return error("E0870", span, message, "does not hold", notes=notes, help=repair)

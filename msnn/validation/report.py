@@ -7,11 +7,15 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
+from msnn.errors.validation import broken_limit
 from msnn.tables import Table, table_text
 from msnn.validation.errors_report import coverage_record, judged_record
 from msnn.validation.measurement import METRICS, ErrorCurve, Measurement
 from msnn.validation.validate import MetricRow, ValidationReport
 from msnn.validation.words import rollout_text, unit_text
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+_METRICS_HEADER = ("of", "metric", "value", "unit", "limit", "", "rollout", "data", "scored")
 
 
 def metrics_table(report: ValidationReport) -> str:
@@ -21,7 +25,34 @@ def metrics_table(report: ValidationReport) -> str:
 
 def metrics_cells(report: ValidationReport) -> Table:
     """One row a metric: value and limits in its unit, how it was simulated, which rows count."""
-    rows = [
+    return Table(_METRICS_HEADER, _metric_rows(report), numbers=[2])
+
+
+def metrics_markdown(name: str, report: ValidationReport) -> str:
+    """The same under a heading, for a page that shows Markdown."""
+    verdict = "every limit is kept" if report.passed else "a limit is broken"
+    return f"## {name}: {verdict}\n\n{metrics_cells(report).markdown}\n"
+
+
+def broken_limits(report: ValidationReport) -> tuple[Diagnostic, ...]:
+    """What is said of each metric that does not keep its limits."""
+    return tuple(
+        broken_limit(
+            of=row.of,
+            metric=row.metric,
+            value=f"{row.value:.6g} {unit_text(row.unit)}".strip(),
+            limit=f"{limits(row)} {unit_text(row.unit)}".strip(),
+            simulated=f"{rollout_text(row)}, {row.rows}",
+            data=row.data,
+            span=row.span,
+        )
+        for row in report.rows
+        if row.passed is False
+    )
+
+
+def _metric_rows(report: ValidationReport) -> list[tuple[str, ...]]:
+    return [
         (
             row.of,
             row.metric,
@@ -35,8 +66,6 @@ def metrics_cells(report: ValidationReport) -> Table:
         )
         for row in report.rows
     ]
-    header = ("of", "metric", "value", "unit", "limit", "", "rollout", "data", "scored")
-    return Table(header, rows, numbers=[2])
 
 
 def measurements_table(report: ValidationReport) -> str:

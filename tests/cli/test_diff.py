@@ -54,7 +54,9 @@ def test_an_equation_a_bound_and_an_input(msnn: CommandLine, copy: Path):
     assert said.out == (
         "parameters.c.min\n  + 0\n"
         "equations.a.expr\n  - (F - c * v - k * x) / m\n  + (F - c * v - k * x**3) / m\n"
-        "\nthe models differ\n"
+        "\ninterface           new      breaks, since\n"
+        "parameter c  range  0 … inf  values that were allowed are not\n"
+        "\nthe models differ; 1 change of the interface breaks those who use it\n"
     )
 
 
@@ -64,14 +66,18 @@ def test_renaming_says_so(msnn: CommandLine, copy: Path):
     _change(copy, "doc: stiffness", "doc: stiffness")
     said = msnn("diff", SPEC, NEW)
     assert said.code == 1
-    assert said.out == ("k → stiffness\n\nonly renamed: all formulas and settings are the same\n")
+    assert said.out.startswith("k → stiffness\n\ninterface ")
+    assert said.out.endswith(
+        "\n\nonly renamed: all formulas and settings are the same; "
+        "1 change of the interface breaks those who use it\n"
+    )
 
 
 def test_a_renaming_beside_another_change_is_no_renaming(msnn: CommandLine, copy: Path):
     text = (copy / NEW).read_text()
     (copy / NEW).write_text(re.sub(r"\bk\b", "stiffness", text))
     _change(copy, "init: 10,", "init: 11,")
-    assert msnn("diff", SPEC, NEW).out.endswith("the models differ\n")
+    assert "\nthe models differ;" in msnn("diff", SPEC, NEW).out
 
 
 def test_only_the_workflow(msnn: CommandLine, copy: Path):

@@ -185,7 +185,9 @@ def test_a_broken_limit_ends_with_3(msnn: CommandLine, trained: Path):
     said = msnn("validate", SPEC, "--set", "validate.0.max=1 um", "--junit", "junit.xml")
     assert said.code == 3
     assert "BROKEN" in said.out
-    assert "a limit is broken" in said.err
+    assert "error[E0870]: rmse of `x_next` is 0.001" in said.err
+    assert "and the limit is ≤ 1e-06 m" in said.err
+    assert f" --> {SPEC}:44:5" in said.err
     suite = ElementTree.parse(trained / "junit.xml").getroot()  # noqa: S314  (our own file)
     assert suite.get("failures") == "1"
     record = json.loads(msnn("validate", SPEC, "--format", "json").out)

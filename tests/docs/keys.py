@@ -52,6 +52,11 @@ def keys() -> str:
     return apart(*(_section(entry) for entry in kinds_within(Spec)))
 
 
+def known_keys(entry: type[Entry]) -> tuple[str, ...]:
+    """Those that this version reads."""
+    return tuple(_fields(entry))
+
+
 def options(entry: type[Entry]) -> str:
     """The keys of an entry, their defaults and what they are for."""
     rows = [(f"`{k}`", _default(f), key_doc(entry, k)) for k, f in _fields(entry).items()]
@@ -90,9 +95,10 @@ def _title(entry: type[Entry]) -> str:
     return entry.noun.removeprefix("a ").removeprefix("an ").removeprefix("the ")
 
 
-def _link(entry: type[Entry]) -> str:
+def link(entry: type[Entry], page: str = "") -> str:
+    """A link to the section of an entry."""
     title = _title(entry)
-    return f"[{title}](#{title.lower().replace(' ', '-')})"
+    return f"[{title}]({page}#{title.lower().replace(' ', '-')})"
 
 
 def _kind(field: FieldInfo) -> str:
@@ -103,7 +109,7 @@ def _said(annotation: Any) -> str:
     if annotation in _WORDS:
         return _WORDS[annotation]
     if isclass(annotation) and issubclass(annotation, Entry):
-        return _link(annotation)
+        return link(annotation)
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _said(args[0])

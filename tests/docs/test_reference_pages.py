@@ -12,11 +12,14 @@ import pytest
 from compiler.elaboration.compile import compile_spec
 from compiler.ir.ops import Op
 from spec_schema.reading.reader import read_spec
+from tests.docs.action import action_inputs, sample_hooks, sample_workflow
 from tests.docs.commands import exit_codes, verbs
 from tests.docs.diagnostics import diagnostics
+from tests.docs.front_page import PICTURE, front_c, front_figures, front_picture, front_spec
 from tests.docs.keys import keys
 from tests.docs.layers import layers
 from tests.docs.markdown import block_names, with_blocks
+from tests.docs.names import names
 from tests.docs.operations import (
     LOWERINGS,
     builtins,
@@ -36,7 +39,14 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "diagnostics": diagnostics,
     "exit codes": exit_codes,
     "keys": keys,
+    "front c": front_c,
+    "front figures": front_figures,
+    "front spec": front_spec,
+    "inputs of the action": action_inputs,
     "layers": layers,
+    "names": names,
+    "sample hooks": sample_hooks,
+    "sample workflow": sample_workflow,
     "scalar functions": scalar_functions,
     "targets": targets,
     "verbs": verbs,
@@ -47,6 +57,10 @@ BLOCKS: dict[str, Callable[[], str]] = {
 def test_generated_blocks_are_up_to_date(page: Path, accept: bool):
     text = page.read_text(encoding="utf-8")
     assert_golden(page, with_blocks(text, BLOCKS), accept)
+
+
+def test_the_picture_of_the_front_page_is_what_show_draws(accept: bool):
+    assert_golden(PICTURE, f"{front_picture()}\n", accept)
 
 
 def test_every_block_has_its_page():

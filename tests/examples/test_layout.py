@@ -9,7 +9,7 @@ import pytest
 from spec_schema.editors.format_spec import format_spec
 
 ROOT = Path(__file__).parents[2]
-SHOWN = sorted([*ROOT.glob("examples/*/*.yaml"), *ROOT.glob("tests/language/drafts/*.yaml")])
+SHOWN = sorted([*ROOT.glob("examples/**/*.msnn.yaml"), *ROOT.glob("tests/language/drafts/*.yaml")])
 
 
 @pytest.mark.parametrize("path", SHOWN, ids=lambda path: path.name)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from msnn.cli.arguments import Settings
+from msnn.cli.arguments import Settings, tell_messages
 from msnn.cli.exit_codes import ExitCode
 
 
@@ -40,7 +40,8 @@ def check(
         typer.Option("--data", help="Read the data too, and warn of what `msnn data` finds."),
     ] = False,
     format: Annotated[
-        OutputFormat, typer.Option(help="How diagnostics are printed.")
+        OutputFormat,
+        typer.Option(help="How diagnostics are printed.", callback=tell_messages),
     ] = OutputFormat.FULL,
 ) -> None:
     """Say what is wrong with specs.
@@ -52,12 +53,11 @@ def check(
     from msnn.cli.spec_files import spec_files, text_of
     from msnn.project.workflow_checks import checked_model
     from msnn.reports.summary import summary_line
-    from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
-    from spec_schema.diagnostics.render import records, render
+    from spec_schema.diagnostics.diagnostic import SpecError
+    from spec_schema.diagnostics.render import records
 
     failed = False
     found: list[dict[str, Any]] = []
-    said: list[Diagnostic] = []
     for file in spec_files(files):
         try:
             text = text_of(file)
@@ -76,15 +76,10 @@ def check(
             record = {"file": str(file), "ok": model is not None, "summary": line}
             found.append(record | {"diagnostics": records(diagnostics)})
             continue
-        if format is OutputFormat.SARIF:
-            said.extend(diagnostics)
-            continue
-        report(diagnostics, sources, format.value)
+        report(diagnostics, sources)
         if line is not None:
             result(line)
     if format is OutputFormat.JSON:
         json_result("check", {"files": found})
-    if format is OutputFormat.SARIF:
-        result(render(said, "sarif"))
     if failed:
         raise typer.Exit(ExitCode.DIAGNOSTICS)

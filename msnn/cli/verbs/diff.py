@@ -1,82 +1,94 @@
-"""`msnn diff`: what changed between two models, apart from comments and layout."""
+"""`msnn diff`: what changed between two models or runs, and whether that ends a pipeline."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, cast, get_args
 
 import typer
 
 from msnn.cli.arguments import (
+    DataRoot,
     NewSettings,
     OldSettings,
     OutputFormat,
     ResultFormat,
     Settings,
+    SummaryFile,
 )
 from msnn.cli.exit_codes import ExitCode
 
-if TYPE_CHECKING:
-    from msnn.reports.compare_specs import Comparison
-
 
 def diff(
-    old: Annotated[Path, typer.Argument(metavar="OLD", help="A spec, or a program file.")],
-    new: Annotated[Path, typer.Argument(metavar="NEW", help="A spec, or a program file.")],
+    old: Annotated[
+        Path, typer.Argument(metavar="OLD", help="A spec, a program file, or the folder of a run.")
+    ],
+    new: Annotated[
+        Path, typer.Argument(metavar="NEW", help="A spec, a program file, or the folder of a run.")
+    ],
     settings: Settings = None,
     old_settings: OldSettings = None,
     new_settings: NewSettings = None,
+    data_root: DataRoot = None,
+    fail_on: Annotated[
+        str,
+        typer.Option(
+            "--fail-on",
+            metavar="any|breaking|worse|never",
+            help="What is no success: any other meaning, an interface that breaks those who use "
+            "it, a metric that is worse; several with commas.",
+        ),
+    ] = "any",
+    margin: Annotated[
+        float,
+        typer.Option(metavar="PERCENT", help="How much the error of a metric may grow.", min=0),
+    ] = 1.0,
+    summary: SummaryFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Say what changed between two models.
+    """Say what changed between two models, or from one run to another.
 
     Entry by entry, with shorthands written out: interface, units, parameters, equations, states,
-    losses, stages. `--set` replaces a value of both; with SPEC twice, `--set-new` shows what a
-    setting changes. Exit code 0 when both mean the same, 1 when they differ.
+    losses, stages; then what of the interface breaks those who use the model. Of two runs also
+    their metrics, each measured by its own spec, and learned numbers. `--set` replaces a value of
+    both; with SPEC twice, `--set-new` shows what a setting changes. Exit code 1 when something of
+    `--fail-on` is found, 3 when that is only a metric.
     """
-    from msnn.cli.console import json_result, result
+    from msnn.api.changes import changes
+    from msnn.changes.model_changes import FailOn
+    from msnn.changes.report import changes_markdown, changes_record, changes_text, failures
+    from msnn.cli.console import json_result, progress_stream, report, result
+    from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
-    from msnn.reports.compare_specs import compare_specs
 
+    asked = {word.strip() for word in fail_on.split(",")}
+    if unknown := sorted(asked - set(get_args(FailOn))):
+        message = f"`{unknown[0]}` is none of {', '.join(get_args(FailOn))}"
+        raise typer.BadParameter(message, param_hint="'--fail-on'")
+    wanted, share = cast("set[FailOn]", asked), margin / 100
     of_both = tuple(settings or ())
-    found = compare_specs(
+    models = (
         load_model(old, (*of_both, *(old_settings or ()))),
         load_model(new, (*of_both, *(new_settings or ()))),
     )
+    if "worse" in wanted and any(model.run is None for model in models):
+        message = "`worse` compares what two runs have learned: give their folders"
+        raise typer.BadParameter(message, param_hint="'--fail-on'")
+    with StepProgress(progress_stream()) as progress:
+        found = changes(
+            *models, data_root=data_root, must_measure="worse" in wanted, progress=progress.told
+        )
+    report(found.warnings, ())
+    report(failures(found, wanted, share), models[1].sources)
+    if summary is not None:
+        from msnn.cli.summary import append_summary
+
+        append_summary(summary, changes_markdown(found, share))
     if format is ResultFormat.JSON:
-        changes = [{"path": c.path, "old": c.old, "new": c.new} for c in found.changes]
-        record: dict[str, Any] = {"same": found.is_same, "kind": found.kind}
-        json_result("diff", record | {"renames": found.renames or {}, "changes": changes})
+        json_result("diff", changes_record(found, share))
     else:
-        result(_text(found))
-    if not found.is_same:
+        result(changes_text(found, share))
+    if ("any" in wanted and not found.specs.is_same) or ("breaking" in wanted and found.breaking):
         raise typer.Exit(ExitCode.DIAGNOSTICS)
-
-
-def _text(found: Comparison) -> str:
-    lines: list[str] = []
-    if found.kind != "renamed":
-        for change in found.changes:
-            lines.append(change.path)
-            lines += [] if change.old is None else [f"  - {_shown(change.old)}"]
-            lines += [] if change.new is None else [f"  + {_shown(change.new)}"]
-        lines += [""] if lines else []
-    match found.kind:
-        case "same":
-            lines.append("the same")
-        case "text":
-            lines.append("the same model: only its text differs, such as comments or layout")
-        case "renamed":
-            renames = (found.renames or {}).items()
-            lines += [f"{old} → {new}" for old, new in renames]
-            lines += ["", "only renamed: all formulas and settings are the same"]
-        case "workflow":
-            lines.append("the same model: how it is trained, validated or exported differs")
-        case "model":
-            lines.append("the models differ")
-    return "\n".join(lines)
-
-
-def _shown(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    if "worse" in wanted and found.worse(share):
+        raise typer.Exit(ExitCode.LIMIT_BROKEN)

@@ -18,6 +18,7 @@ from msnn.cli.arguments import (
     RunsFolder,
     Settings,
     SpecFile,
+    SummaryFile,
     ValidationEngine,
     WeightsFile,
     refuse_two_origins,
@@ -44,6 +45,7 @@ def validate(
         Path | None,
         typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, a test a limit."),
     ] = None,
+    summary: SummaryFile = None,
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
@@ -62,9 +64,11 @@ def validate(
     from msnn.validation.engines_report import EnginesReport, engines_record, engines_table
     from msnn.validation.errors_report import coverage_table, regions_table, residuals_table
     from msnn.validation.report import (
+        broken_limits,
         curves_table,
         junit_text,
         measurements_table,
+        metrics_markdown,
         metrics_record,
         metrics_table,
     )
@@ -101,6 +105,10 @@ def validate(
         from backends.files.atomic_write import write_text
 
         write_text(junit, junit_text(model.name, found))
+    if summary is not None:
+        from msnn.cli.summary import append_summary
+
+        append_summary(summary, metrics_markdown(model.name, found))
     if every is not None:
         for name, why in every.left_out.items():
             note(f"{name} is left out: {why}")
@@ -124,5 +132,5 @@ def validate(
 
         note(f"drawn: {plot_validation(plot, found)}")
     if not found.passed:
-        note("a limit is broken")
+        report(broken_limits(found), model.sources)
         raise typer.Exit(ExitCode.LIMIT_BROKEN)

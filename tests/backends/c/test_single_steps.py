@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,18 @@ from backends.c.selftest.singles.ordered_codes import between, codes_of, numbers
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
+from tests.conditions import require_tool
 from tests.language.compiled import compiled
 
 _LIMITED = """
 inputs: {u: {range: [-10, 10], on_invalid: clamp}}
 parameters: {gain: 0.7}
 outputs: {y: {expr: "where(gain * u > 3, 1.5, 0.5)"}}
+"""
+_LEARNED_KNOTS = """
+inputs: {slope: {range: [-9, 9]}}
+layers: {moving: {fuzzify: {centers: [-4, 4], learn: true}}}
+outputs: {y: {expr: sum(moving(slope))}}
 """
 _TWO_ROOTS = """
 inputs: {u: {range: [0, 9], on_invalid: clamp}, v: {range: [0, 9], on_invalid: clamp}}
@@ -127,3 +134,16 @@ def test_a_step_that_decides_nothing_has_golden_runs_all_the_same(tmp_path: Path
     write_c(program, {}, tmp_path, COptions())
     (text,) = (p.read_text(encoding="ascii") for p in tmp_path.glob("test/*_vectors.h"))
     assert "_begin_differs" in text
+
+
+@pytest.mark.parametrize("params", ["const", "tunable"])
+def test_other_parameters_keep_their_bounds(params: str, tmp_path: Path) -> None:
+    """Knots that a training can move rise in every golden step: C finds its piece by their order."""
+    compiler = require_tool("gcc", install="apt install gcc")
+    program = compiled(_LEARNED_KNOTS)
+    write_c(program, {}, tmp_path, COptions(params=params))
+    sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
+    binary = str(tmp_path / "binary")
+    flags = ["-std=c99", "-O1", "-ffp-contract=off", f"-I{tmp_path / 'include'}"]
+    subprocess.run([compiler, *flags, *sources, "-o", binary, "-lm"], check=True)
+    assert "agree" in subprocess.run([binary], capture_output=True, text=True).stdout

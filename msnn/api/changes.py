@@ -1,0 +1,61 @@
+"""Compares two models; of two runs also how well they predict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msnn.changes.model_changes import ModelChanges, Trained, model_changes
+from msnn.model.model import Model
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+if TYPE_CHECKING:
+    from msnn.simulation.engines.progress import RolloutProgress
+
+
+def changes(
+    old: Model,
+    new: Model,
+    *,
+    data_root: str | Path | None = None,
+    must_measure: bool = False,
+    progress: RolloutProgress | None = None,
+) -> ModelChanges:
+    """What changed from one model to another.
+
+    Where both are of runs, each is measured by the `validate` entries of its own spec on its data,
+    below `data_root`. Data that cannot be read are a warning; with `must_measure` SpecError.
+    """
+    if old.run is None or new.run is None:
+        return model_changes(old, new)
+    warnings: list[Diagnostic] = []
+    before, after = (
+        _trained(which, model, data_root, must_measure, progress, warnings)
+        for which, model in (("old", old), ("new", new))
+    )
+    return model_changes(old, new, (before, after), tuple(warnings))
+
+
+def _trained(
+    which: str,
+    model: Model,
+    data_root: str | Path | None,
+    must_measure: bool,
+    progress: RolloutProgress | None,
+    warnings: list[Diagnostic],
+) -> Trained:
+    from msnn.api.measurements import validate
+    from msnn.errors.changes import not_measured
+    from msnn.model.kept_run import WEIGHTS
+    from msnn.model.model_weights import choose_weights
+
+    assert model.run is not None
+    chosen = choose_weights(model, model.run / WEIGHTS, model.run.parent).weights
+    try:
+        found = validate(model, chosen, data_root=data_root, progress=progress)
+    except SpecError as error:
+        if must_measure:
+            raise
+        warnings.append(not_measured(which, error.diagnostics[0].message))
+        return Trained(weights=chosen, validation=None)
+    return Trained(weights=chosen, validation=found)

@@ -1,0 +1,88 @@
+"""The site of the documentation: built strictly, whole, without a network, and usable by all."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from msnn.cli.application import VERBS
+from spec_schema.fields.entry_kinds import kinds_within
+from spec_schema.sections.layers.layer import Layer
+from spec_schema.sections.spec import Spec
+from tests.cli.command_line import ROOT, in_new_process
+from tests.conditions import require_package
+from tests.docs.diagnostics import all_messages
+from tests.docs.keys import known_keys
+from tests.reports.browser import opened
+
+SIZES = [(width, dark) for width in (1280, 390) for dark in (False, True)]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, built as `make site` does; strict, so a dead link or anchor fails it."""
+    require_package("mkdocs", "make setup")
+    folder = tmp_path_factory.mktemp("site") / "msnn"
+    found = subprocess.run(
+        [sys.executable, ROOT / ".ci" / "site.py", folder],
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.returncode == 0, found.stdout + found.stderr
+    return folder
+
+
+def test_nothing_is_fetched_from_elsewhere(site: Path):
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        fetched = re.findall(r'<(?:script|img|iframe|source)[^>]*\ssrc="(?:https?:)?//', text)
+        fetched += re.findall(r'<link[^>]*rel="(?:stylesheet|preconnect|icon)"[^>]*//', text)
+        assert fetched == [], page.name
+        assert "fonts.g" not in text, page.name
+
+
+def test_the_index_has_every_verb_layer_key_and_message():
+    text = (ROOT / "docs" / "names.md").read_text(encoding="utf-8")
+    verbs, layers, keys, messages = text.split("\n## ")[1:]
+    assert set(re.findall(r"`(\w+)`", verbs)) == set(VERBS)
+    assert set(re.findall(r"`(\w+)`", layers)) == set(Layer.known_keys())
+    known = {key for entry in kinds_within(Spec) for key in known_keys(entry)}
+    assert set(re.findall(r"^\| `(.+?)` \|", keys, re.MULTILINE)) == known
+    assert set(re.findall(r"`(\w+)`", messages)) == {each.code for each in all_messages()}
+
+
+def test_the_commands_of_the_front_page(tmp_path: Path):
+    folder = tmp_path / "models"
+    shutil.copytree(ROOT / "examples" / "ci", folder)
+    page = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    (commands,) = re.findall(r"^```sh\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    for line in commands.splitlines():
+        command, *words = line.partition("#")[0].split()
+        assert command == "msnn"
+        said = in_new_process(words, folder / "specs")
+        assert said.code == 0, said.err
+
+
+@pytest.mark.parametrize("page", ["index.html", "names.html"])
+@pytest.mark.parametrize(("width", "dark"), SIZES)
+def test_everybody_can_use_it(site: Path, page: str, width: int, dark: bool):
+    """axe-core finds nothing, nothing is wider than the screen, nothing was fetched in vain."""
+    require_package("axe_selenium_python", "make setup")
+    from axe_selenium_python import Axe
+
+    with opened(site / page, width=width, dark=dark) as browser:
+        axe: Any = Axe(browser)
+        axe.inject()
+        violations = axe.run()["violations"]
+        assert violations == [], axe.report(violations)
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+        assert browser.get_log("browser") == []
