@@ -47,7 +47,6 @@ def solver_constants(
         ("LEAST_SLACK", 4 * precision, "Least slack of a control, by its scale: rounding."),
         ("LEAST_CURVATURE", 1e-8 if exact else 1e-5, "Floor of curvatures."),
         ("LEAST_SHARE", 1e-4, "Floor of the curvature of a control by its own stage's."),
-        ("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."),
         ("ROTATED", 1e-24 if exact else 1e-12, "Part off the diagonal that counts as none."),
         ("STEEP", 1e7 if exact else 1e3, "Ratio whose hypotenuse is itself."),
         ("ENOUGH", 1e-4, "Part of the promised decrease that a step must give."),
@@ -63,6 +62,8 @@ def solver_constants(
     if can_be_infinite:
         steepest = 1e8 if exact else 1e4
         table.append(("STEEPEST", steepest, "Slope that stands for an infinite one."))
+    if not is_staged:
+        table.append(("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."))
     of_hard = [
         ("HARD_TOLERANCE", tolerance, "Violation, by its scale, of what holds."),
         ("HARDER", 10.0, "Factor by which the cost of violating what must hold grows."),
