@@ -68,7 +68,7 @@ def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1
         raise FunctionError(
             function.lineno, f"it takes {len(names)} arguments and gets {len(arguments)}"
         )
-    run = _Run(dict(zip(names, arguments, strict=True)), _MOST_STEPS * rows)
+    run = _Run(dict(zip(names, arguments, strict=True)), rows)
     returned = run.block(function.body)
     if returned is None:
         raise FunctionError(function.lineno, "it returns nothing")
@@ -81,10 +81,9 @@ def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1
 
 
 class _Run:
-    def __init__(self, names: dict[str, Any], most_steps: int) -> None:
-        self._names = names
-        self._most_steps = most_steps
-        self._given = [*names.values()]
+    def __init__(self, names: dict[str, Any], rows: int) -> None:
+        self._names, self._given = names, [*names.values()]
+        self._rows = rows
         self._line = 1
         self._steps = 0
 
@@ -294,7 +293,7 @@ class _Run:
 
     def _count(self, elements: int = 0) -> None:
         self._steps += 1 + elements
-        if self._steps > self._most_steps:
+        if self._steps > _MOST_STEPS * self._rows:
             raise self._refused(f"it takes more than {_MOST_STEPS:,} steps")
 
     def _refused(self, reason: str) -> FunctionError:
