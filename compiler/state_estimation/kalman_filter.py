@@ -12,7 +12,7 @@ Processes, 1968). Measurement errors are independent, so that numbers are correc
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
@@ -110,15 +110,15 @@ class KalmanFilter:
     ) -> Estimate:
         """The estimate at t, from what was measured there; NaN is what was not.
 
-        `inputs` at t are wanted where measured outputs read them. Raises ValueError for a name or
-        a shape that the problem does not have.
+        `inputs` at t are wanted where measured outputs read them. Raises ValueError where one of
+        these is missing, and for a name or a shape that the problem does not have.
         """
         problem = self.problem
         known = {m.signal: m for m in problem.measured}
         unknown = sorted({*measured} - {*known})
         if unknown:
             raise ValueError(f"measured signals are {sorted(known)}, given are {unknown} too")
-        log = self._log(inputs or {}, wanted=False)
+        log = self._log(inputs or {}, self.problem.inputs_measured)
         given = {name: np.asarray(value, float) for name, value in measured.items()}
         if any(np.any(np.isinf(v)) for v in given.values()) or _is_not_finite(log):
             return self._told(FilterStatus.INPUT_NOT_FINITE, {})
@@ -148,13 +148,13 @@ class KalmanFilter:
 
     def expected(self, inputs: Mapping[str, ArrayLike] | None = None) -> dict[str, Array]:
         """What would be measured of each signal at t, were the estimate right."""
-        log = self._log(inputs or {}, wanted=False)
+        log = self._log(inputs or {}, self.problem.inputs_measured)
         known = self.problem.measured
         return {m.signal: self._expected(m.value, log, self.vector)[0] for m in known}
 
     def predict(self, inputs: Mapping[str, ArrayLike] | None = None) -> FilterStatus:
         """Goes on to t+1, with the inputs that act from t on."""
-        log = self._log(inputs or {}, wanted=True)
+        log = self._log(inputs or {}, {m.name for m in self.problem.inputs.members})
         if _is_not_finite(log):
             return FilterStatus.INPUT_NOT_FINITE
         if not self._is_complete:
@@ -217,14 +217,13 @@ class KalmanFilter:
         results, jacobian = self._evaluated(log, vector)
         return results[value], jacobian[self._rows([value])]
 
-    def _log(self, inputs: Mapping[str, ArrayLike], *, wanted: bool) -> dict[str, Array]:
+    def _log(self, inputs: Mapping[str, ArrayLike], wanted: Collection[str]) -> dict[str, Array]:
         """One row of each port; fills registers that nothing is known of."""
         problem = self.problem
         names = [member.name for member in problem.inputs.members]
         unknown = sorted({*inputs} - {*names})
-        missing = sorted({*names} - {*inputs}) if wanted else []
-        if unknown or missing:
-            message = f"inputs wanted for {sorted(names)}, given for {sorted(inputs)}"
+        if unknown or not {*wanted} <= {*inputs}:
+            message = f"inputs wanted for {sorted(wanted)}, given for {sorted(inputs)}"
             raise ValueError(message)
         log: dict[str, Array] = {}
         for member in problem.inputs.members:

@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from compiler.ir.liveness import needed
+from compiler.ir.ops import ReadSignal
 from compiler.ir.program import History, Program, Tape
 from compiler.jacobian.matrices import Vector
 
@@ -67,3 +69,11 @@ class EstimationProblem:
         """The states that are shift registers, by what they hold."""
         found = {state.name: state.origin for state in self.program.states}
         return {n: o for n, o in found.items() if isinstance(o, History | Tape)}
+
+    @property
+    def inputs_measured(self) -> frozenset[str]:
+        """The inputs that measured outputs read."""
+        graph = self.program.step
+        marked = needed(graph, [self.program.output(m.value).node for m in self.measured])
+        reads = [node.op for index, node in graph if marked[index]]
+        return frozenset(op.signal for op in reads if isinstance(op, ReadSignal))

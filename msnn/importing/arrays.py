@@ -25,7 +25,9 @@ Elements: TypeAlias = NDArray[np.object_]
 """A tensor, a term for each element."""
 
 MOST = 10_000
-"""Elements of one tensor."""
+"""Elements of one tensor, of each row."""
+ROWS = 3
+"""Rows that are followed at once, to see that none depends on another."""
 
 
 class RefusedError(Exception):
@@ -47,7 +49,7 @@ def tensor(value: Any) -> Elements:
 
 def refuse_large(size: float) -> None:
     """Ends a tensor of more elements than are followed."""
-    if size > MOST:
+    if size > ROWS * MOST:
         raise RefusedError(f"a tensor has more than {MOST:,} elements")
 
 

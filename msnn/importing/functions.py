@@ -18,6 +18,7 @@ from msnn.importing.names import Names
 from msnn.importing.parameters import Parameters
 from msnn.importing.python_function import follow
 from msnn.importing.python_source import FunctionError, argument_names, parse_function
+from msnn.importing.separate_rows import refuse_mixed_rows
 from msnn.importing.terms import (
     Call,
     Named,
@@ -63,6 +64,8 @@ class Functions:
         default_factory=dict[tuple[Any, ...], "str | None"]
     )
 
+    _separate: set[tuple[Any, ...]] = field(default_factory=set[tuple[Any, ...]])
+    """Functions whose rows do not mix, by the shapes of their arguments."""
     _shapes: dict[tuple[Any, ...], tuple[int, ...]] = field(
         default_factory=dict[tuple[Any, ...], "tuple[int, ...]"]
     )
@@ -150,6 +153,10 @@ class Functions:
         *,
         batched: bool,
     ) -> Value:
+        shapes = tuple((value.window, value.dim) for value in streams)
+        if batched and (key, shapes, *own) not in self._separate:
+            refuse_mixed_rows(function, shapes, [self.parameters.elements(name) for name in own])
+            self._separate.add((key, shapes, *own))
         try:
             made = self._by_wholes(function, key, streams, own, batched=batched)
         except NeedsElementsError:
@@ -234,6 +241,8 @@ class Functions:
         return out.reshape((*front, value.window, value.dim))
 
     def _put_together(self, function: ast.FunctionDef, found: Elements) -> Value:
+        if found.size == 0:
+            raise FunctionError(function.lineno, "it returns no elements")
         if found.ndim != 3 or found.shape[0] != 1:
             shape = " × ".join(map(str, found.shape)) or "a number"
             raise FunctionError(function.lineno, f"it returns {shape}, not 1 × samples × elements")

@@ -13,6 +13,7 @@ from msnn.importing import arrays
 from msnn.importing.arrays import RefusedError
 from msnn.importing.python_numbers import (
     BUILTINS,
+    COMPARED,
     called,
     compared,
     folded,
@@ -20,11 +21,13 @@ from msnn.importing.python_numbers import (
     is_number,
     kind_of,
     lengthened,
+    shares,
 )
 from msnn.importing.python_source import FunctionError, argument_names
-from msnn.importing.terms import Term, larger, minus, plus, power, quotient, times
+from msnn.importing.terms import Term, larger, minus, power, quotient, times
 from msnn.importing.torch_calls import (
     Tensor,
+    added,
     elementwise,
     is_tensor,
     method,
@@ -38,21 +41,13 @@ _MOST_STEPS = 400_000
 _LOWERED = {"true": True, "false": False, "null": None}
 """Words that nnodely writes in lower case when it saves source."""
 _OPERATORS: Mapping[type[ast.operator], Callable[[Term, Term], Term]] = {
-    ast.Add: plus,
+    ast.Add: added,
     ast.Sub: minus,
     ast.Mult: times,
     ast.Div: quotient,
     ast.Pow: power,
     ast.BitAnd: times,
     ast.BitOr: larger,
-}
-_COMPARED: Mapping[type[ast.cmpop], str] = {
-    ast.Gt: "gt",
-    ast.Lt: "lt",
-    ast.GtE: "ge",
-    ast.LtE: "le",
-    ast.Eq: "eq",
-    ast.NotEq: "ne",
 }
 
 
@@ -63,14 +58,17 @@ class _Module:
     path: str
 
 
-def follow(function: ast.FunctionDef, arguments: Sequence[Tensor]) -> Tensor:
-    """What the function returns. Raises FunctionError; NeedsElementsError of whole values."""
+def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1) -> Tensor:
+    """What the function returns; so many `rows` at once may take as many steps more.
+
+    Raises FunctionError; NeedsElementsError of whole values.
+    """
     names = argument_names(function)
     if len(names) != len(arguments):
         raise FunctionError(
             function.lineno, f"it takes {len(names)} arguments and gets {len(arguments)}"
         )
-    run = _Run(dict(zip(names, arguments, strict=True)))
+    run = _Run(dict(zip(names, arguments, strict=True)), rows)
     returned = run.block(function.body)
     if returned is None:
         raise FunctionError(function.lineno, "it returns nothing")
@@ -83,8 +81,9 @@ def follow(function: ast.FunctionDef, arguments: Sequence[Tensor]) -> Tensor:
 
 
 class _Run:
-    def __init__(self, names: dict[str, Any]) -> None:
-        self._names = names
+    def __init__(self, names: dict[str, Any], rows: int) -> None:
+        self._names, self._given = names, [*names.values()]
+        self._rows = rows
         self._line = 1
         self._steps = 0
 
@@ -104,6 +103,9 @@ class _Run:
                     self._assign(target, self._expression(value))
                 case ast.AugAssign(target=ast.Name() as target, op=op, value=value):
                     left = self._name(target)
+                    others = [held for name, held in self._names.items() if name != target.id]
+                    if shares(left, [*self._given, *others]):
+                        raise self._refused("an assignment in place to what others share")
                     self._names[target.id] = self._binary(op, left, self._expression(value))
                 case ast.If(test=test, body=body, orelse=orelse):
                     found = self.block(body if self._known(test) else orelse)
@@ -246,8 +248,8 @@ class _Run:
             return (left is right) == isinstance(op, ast.Is)
         if not (is_tensor(left) or is_tensor(right)):
             return compared(op, left, right)
-        if type(op) in _COMPARED:
-            return torch_function("torch", _COMPARED[type(op)], [left, right], {})
+        if type(op) in COMPARED:
+            return torch_function("torch", COMPARED[type(op)], [left, right], {})
         raise self._refused(f"the comparison `{kind_of(op)}`")
 
     def _known(self, test: ast.expr) -> bool:
@@ -291,7 +293,7 @@ class _Run:
 
     def _count(self, elements: int = 0) -> None:
         self._steps += 1 + elements
-        if self._steps > _MOST_STEPS:
+        if self._steps > _MOST_STEPS * self._rows:
             raise self._refused(f"it takes more than {_MOST_STEPS:,} steps")
 
     def _refused(self, reason: str) -> FunctionError:

@@ -39,13 +39,16 @@ class Written:
 
 def write_import(file: Path, out: Path | None) -> Written:
     """The spec and the weights of a saved model, as files."""
+    read = read_text(file)
+    if out is not None and out.is_dir():
+        raise SpecError([file_exists(str(out))])
     spec_file = file.with_name(f"{_stem(file)}.msnn.yaml") if out is None else out
     weights_file = spec_file.with_name(f"{_stem(spec_file)}.safetensors")
     for written in (spec_file, weights_file):
         if written.exists():
             raise SpecError([file_exists(str(written))])
     name = legal_name(_stem(spec_file))
-    model = import_text(read_text(file), str(file), name)
+    model = import_text(read, str(file), name)
     text, program = compiled(model, file.name, spec_file, weights_file.name)
     weights = initial_weights(program) | {
         name: np.asarray(model.weights[name], np.float64).reshape(value.shape)

@@ -52,3 +52,12 @@ def test_a_file_or_folder_that_is_not_there(msnn: CommandLine) -> None:
     said = msnn("import", "plant.json", "-o", "plant.json/spec.msnn.yaml")
     assert said.code != ExitCode.BUG
     assert [path.name for path in msnn.folder.iterdir()] == ["plant.json"]
+
+
+def test_a_folder_is_neither_a_model_nor_a_spec(msnn: CommandLine) -> None:
+    (msnn.folder / "plant.json").write_text(json.dumps(saved()), encoding="utf-8")
+    said = msnn("import", ".")
+    assert (said.code, "error[E1308]" in said.err) == (ExitCode.DIAGNOSTICS, True)
+    said = msnn("import", "plant.json", "-o", ".")
+    assert (said.code, "error[E1316]" in said.err) == (ExitCode.DIAGNOSTICS, True)
+    assert [path.name for path in msnn.folder.iterdir()] == ["plant.json"]

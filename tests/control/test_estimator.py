@@ -168,3 +168,22 @@ def test_wrong_names(tmp_path: Path) -> None:
         kalman.reset({"q": 1.0})
     with pytest.raises(ValueError, match="has no `estimator` section"):
         msnn.estimator(load(tmp_path, LINEAR.partition("estimator:")[0]))
+
+
+def test_an_input_that_a_measurement_reads_is_wanted(tmp_path: Path) -> None:
+    """It counted as 0, and the estimate was that of a plant at rest."""
+    text = """
+msnn: 1
+name: feedthrough
+sample_time: 0.1 s
+inputs: {u: {between: hold}, v: {between: hold}, y: {}}
+states: {x: {next: 0.9 * x + 0.1 * v, init: 0}}
+outputs: {o: {expr: x + 2 * u, predicts: y}}
+estimator: {ekf: {measured: {o: 0.1}, process: {x: 0.1}, initial: {x: 1}}}
+"""
+    kalman = msnn.estimator(load(tmp_path, text))
+    with pytest.raises(ValueError, match=r"inputs wanted for \['u'\], given for \[\]"):
+        kalman.correct({"y": 2.0})
+    with pytest.raises(ValueError, match=r"inputs wanted for \['u'\]"):
+        kalman.expected()
+    assert kalman.correct({"y": 2.0}, {"u": 1.0}).innovations["y"] == 0
