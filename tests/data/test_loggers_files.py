@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -105,6 +106,17 @@ def test_decimal_commas_need_their_key_and_then_are_numbers(tmp_path: Path) -> N
     np.testing.assert_allclose(output(read(tmp_path, text, csv={"decimal": ","})), PLAIN)
 
 
+def test_points_that_may_part_thousands_are_asked_for(tmp_path: Path) -> None:
+    text = "time;F;x\n0;1;0,1\n0,5;2.000;0,2\n1;4;0.3\n"
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, csv={"decimal": ","})
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0807"
+    assert "`2000` or `2,000`" in str(fault.help)
+    plain = text.replace("2.000", "2")
+    np.testing.assert_allclose(output(read(tmp_path, plain, csv={"decimal": ","})), PLAIN)
+
+
 def test_both_spellings_of_a_header_find_a_column(tmp_path: Path) -> None:
     text = GOOD["units in the header"]
     columns = {"F": "F [kN]", "x": "x"}
@@ -191,6 +203,21 @@ def test_a_workbook_is_read_by_its_first_sheet(tmp_path: Path) -> None:
     rows += [[t, f / 1000, 100 * x, "me"] for t, f, x in zip(times, FORCE, PLACE, strict=True)]
     name = _workbook(tmp_path, rows)
     np.testing.assert_allclose(output(simulated(tmp_path, name)), PLAIN, rtol=1e-15)
+
+
+def test_a_workbook_that_states_too_small_a_size_is_read_whole(tmp_path: Path) -> None:
+    """Exporters write sizes that are wrong; rows of fewer cells are as wide as the others."""
+    rows = [["time", "F", "x", "note"], [0, 1, 0.1], [0.5, 2, 0.2], [1, 4, 0.3]]
+    whole = tmp_path / _workbook(tmp_path, rows)
+    with zipfile.ZipFile(whole) as book:
+        texts = {name: book.read(name) for name in book.namelist()}
+    sheet = texts["xl/worksheets/sheet1.xml"]
+    texts["xl/worksheets/sheet1.xml"] = sheet.replace(b'ref="A1:D4"', b'ref="A1:C3"', 1)
+    assert texts["xl/worksheets/sheet1.xml"] != sheet
+    with zipfile.ZipFile(tmp_path / "small.xlsx", "w") as book:
+        for name, text in texts.items():
+            book.writestr(name, text)
+    np.testing.assert_array_equal(output(simulated(tmp_path, "small.xlsx")), PLAIN)
 
 
 def test_a_fault_in_a_workbook_names_its_row(tmp_path: Path) -> None:

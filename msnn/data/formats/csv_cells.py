@@ -25,6 +25,8 @@ CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
 """A constructor of `errors`: (file, row, column, text, more of the kind, place)."""
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
+"""`1.500`, which is fifteen hundred where commas are decimal, and 1.5 where they are not."""
 _LONGEST_SHOWN = 40
 
 
@@ -137,9 +139,12 @@ def _comma_fault(delimiter: str) -> CellFault:
 
 
 def _number(cell: str, dialect: Dialect, may_miss: bool) -> tuple[float, CellFault | None]:
-    text = cell if dialect.decimal == "." else cell.replace(dialect.decimal, ".")
+    has_commas = dialect.decimal != "."
+    text = cell.replace(dialect.decimal, ".") if has_commas else cell
     if text.lower() in MISSING:
         return math.nan, None if may_miss else cell_errors.missing_value
+    if has_commas and _THOUSANDS.fullmatch(cell):
+        return math.nan, cell_errors.not_a_number
     if not is_number(text):
         comma = _DECIMAL_COMMA.fullmatch(text) is not None
         return math.nan, _comma_fault(dialect.delimiter) if comma else cell_errors.not_a_number
