@@ -186,6 +186,21 @@ def test_dated_files_that_follow_each_other_are_joined(tmp_path: Path) -> None:
     assert [each.steps for each in apart] == [2, 2]
 
 
+@pytest.mark.parametrize("begins", ["2026-11-22 17:00:01Z,4,0.3", "0.5,4,0.3"])
+def test_times_that_do_not_compare_join_no_files(tmp_path: Path, begins: str) -> None:
+    head = "time,F,x\n"
+    (tmp_path / "a.csv").write_text(f"{head}2026-11-22 17:00,1,0.1\n2026-11-22 17:00:00.5,2,0.2\n")
+    (tmp_path / "b.csv").write_text(f"{head}{begins}\n")
+    assert [each.steps for each in simulated(tmp_path, "[a.csv, b.csv]", join=True)] == [2, 1]
+
+
+@pytest.mark.parametrize("moment", ["9999-11-22 17:00:00Z", "0001-01-01", "2026-11-22 17:00+25:00"])
+def test_moments_that_are_none_or_out_of_reach_are_said(tmp_path: Path, moment: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, f"time,F,x\n{moment},1,0.1\n{moment},2,0.2\n")
+    assert {found.code for found in caught.value.diagnostics} == {"E0807"}
+
+
 def _workbook(folder: Path, rows: Sequence[Sequence[object]]) -> str:
     book = openpyxl.Workbook()
     sheet: Any = book.active

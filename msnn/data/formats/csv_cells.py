@@ -12,7 +12,7 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.csv_header import Dialect, Header, Lines, is_number, split_cells
-from msnn.data.formats.moments import read_moment
+from msnn.data.formats.moments import Moment, read_moment
 from msnn.data.formats.table import ColumnKey, WantedColumns
 from msnn.data.formats.written_units import MISSING
 from msnn.errors import data_cells as cell_errors
@@ -35,7 +35,7 @@ class CheckedColumns:
     """Columns of a table, and the first moment of those that have dates."""
 
     columns: Sequence[FloatArray]
-    begins: Mapping[ColumnKey, int]
+    begins: Mapping[ColumnKey, Moment]
 
 
 def checked_columns(
@@ -68,7 +68,7 @@ def checked_columns(
         raise SpecError((errors.empty_file(header.file, header=header.lines > 0),))
     faults.raise_found()
     begins = {
-        key: reader.nanoseconds[0]
+        key: Moment(reader.nanoseconds[0], reader.has_zone)
         for key, reader in zip(places, readers, strict=True)
         if isinstance(reader, _Times) and reader.nanoseconds
     }
