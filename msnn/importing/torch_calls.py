@@ -137,7 +137,9 @@ def _as_number(value: Term) -> Term:
 
 
 def _is_whole(value: Any) -> bool:
-    known = value.head.value if isinstance(value, Term) and isinstance(value.head, Number) else value
+    known = (
+        value.head.value if isinstance(value, Term) and isinstance(value.head, Number) else value
+    )
     return isinstance(known, int | float) and float(known).is_integer()
 
 
@@ -149,7 +151,7 @@ def _refuse_other_types(name: str, kinds: Sequence[Any]) -> None:
 
 
 def _converted(name: str, value: Any, kinds: Sequence[Any]) -> Any:
-    """A tensor of floating point, or the same; whole numbers would drop what is behind the point."""
+    """A tensor of floating point, or the same; whole numbers would drop what follows the point."""
     _refuse_other_types(name, kinds)
     if name in {"float", "double"} or any(hasattr(kind, "path") for kind in kinds):
         terms = [value.term] if isinstance(value, Whole) else value.ravel()
