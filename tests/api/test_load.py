@@ -38,7 +38,7 @@ def test_a_mapping_may_hold_numbers_of_numpy() -> None:
     assert msnn.load(spec).program.parameter("k").initial == (0.0, 1.0, 2.0)
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), object()], ids=repr)
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), object()], ids=["nan", "inf", "object"])
 def test_values_that_no_spec_can_hold_are_named(value: object) -> None:
     spec = {**yaml.safe_load(TEXT), "parameters": {"k": {"init": value}}}
     with pytest.raises(TypeError, match="a spec has no word for"):
