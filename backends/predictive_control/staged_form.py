@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backends.c_language.places import c_strides
 from backends.predictive_control.form import Addresses, Form, PlanLayout
@@ -13,7 +12,7 @@ from backends.predictive_control.placed_matrix import PlacedMatrix
 from backends.predictive_control.rows import Rows
 from backends.predictive_control.series import Place
 from backends.predictive_control.stage_functions import StageArrays
-from backends.predictive_control.stages import Stages, numbers_of, stages_of_problem
+from backends.predictive_control.stages import Stages, stages_of_problem
 from compiler.hessian.step_derivatives import StepDerivatives, next_value
 from compiler.ir.types import Type
 from compiler.optimal_control.problem import ControlProblem
@@ -61,21 +60,21 @@ def _arrays(
 ) -> StageArrays:
     width = problem.states.size + problem.controls.size
     of_results = [results[m.name] + i for m in found.results.members for i in range(m.size)]
-    numbers = numbers_of(problem, found.variables)
+    numbers = np.arange(found.variables.size)
     firsts = [(member, member.first) for member in problem.states.members]
     firsts += [(m, problem.states.size + m.first) for m in problem.controls.members]
     assert found.hessian is not None
 
-    def placed(array: str, rows: Sequence[int] | NDArray[np.int64]) -> PlacedMatrix:
+    def placed(array: str, rows: list[int]) -> PlacedMatrix:
         matrix = found.jacobian if array == "slopes" else found.hessian
         assert matrix is not None
-        first, last = (min(rows) * width, (max(rows) + 1) * width) if len(rows) else (0, 0)
-        return PlacedMatrix(array, matrix, np.asarray(rows, int) * width, numbers, first, last)
+        first, last = (min(rows) * width, (max(rows) + 1) * width) if rows else (0, 0)
+        return PlacedMatrix(array, matrix, np.array(rows, int) * width, numbers, first, last)
 
     return StageArrays(
         variables={m.name: Place("z", first, c_strides(Type(m.axes).shape)) for m, first in firsts},
         results=results,
         given=stages.given,
         slopes=placed("slopes", of_results),
-        curvature=placed("curvature", numbers),
+        curvature=placed("curvature", list(range(found.variables.size))),
     )

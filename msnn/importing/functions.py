@@ -63,8 +63,6 @@ class Functions:
         default_factory=dict[tuple[Any, ...], "str | None"]
     )
 
-    _separate: set[tuple[Any, ...]] = field(default_factory=set[tuple[Any, ...]])
-    """Functions whose rows do not mix, by the shapes of their arguments."""
     _shapes: dict[tuple[Any, ...], tuple[int, ...]] = field(
         default_factory=dict[tuple[Any, ...], "tuple[int, ...]"]
     )
@@ -152,8 +150,6 @@ class Functions:
         *,
         batched: bool,
     ) -> Value:
-        if batched:
-            self._refuse_mixed_rows(function, streams, own)
         try:
             made = self._by_wholes(function, key, streams, own, batched=batched)
         except NeedsElementsError:
@@ -166,38 +162,6 @@ class Functions:
         found = follow(function, given)
         assert not isinstance(found, Whole)
         return self._put_together(function, found if batched else found[None])
-
-    def _refuse_mixed_rows(
-        self, function: ast.FunctionDef, streams: Sequence[Value], own: Sequence[str]
-    ) -> None:
-        """Ends a function whose value of one row depends on how many, or on others.
-
-        Rows are what nnodely evaluates at once, as many as it likes: one alone and the first of two
-        are the same.
-        """
-        shapes = tuple((value.window, value.dim) for value in streams)
-        known = (id(function), shapes, *own)
-        if known in self._separate:
-            return
-        self._separate.add(known)
-        alone, among = (
-            follow(
-                function,
-                [_symbols(rows, i, shape) for i, shape in enumerate(shapes)]
-                + [self.parameters.elements(name) for name in own],
-                rows,
-            )
-            for rows in (1, 2)
-        )
-        assert isinstance(alone, np.ndarray)
-        assert isinstance(among, np.ndarray)
-        fits = alone.ndim > 0 and among.shape == (2 * alone.shape[0], *alone.shape[1:])
-        if fits and alone.shape[0] == 1:
-            texts = [[text_of_whole(term) for term in row[0].ravel()] for row in (alone, among)]
-            fits = texts[0] == texts[1]
-        if not fits and alone.ndim == 3 and alone.shape[0] == 1:
-            reason = "its value depends on the other samples that are evaluated with one"
-            raise FunctionError(function.lineno, reason)
 
     def _by_wholes(
         self,
@@ -270,8 +234,6 @@ class Functions:
         return out.reshape((*front, value.window, value.dim))
 
     def _put_together(self, function: ast.FunctionDef, found: Elements) -> Value:
-        if found.size == 0:
-            raise FunctionError(function.lineno, "it returns no elements")
         if found.ndim != 3 or found.shape[0] != 1:
             shape = " × ".join(map(str, found.shape)) or "a number"
             raise FunctionError(function.lineno, f"it returns {shape}, not 1 × samples × elements")
@@ -298,14 +260,6 @@ class Functions:
         text = pieces[line - 1]
         indent = len(text) - len(text.lstrip())
         return self.text.source.span(begin + indent, begin + max(len(text), indent + 1))
-
-
-def _symbols(rows: int, argument: int, shape: tuple[int, int]) -> Elements:
-    """An argument of a function, each of its elements by a name of its own."""
-    out = np.empty((rows, *shape), dtype=object)
-    for index in np.ndindex(*out.shape):
-        out[index] = Term(Named(f"x{argument}_{'_'.join(map(str, index))}"))
-    return out
 
 
 def _size(term: Term) -> int:

@@ -20,13 +20,11 @@ from msnn.importing.python_numbers import (
     is_number,
     kind_of,
     lengthened,
-    shares,
 )
 from msnn.importing.python_source import FunctionError, argument_names
-from msnn.importing.terms import Term, larger, minus, power, quotient, times
+from msnn.importing.terms import Term, larger, minus, plus, power, quotient, times
 from msnn.importing.torch_calls import (
     Tensor,
-    added,
     elementwise,
     is_tensor,
     method,
@@ -40,7 +38,7 @@ _MOST_STEPS = 400_000
 _LOWERED = {"true": True, "false": False, "null": None}
 """Words that nnodely writes in lower case when it saves source."""
 _OPERATORS: Mapping[type[ast.operator], Callable[[Term, Term], Term]] = {
-    ast.Add: added,
+    ast.Add: plus,
     ast.Sub: minus,
     ast.Mult: times,
     ast.Div: quotient,
@@ -65,17 +63,14 @@ class _Module:
     path: str
 
 
-def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1) -> Tensor:
-    """What the function returns. Raises FunctionError; NeedsElementsError of whole values.
-
-    So many `rows` at once may take as many steps more.
-    """
+def follow(function: ast.FunctionDef, arguments: Sequence[Tensor]) -> Tensor:
+    """What the function returns. Raises FunctionError; NeedsElementsError of whole values."""
     names = argument_names(function)
     if len(names) != len(arguments):
         raise FunctionError(
             function.lineno, f"it takes {len(names)} arguments and gets {len(arguments)}"
         )
-    run = _Run(dict(zip(names, arguments, strict=True)), _MOST_STEPS * rows)
+    run = _Run(dict(zip(names, arguments, strict=True)))
     returned = run.block(function.body)
     if returned is None:
         raise FunctionError(function.lineno, "it returns nothing")
@@ -88,10 +83,8 @@ def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1
 
 
 class _Run:
-    def __init__(self, names: dict[str, Any], most_steps: int) -> None:
+    def __init__(self, names: dict[str, Any]) -> None:
         self._names = names
-        self._most_steps = most_steps
-        self._given = [*names.values()]
         self._line = 1
         self._steps = 0
 
@@ -111,8 +104,6 @@ class _Run:
                     self._assign(target, self._expression(value))
                 case ast.AugAssign(target=ast.Name() as target, op=op, value=value):
                     left = self._name(target)
-                    if self._is_shared(left, target.id):
-                        raise self._refused("an assignment in place to what others share")
                     self._names[target.id] = self._binary(op, left, self._expression(value))
                 case ast.If(test=test, body=body, orelse=orelse):
                     found = self.block(body if self._known(test) else orelse)
@@ -281,11 +272,6 @@ class _Run:
             case _:
                 raise self._refused("an assignment that names do not fit")
 
-    def _is_shared(self, value: Any, own: str) -> bool:
-        """Whether a change in place is seen through an argument or another name too."""
-        others = [held for name, held in self._names.items() if name != own]
-        return any(shares(value, held) for held in [*self._given, *others])
-
     def _index(self, node: ast.expr) -> Any:
         match node:
             case ast.Tuple(elts=items):
@@ -305,7 +291,7 @@ class _Run:
 
     def _count(self, elements: int = 0) -> None:
         self._steps += 1 + elements
-        if self._steps > self._most_steps:
+        if self._steps > _MOST_STEPS:
             raise self._refused(f"it takes more than {_MOST_STEPS:,} steps")
 
     def _refused(self, reason: str) -> FunctionError:

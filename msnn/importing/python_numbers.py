@@ -6,10 +6,9 @@ import ast
 from collections.abc import Sequence
 from typing import Any, cast
 
-import numpy as np
-
 from msnn.importing.arrays import RefusedError
-from msnn.importing.torch_calls import added, elementwise, is_tensor, method, shape_of
+from msnn.importing.terms import plus
+from msnn.importing.torch_calls import elementwise, is_tensor, method, shape_of
 
 LARGEST = 10**15
 """Whole numbers; beyond them, products of products would fill the memory."""
@@ -78,15 +77,6 @@ def compared(op: ast.cmpop, left: Any, right: Any) -> bool:
             raise RefusedError(f"the comparison `{kind_of(op)}`")
 
 
-def shares(value: Any, held: Any) -> bool:
-    """Whether a change of a tensor or list in place changes what is held too."""
-    if isinstance(held, list):
-        return held is value or any(shares(value, one) for one in cast("list[Any]", held))
-    if isinstance(value, np.ndarray) and isinstance(held, np.ndarray):
-        return np.may_share_memory(cast("Any", value), cast("Any", held))
-    return is_tensor(value) and value is held
-
-
 def called(name: str, arguments: Sequence[Any]) -> Any:
     """A builtin function of Python."""
     first = arguments[0] if arguments else None
@@ -109,7 +99,7 @@ def called(name: str, arguments: Sequence[Any]) -> Any:
             total = (
                 folded(ast.Add(), total, item)
                 if is_number(total) and is_number(item)
-                else (elementwise(added, total, item))
+                else (elementwise(plus, total, item))
             )
         return total
     if all_numbers and name in {"float", "int", "abs", "min", "max"}:

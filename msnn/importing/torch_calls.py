@@ -12,19 +12,7 @@ import numpy as np
 
 from msnn.importing import arrays
 from msnn.importing.arrays import Elements, RefusedError
-from msnn.importing.terms import (
-    Call,
-    Infix,
-    Number,
-    Term,
-    call,
-    infix,
-    larger,
-    number,
-    plus,
-    same,
-    smaller,
-)
+from msnn.importing.terms import Call, Term, call, infix, larger, number, smaller
 from msnn.importing.torch_moves import MAKERS, MOVES
 from msnn.importing.torch_names import ARGUMENTS, SCALAR
 
@@ -43,6 +31,7 @@ class Whole:
 
 Tensor: TypeAlias = "Whole | Elements"
 _SAME = {
+    "clone",
     "detach",
     "contiguous",
     "float",
@@ -52,8 +41,6 @@ _SAME = {
     "requires_grad_",
     "type_as",
 }
-_FLOATS = frozenset({"torch.float", "torch.float32", "torch.float64", "torch.double"})
-_DEEPEST_TRUTH = 8
 _MATH = {
     "sqrt",
     "exp",
@@ -108,55 +95,8 @@ def _is_flag(value: Term) -> bool:
     return [getattr(arg.head, "value", None) for arg in value.args[1:]] == [1.0, 0.0]
 
 
-def _is_truth(value: Term, depth: int = _DEEPEST_TRUTH) -> bool:
-    """Whether torch holds it as true and false: a comparison, or what such are joined to."""
-    match value.head:
-        case _ if depth == 0:
-            return False
-        case Call("where") if len(value.args) == 3:
-            return all(isinstance(getattr(arg.head, "value", None), bool) for arg in value.args[1:])
-        case Infix("*") | Call("max" | "min"):
-            return all(_is_truth(arg, depth - 1) for arg in value.args)
-        case Infix("-"):
-            return isinstance(value.args[0].head, Number) and _is_truth(value.args[1], depth - 1)
-        case _:
-            return False
-
-
 def _flag(name: str, left: Term, right: Term) -> Term:
-    return call("where", SCALAR[name](left, right), number(True), number(False))
-
-
-def added(left: Term, right: Term) -> Term:
-    """A sum; of what is true or false, whether one is true."""
-    return larger(left, right) if _is_truth(left) and _is_truth(right) else plus(left, right)
-
-
-def _as_number(value: Term) -> Term:
-    return call("where", condition(value), number(1), number(0)) if _is_truth(value) else value
-
-
-def _is_whole(value: Any) -> bool:
-    known = (
-        value.head.value if isinstance(value, Term) and isinstance(value.head, Number) else value
-    )
-    return isinstance(known, int | float) and float(known).is_integer()
-
-
-def _refuse_other_types(name: str, kinds: Sequence[Any]) -> None:
-    for kind in kinds:
-        path = getattr(kind, "path", None)
-        if path is not None and path not in _FLOATS:
-            raise RefusedError(f"`{name}` to `{path}`")
-
-
-def _converted(name: str, value: Any, kinds: Sequence[Any]) -> Any:
-    """A tensor of floating point, or the same; whole numbers would drop what follows the point."""
-    _refuse_other_types(name, kinds)
-    if name in {"float", "double"} or any(hasattr(kind, "path") for kind in kinds):
-        terms = [value.term] if isinstance(value, Whole) else value.ravel()
-        return elementwise(_as_number, value) if any(map(_is_truth, terms)) else value
-    return value
+    return call("where", SCALAR[name](left, right), number(1), number(0))
 
 
 def _where(chosen: Term, then: Term, otherwise: Term) -> Term:
@@ -178,10 +118,7 @@ def torch_function(
     if made is not None:
         if name in {"tensor", "as_tensor"} and _has_whole(list(arguments)):
             raise NeedsElementsError
-        out = made(*arguments, **_plain(keywords))
-        if not all(_is_whole(one) for one in out.ravel()):
-            _refuse_other_types(name, [keywords[key] for key in keywords if key == "dtype"])
-        return out
+        return made(*arguments, **_plain(keywords))
     if not arguments:
         raise RefusedError(f"the call of `{owner}.{name}`")
     return method(name, list(arguments), keywords)
@@ -189,11 +126,8 @@ def torch_function(
 
 def method(name: str, arguments: list[Any], keywords: Mapping[str, Any]) -> Any:
     """A method of a tensor; `torch.name(x)` is the same."""
-    if name == "clone":
-        return elementwise(same, arguments[0])
     if name in _SAME:
-        return _converted(name, arguments[0], [*arguments[1:], *keywords.values()])
-    _refuse_other_types(name, [keywords[key] for key in keywords if key == "dtype"])
+        return arguments[0]
     words = {key: value for key, value in _plain(keywords).items() if key != "dtype"}
     if name in {"gt", "lt", "ge", "le"} and len(arguments) == 2:
         return elementwise(partial(_flag, name), *arguments)
@@ -201,8 +135,6 @@ def method(name: str, arguments: list[Any], keywords: Mapping[str, Any]) -> Any:
         return _equal(name == "eq", *arguments)
     if name == "pow" and "exponent" in words:
         arguments.append(words.pop("exponent"))
-    if name == "add" and len(arguments) == 2 and not words:
-        return elementwise(added, *arguments)
     scalar = SCALAR.get(name)
     if scalar is not None and len(arguments) == ARGUMENTS.get(name, 1) and not words:
         return elementwise(scalar, *arguments)
@@ -251,10 +183,10 @@ def _has_whole(value: Any) -> bool:
     return isinstance(value, Whole)
 
 
-def _equal(is_same: bool, left: Any, right: Any) -> Tensor:
+def _equal(same: bool, left: Any, right: Any) -> Tensor:
     def make(a: Term, b: Term) -> Term:
         near = infix("<=", call("abs", infix("-", a, b)), number(0))
-        return call("where", near, number(is_same), number(not is_same))
+        return call("where", near, number(float(same)), number(float(not same)))
 
     return elementwise(make, left, right)
 

@@ -92,31 +92,3 @@ def test_the_spec_may_say_which(solver: str, tmp_path: Path) -> None:
         costs.append(found.cost)
     # a residual of 1e-6 leaves some 1e-6 of the cost
     assert costs[0] == pytest.approx(costs[1], abs=1e-6)
-
-
-TWO_CONTROLS = """
-msnn: 1
-name: two
-sample_time: 0.1 s
-inputs: {a: {between: hold}, b: {between: hold}}
-states: {x: {next: 1.1 * x + 0.3 * a + 0.2 * b + 0.05 * x * a, init: x.meas}}
-outputs: {y: x}
-mpc:
-  horizon: 9
-  controls: [b, a]
-  cost: (x - 1)**2 + 0.1 * a**2 + 0.02 * b**2
-  bounds: {a: {min: -1, max: 1}, b: {min: -2, max: 2}}
-"""
-
-
-@pytest.mark.parametrize("solver", ["c", "python"])
-@pytest.mark.parametrize("structure", ["staged", "condensed"])
-def test_controls_may_stand_in_another_order_than_inputs(
-    structure: str, solver: str, tmp_path: Path
-) -> None:
-    """Derivatives have the order of the program, the plan that of `controls`."""
-    section = f"  solver: {{interior_point: {{structure: {structure}}}}}\n"
-    own = controller(tmp_path, TWO_CONTROLS + section, solver)  # pyright: ignore[reportArgumentType]
-    found = own.solve({"x": 0.7})
-    assert found.status == 0
-    assert own.residuals(found).largest <= 1.001e-6

@@ -24,7 +24,7 @@ def _formula(body: str) -> str:
         ("    return x - (x - 1)\n", "x - (x - 1)"),
         ("    return x / (x * 2)\n", "x / (x * 2)"),
         ("    return 2 ** x\n", "pow(2, x)"),
-        ("    y = x * 2\n    y += 1\n    y *= x\n    return y\n", "(x * 2 + 1) * x"),
+        ("    y = x\n    y += 1\n    y *= x\n    return y\n", "(x + 1) * x"),
         ("    'Says what it is.'\n    return x.abs() + 1\n", "abs(x) + 1"),
         ("    return torch.where(x > 0, x, -x)\n", "where(x > 0, x, -x)"),
         ("    return x * (x > 0)\n", "x * where(x > 0, 1, 0)"),
