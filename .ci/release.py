@@ -10,7 +10,6 @@ import argparse
 import hashlib
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tarfile
@@ -81,8 +80,7 @@ def check_tag(version: str) -> None:
 
 def build(out: Path, version: str) -> list[Path]:
     """The sdist of the checkout, and the wheel of what stands in the sdist."""
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir(parents=True)
+    clear(out)
     when = git("log", "-1", "--format=%ct")
     environment = {**os.environ, "SOURCE_DATE_EPOCH": when}
     call = [sys.executable, "-m", "hatchling", "build", "--directory", str(out.resolve())]
@@ -98,6 +96,24 @@ def build(out: Path, version: str) -> list[Path]:
     return [sdist, *out.glob("*.whl")]
 
 
+def clear(out: Path) -> None:
+    """An empty folder; what a release has not made there is nobody's to take away."""
+    out.mkdir(parents=True, exist_ok=True)
+    strangers = sorted(path.name for path in out.iterdir() if not is_ours(path))
+    if strangers:
+        raise ReleaseError(f"{out} has {strangers[0]}, which no release made: take another folder")
+    for path in out.iterdir():
+        path.unlink()
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a release writes a file of this name."""
+    made = path.name in (HASHES, NOTES, ".gitignore") or re.fullmatch(
+        r"msnn-[^-]+(\.tar\.gz|-py3-none-any\.whl)", path.name
+    )
+    return bool(made) and path.is_file()
+
+
 def check_contents(files: list[Path], version: str) -> None:
     """The wheel must say this version, carry the licence and the types, and claim one name."""
     sdist, wheel = files
@@ -107,7 +123,10 @@ def check_contents(files: list[Path], version: str) -> None:
         metadata = archive.read(f"{about}/METADATA").decode()
     if f"\nVersion: {version}\n" not in metadata:
         raise ReleaseError(f"{wheel.name} says another version than {version}")
-    for wanted in (f"{about}/licenses/LICENSE", "msnn/py.typed", "msnn/spec_schema/version.py"):
+    with tarfile.open(sdist) as archive:
+        inside = [path.partition("/")[2] for path in archive.getnames() if path.endswith(".py")]
+    code = [path if path.startswith("msnn/") else f"msnn/{path}" for path in inside if "/" in path]
+    for wanted in (f"{about}/licenses/LICENSE", "msnn/py.typed", *code):
         if wanted not in names:
             raise ReleaseError(f"{wheel.name} lacks {wanted}")
     strangers = {name.partition("/")[0] for name in names} - {"msnn", about}

@@ -2,6 +2,8 @@
 
 import importlib.util
 import subprocess
+import tarfile
+import zipfile
 from pathlib import Path
 from types import ModuleType
 
@@ -62,3 +64,36 @@ def test_a_commit_without_its_tag_is_refused(release: ModuleType, monkeypatch: p
     said["status"] = " M README.md"
     with pytest.raises(release.ReleaseError, match="changes that no commit has"):
         release.check_tag("0.9.0")
+
+
+def test_a_folder_of_somebody_is_not_emptied(release: ModuleType, tmp_path: Path):
+    kept = tmp_path / "thesis.tex"
+    kept.write_text("mine")
+    (tmp_path / "msnn-0.9.0.tar.gz").write_text("old")
+    with pytest.raises(release.ReleaseError, match=r"thesis\.tex, which no release made"):
+        release.clear(tmp_path)
+    assert len(list(tmp_path.iterdir())) == 2
+    kept.unlink()
+    release.clear(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_wheel_without_one_of_the_packages_is_refused(release: ModuleType, tmp_path: Path):
+    sdist, wheel = tmp_path / "msnn-1.0.0.tar.gz", tmp_path / "msnn-1.0.0-py3-none-any.whl"
+    about = "msnn-1.0.0.dist-info"
+    files = ["msnn/__init__.py", "spec_schema/version.py", "compiler/ir/ops.py", "hatch_build.py"]
+    with tarfile.open(sdist, "w:gz") as archive:
+        for name in (*files, "CHANGELOG.md"):
+            archive.addfile(tarfile.TarInfo(f"msnn-1.0.0/{name}"))
+
+    def make(*names: str) -> None:
+        with zipfile.ZipFile(wheel, "w") as archive:
+            archive.writestr(f"{about}/METADATA", "Name: msnn\nVersion: 1.0.0\n")
+            for name in (f"{about}/licenses/LICENSE", "msnn/py.typed", *names):
+                archive.writestr(name, "")
+
+    make("msnn/__init__.py", "msnn/spec_schema/version.py", "msnn/compiler/ir/ops.py")
+    release.check_contents([sdist, wheel], "1.0.0")
+    make("msnn/__init__.py", "msnn/spec_schema/version.py")
+    with pytest.raises(release.ReleaseError, match=r"lacks msnn/compiler/ir/ops\.py"):
+        release.check_contents([sdist, wheel], "1.0.0")

@@ -17,6 +17,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 if TYPE_CHECKING:
     from msnn.data.dataset import Dataset, FloatArray
     from msnn.model.model import Model
+    from msnn.reports.run_summary import Run
     from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.simulate import Simulation
     from msnn.training.records.run_log import RunLine
@@ -49,7 +50,8 @@ def report(
         written = msnn.report("runs/plant/latest", "plant.html")
         print(written.path, written.warnings)
 
-    The data are those of the spec, below `data_root`; without them the page has no records.
+    The data are those of the spec, below `data_root`; without them the page has no records, and
+    it says where they are no longer those that the run was trained on.
     `engine` simulates as in `validate`. `verification` is a file that `msnn verify --format json`
     has written. Without the extra `zig` the model does not run in the page. Raises SpecError for
     what is no run, and for one that has no weights.
@@ -73,6 +75,8 @@ def report(
     data, simulations, validation = _measured(
         model, chosen.weights, data_root, engine, progress, warnings
     )
+    if data is not None and _are_others(data, found):
+        warnings.append(errors.other_data())
     live = live_model(model, chosen.weights, data)
     if isinstance(live, NotLive):
         warnings.append(errors.no_part("running model", live.reason))
@@ -95,6 +99,14 @@ def report(
     )
     path = found.folder / PAGE if file is None else Path(file)
     return WrittenReport(write_text(path, text), tuple(warnings), not isinstance(live, NotLive))
+
+
+def _are_others(data: Dataset, run: Run) -> bool:
+    """Whether the run was trained on other numbers than these; False where it does not say."""
+    from msnn.training.records.run_record import data_hash
+
+    trained_on = run.description["data"].get("sha256")
+    return trained_on is not None and trained_on != data_hash(data)
 
 
 def _undrawn(model: Model) -> list[str]:

@@ -16,6 +16,11 @@ class MissingExtraError(Exception):
     def __init__(self, what: str, install: str) -> None:
         self.diagnostic: Diagnostic = missing_extra(what, install)
         super().__init__(self.diagnostic.message)
+        self._made_of = (what, install)
+
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
+        """How it crosses to another process: a pool waits for ever on one that cannot."""
+        return MissingExtraError, self._made_of
 
     def _render_traceback_(self) -> list[str]:
         """What a notebook shows in place of a traceback: the line that installs it too."""

@@ -33,7 +33,9 @@ _POINTS = 241
 _LEVELS = 5
 _STEPS = 300
 """Of each record, from which the range of what a function is called with is taken."""
-_MOST = 16
+MOST_FUNCTIONS = 16
+"""That a picture or a page has room for."""
+_MOST_CURVES = 8
 _WORKFLOW = ("data", "train", "validate", "export", "mpc", "estimator", "losses")
 _DYNAMICS = ("inputs", "targets", "states", "outputs", "integrator", "doc")
 _DRAWN_LAYERS = ("fuzzify", "interpolation", "mlp", "equation_learner")
@@ -60,6 +62,14 @@ class LearnedFunction:
     curves: tuple[Curve, ...]
     is_taps: bool = False
     """Whether x are samples of a filter: stems, no lines between them."""
+    left_out: int = 0
+    """Curves that it has no room for."""
+
+    def titled(self, drawn: int) -> str:
+        """Its title, and how many curves are missing where so many are drawn."""
+        missing = self.left_out + len(self.curves) - min(drawn, len(self.curves))
+        curves = "curve" if missing == 1 else "curves"
+        return f"{self.title} ({missing} {curves} not drawn)" if missing else self.title
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +100,7 @@ def learned_functions(
     if data is not None and not model.read.used:
         candidates = [*_layers(model.spec), *_equations(model.spec, model.program)]
         found += _curves(model, weights, data, candidates)
-    return tuple(found[:_MOST])
+    return tuple(found)
 
 
 def _taps(program: Program, weights: Weights) -> Iterator[LearnedFunction]:
@@ -113,6 +123,7 @@ def _taps(program: Program, weights: Weights) -> Iterator[LearnedFunction]:
                 for name, row in list(zip(names, rows, strict=True))[:MOST_ELEMENTS]
             ),
             is_taps=True,
+            left_out=max(len(names) - MOST_ELEMENTS, 0),
         )
 
 
@@ -243,7 +254,7 @@ def _evaluated(
             log[candidate.renamed[1]] = np.full(_POINTS, level)
         values = interpreter.step(log, np.arange(_POINTS), {}, losses=False).outputs["drawn"]
         y = np.broadcast_to(values, (_POINTS, *values.shape[1:])).reshape(_POINTS, -1)
-        for number in range(min(y.shape[1], 8)):
+        for number in range(y.shape[1]):
             element = element_name("", (number,)) if type.axes else ""
             at = "" if level is None else f"{candidate.arguments[1]} = {level:.4g}"
             label = " ".join(filter(None, (element, at, arguments[-1].unit if at else "")))
@@ -254,7 +265,8 @@ def _evaluated(
         x=x,
         x_label=_with_unit(candidate.arguments[0], first.unit),
         y_label=_with_unit(name, unit_of(type.unit)),
-        curves=tuple(curves[:8]),
+        curves=tuple(curves[:_MOST_CURVES]),
+        left_out=max(len(curves) - _MOST_CURVES, 0),
     )
 
 

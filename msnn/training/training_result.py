@@ -45,10 +45,23 @@ class TrainingDivergedError(Exception):
         self.result = result
         self.sources = sources
 
+    def __reduce__(self) -> tuple[object, tuple[object, ...]]:
+        """How it crosses to another process: a pool waits for ever on one that cannot."""
+        return _diverged, (self.diagnostic, self.result, self.is_latest, self.sources)
+
     def _render_traceback_(self) -> list[str]:
         """What a notebook shows in place of a traceback."""
         kept = "the best weights so far are in the exception's `.result`"
         return [*shown_whole([self.diagnostic], self.sources), kept]
+
+
+def _diverged(
+    diagnostic: Diagnostic,
+    result: TrainingResult,
+    is_latest: bool,
+    sources: tuple[SourceText, ...],
+) -> TrainingDivergedError:
+    return TrainingDivergedError(diagnostic, result, is_latest=is_latest, sources=sources)
 
 
 class TrainingInterruptedError(Exception):
@@ -57,6 +70,10 @@ class TrainingInterruptedError(Exception):
     def __init__(self, result: TrainingResult) -> None:
         super().__init__("training was interrupted; it can be resumed")
         self.result = result
+
+    def __reduce__(self) -> tuple[type[TrainingInterruptedError], tuple[TrainingResult]]:
+        """How it crosses to another process: a pool waits for ever on one that cannot."""
+        return TrainingInterruptedError, (self.result,)
 
     def _render_traceback_(self) -> list[str]:
         """What a notebook shows in place of a traceback."""

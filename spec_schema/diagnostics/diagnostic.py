@@ -140,6 +140,10 @@ class SpecError(Exception):
         self.sources = tuple(sources)
         super().__init__("; ".join(describe(diagnostic) for diagnostic in self.diagnostics))
 
+    def __reduce__(self) -> tuple[type[Exception], tuple[object, ...]]:
+        """How it crosses to another process: a pool waits for ever on one that cannot."""
+        return SpecError, (self.diagnostics, self.sources)
+
     def _render_traceback_(self) -> list[str]:
         """What a notebook shows in place of a traceback: the command line's message, whole."""
         return shown_whole(self.diagnostics, self.sources)

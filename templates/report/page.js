@@ -39,13 +39,13 @@ function record_spec(record) {
       const shift = output.measured.signal ? found.at - output.measured.ahead : 0;
       measured = found.values;
       series.push({name: 'measured', label: `${output.name} measured`, color: 'measured', thick: true, y: measured, x: spread(record, measured, shift, found.every)});
-      if (every === 1 && found.every === 1) {
+      if (output.error) {
+        const error = numbers(output.error);
+        output.residual = {y: error, x: spread(record, error, 0, output.error.every || 1)};
+      } else if (every === 1 && found.every === 1) {
         const residual = new Float32Array(simulated.length);
         for (let i = 0; i < residual.length; i++) residual[i] = simulated[i] - (measured[i - shift] ?? NaN);
         output.residual = {y: residual, x};
-      } else if (output.error) {
-        const error = numbers(output.error);
-        output.residual = {y: error, x: spread(record, error, 0, output.error.every || 1)};
       }
     }
     series.push({name: 'simulated', label: `${output.name} simulated`, color: 'simulated', wide: true, y: simulated, x});

@@ -5,7 +5,7 @@ const COLORS = ['c1', 'c2', 'c3', 'c4', 'c5', 'c6', 'c7'];
 const AXIS = 72, RIGHT = 12, GAP = 12, TICKS = 34, TOP = 8;
 const charts = [];
 
-/** The numbers of an array of the page: base64 of little-endian single precision, or a list. */
+/** The numbers of an array of the page: base64 of little-endian single precision, from a base if there is one, or a list. */
 function numbers(array) {
   if (!array) return null;
   if (Array.isArray(array)) return Float64Array.from(array, (v) => (v === null ? NaN : v));
@@ -13,7 +13,8 @@ function numbers(array) {
   const text = atob(array.f32);
   const bytes = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
-  array.decoded = new Float32Array(bytes.buffer);
+  const single = new Float32Array(bytes.buffer);
+  array.decoded = array.base ? Float64Array.from(single, (v) => v + array.base) : single;
   return array.decoded;
 }
 

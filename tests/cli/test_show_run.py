@@ -158,3 +158,12 @@ def test_a_parameter_at_its_bound_is_among_the_warnings(msnn: CommandLine, proje
     msnn("train", SPEC)
     said = msnn("show", "runs/plant/latest").out
     assert "warning[W0904]: `k` ended at its bound" in said
+
+
+def test_a_report_takes_the_place_of_no_spec(msnn: CommandLine, project: Path) -> None:
+    """`-o` and the spec are easily mixed up; a usage error comes before anything is read."""
+    before = Path(SPEC).read_bytes()
+    found = msnn("report", str(LATEST), "-o", SPEC)
+    assert found.code == 2
+    assert "does not end with .html" in found.err
+    assert Path(SPEC).read_bytes() == before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -105,6 +106,17 @@ def test_decimal_commas_need_their_key_and_then_are_numbers(tmp_path: Path) -> N
     np.testing.assert_allclose(output(read(tmp_path, text, csv={"decimal": ","})), PLAIN)
 
 
+def test_points_that_may_part_thousands_are_asked_for(tmp_path: Path) -> None:
+    text = "time;F;x\n0;1;0,1\n0,5;2.000;0,2\n1;4;0.3\n"
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, csv={"decimal": ","})
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0807"
+    assert "`2000` or `2,000`" in str(fault.help)
+    plain = text.replace("2.000", "2")
+    np.testing.assert_allclose(output(read(tmp_path, plain, csv={"decimal": ","})), PLAIN)
+
+
 def test_both_spellings_of_a_header_find_a_column(tmp_path: Path) -> None:
     text = GOOD["units in the header"]
     columns = {"F": "F [kN]", "x": "x"}
@@ -174,6 +186,21 @@ def test_dated_files_that_follow_each_other_are_joined(tmp_path: Path) -> None:
     assert [each.steps for each in apart] == [2, 2]
 
 
+@pytest.mark.parametrize("begins", ["2026-11-22 17:00:01Z,4,0.3", "0.5,4,0.3"])
+def test_times_that_do_not_compare_join_no_files(tmp_path: Path, begins: str) -> None:
+    head = "time,F,x\n"
+    (tmp_path / "a.csv").write_text(f"{head}2026-11-22 17:00,1,0.1\n2026-11-22 17:00:00.5,2,0.2\n")
+    (tmp_path / "b.csv").write_text(f"{head}{begins}\n")
+    assert [each.steps for each in simulated(tmp_path, "[a.csv, b.csv]", join=True)] == [2, 1]
+
+
+@pytest.mark.parametrize("moment", ["9999-11-22 17:00:00Z", "0001-01-01", "2026-11-22 17:00+25:00"])
+def test_moments_that_are_none_or_out_of_reach_are_said(tmp_path: Path, moment: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, f"time,F,x\n{moment},1,0.1\n{moment},2,0.2\n")
+    assert {found.code for found in caught.value.diagnostics} == {"E0807"}
+
+
 def _workbook(folder: Path, rows: Sequence[Sequence[object]]) -> str:
     book = openpyxl.Workbook()
     sheet: Any = book.active
@@ -191,6 +218,21 @@ def test_a_workbook_is_read_by_its_first_sheet(tmp_path: Path) -> None:
     rows += [[t, f / 1000, 100 * x, "me"] for t, f, x in zip(times, FORCE, PLACE, strict=True)]
     name = _workbook(tmp_path, rows)
     np.testing.assert_allclose(output(simulated(tmp_path, name)), PLAIN, rtol=1e-15)
+
+
+def test_a_workbook_that_states_too_small_a_size_is_read_whole(tmp_path: Path) -> None:
+    """Exporters write sizes that are wrong; rows of fewer cells are as wide as the others."""
+    rows = [["time", "F", "x", "note"], [0, 1, 0.1], [0.5, 2, 0.2], [1, 4, 0.3]]
+    whole = tmp_path / _workbook(tmp_path, rows)
+    with zipfile.ZipFile(whole) as book:
+        texts = {name: book.read(name) for name in book.namelist()}
+    sheet = texts["xl/worksheets/sheet1.xml"]
+    texts["xl/worksheets/sheet1.xml"] = sheet.replace(b'ref="A1:D4"', b'ref="A1:C3"', 1)
+    assert texts["xl/worksheets/sheet1.xml"] != sheet
+    with zipfile.ZipFile(tmp_path / "small.xlsx", "w") as book:
+        for name, text in texts.items():
+            book.writestr(name, text)
+    np.testing.assert_array_equal(output(simulated(tmp_path, "small.xlsx")), PLAIN)
 
 
 def test_a_fault_in_a_workbook_names_its_row(tmp_path: Path) -> None:

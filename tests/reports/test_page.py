@@ -104,6 +104,30 @@ def test_a_verification_is_shown(trained_run: Path, tmp_path: Path):
     assert "gcc &lt;12&gt;" in written.path.read_text(encoding="utf-8")
 
 
+def test_no_check_of_a_long_verification_is_left_out(trained_run: Path, tmp_path: Path):
+    file = tmp_path / "verification.json"
+    found = [{"check": f"c{i}", "target": "host", "detail": "", "verdict": "ok"} for i in range(90)]
+    found[-1] |= {"verdict": "found", "detail": "an overflow"}
+    file.write_text(json.dumps({"model": "plant", "results": found}), encoding="utf-8")
+    written = report(trained_run, tmp_path / "page.html", verification=file)
+    assert "an overflow" in written.path.read_text(encoding="utf-8")
+
+
+def test_data_that_changed_since_the_training_are_told(trained_run: Path, tmp_path: Path):
+    data = tmp_path / "data"
+    shutil.copytree(trained_run.parents[2] / "data", data)
+    same = report(trained_run, tmp_path / "page.html", data_root=tmp_path)
+    assert not any("data of the training" in each.message for each in same.warnings)
+    record = next((data / "train").glob("*.csv"))
+    header, first, *rows = record.read_text(encoding="utf-8").splitlines()
+    time, force, *rest = first.split(",")
+    changed = ",".join([time, str(float(force) + 1), *rest])
+    record.write_text("\n".join([header, changed, *rows]) + "\n", encoding="utf-8")
+    written = report(trained_run, tmp_path / "page.html", data_root=tmp_path)
+    assert any("data of the training" in each.message for each in written.warnings)
+    assert "no data of the training" in written.path.read_text(encoding="utf-8")
+
+
 def test_thinning_keeps_every_peak_in_its_order():
     values = np.array([0.0, 5.0, -1.0, 2.0, np.nan, 3.0, np.nan, np.nan, np.nan])
     found = thinned(values, 3)

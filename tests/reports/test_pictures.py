@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 import msnn
 from msnn.reports import plotting
 from msnn.reports.functions_of_run import functions_of_run
+from msnn.reports.learned_functions import Curve, LearnedFunction
+from msnn.reports.page.functions import function_charts
 from msnn.reports.pictures.run import plot_run
 from msnn.reports.pictures.simulation import plot_simulation
 from msnn.reports.pictures.validation import plot_validation
@@ -135,3 +138,23 @@ def test_a_run_shows_losses_and_functions(learner: Path, drawn: list[Any], tmp_p
     plot_run(tmp_path / "a.svg", [stage.epochs for stage in run.stages], functions)
     titles = [axis.get_title(loc="left") for axis in drawn[0].axes]
     assert titles == ["stage_1", *(function.title for function in functions)]
+
+
+def test_learned_functions_and_curves_without_room_are_told(drawn: list[Any], tmp_path: Path):
+    x = np.arange(3.0)
+    curves = tuple(Curve(label=f"{i}", y=x) for i in range(8))
+    each = [
+        LearnedFunction(
+            title=f"f{i}", x=x, x_label="x", y_label="y", curves=curves[: 1 + 7 * (i == 0)]
+        )
+        for i in range(20)
+    ]
+    first = replace(each[0], left_out=4)
+    plot_run(tmp_path / "a.png", [], [first, *each[1:]])
+    (figure,) = drawn
+    titles = [axis.get_title(loc="left") for axis in figure.axes]
+    assert titles[:2] == ["f0 (5 curves not drawn)", "f1"]
+    assert len(titles) == 16
+    assert figure.get_supxlabel() == "not drawn: f16, f17, f18, f19"
+    (shown, _), *_ = function_charts([first])
+    assert shown == "f0 (4 curves not drawn)"

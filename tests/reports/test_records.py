@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import msnn
-from msnn.data.dataset import Dataset, Record, whole_file
+from msnn.data.dataset import Dataset, FloatArray, Record, whole_file
 from msnn.reports.page.records import Ports, Records, records
 from msnn.simulation.simulate import Simulation, StepPlaces
 
@@ -95,3 +98,36 @@ def test_the_test_set_is_first_and_whole_and_what_has_no_room_is_told(tmp_path: 
     missing = 43 - len(found.shown)
     assert missing > 0
     assert found.left_out[0].startswith(f"{missing} more records are not drawn")
+
+
+@pytest.mark.parametrize("level", [0.0, 1e6])
+def test_errors_far_smaller_than_the_level_are_drawn_as_they_are(tmp_path: Path, level: float):
+    """In single precision 10⁶ Pa have steps of 0.06 Pa, and seconds since 1970 steps of 128 s."""
+    x = level + np.linspace(-1.0, 1.0, 200)
+    errors = 0.01 * np.sin(np.arange(199.0))
+    time = 1.7e9 + np.cumsum(1 + 0.3 * np.sin(np.arange(199) / 40))
+    record = whole_file("test_1", 0, 200)
+    data = Dataset(
+        series={"x": x, "u": np.zeros(200)},
+        records=(record,),
+        sets=("test",),
+        set_of_row=np.zeros(200, np.int8),
+        continues=np.ones(200, np.bool_),
+        usable=np.ones(200, np.bool_),
+    )
+    run = _run(record, data)
+    run = replace(run, outputs={"y": x[1:] + errors}, places=replace(run.places, time=time))
+    (tmp_path / "plant.yaml").write_text(SPEC, encoding="utf-8")
+    program = msnn.load(tmp_path / "plant.yaml").program
+    (shown,) = records(program, data, [run], PORTS).shown
+    np.testing.assert_allclose(_read(shown["x"]), time, atol=1e-4, rtol=0)
+    output = shown["outputs"][0]
+    measured = _read(shown["signals"]["x"])[1:]
+    drawn = _read(output["error"]) if "error" in output else _read(output["simulated"]) - measured
+    np.testing.assert_allclose(drawn, errors, atol=0.01 * output["rmse"], rtol=0)
+
+
+def _read(packed: Mapping[str, Any]) -> FloatArray:
+    """As `numbers` of plot.js."""
+    single = np.frombuffer(base64.b64decode(packed["f32"]), "<f4")
+    return single.astype(np.float64) + packed.get("base", 0.0)

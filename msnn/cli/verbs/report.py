@@ -16,7 +16,9 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="The page; default: RUN/report.html."),
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="The page, .html; default: RUN/report.html."
+        ),
     ] = None,
     data_root: DataRoot = None,
     engine: RolloutEngine = "auto",
@@ -39,6 +41,9 @@ def report(
     from msnn.cli import console
     from msnn.cli.step_progress import StepProgress
 
+    if out is not None and out.suffix not in (".html", ".htm"):
+        # a spec or a record that stands there would be gone
+        raise typer.BadParameter(f"`{out}` does not end with .html", param_hint="'--out'")
     with StepProgress(console.progress_stream()) as progress:
         written = reports.report(
             run,

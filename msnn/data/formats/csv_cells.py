@@ -12,7 +12,7 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.csv_header import Dialect, Header, Lines, is_number, split_cells
-from msnn.data.formats.moments import read_moment
+from msnn.data.formats.moments import Moment, read_moment
 from msnn.data.formats.table import ColumnKey, WantedColumns
 from msnn.data.formats.written_units import MISSING
 from msnn.errors import data_cells as cell_errors
@@ -25,6 +25,8 @@ CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
 """A constructor of `errors`: (file, row, column, text, more of the kind, place)."""
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
+"""`1.500`, which is fifteen hundred where commas are decimal, and 1.5 where they are not."""
 _LONGEST_SHOWN = 40
 
 
@@ -33,7 +35,7 @@ class CheckedColumns:
     """Columns of a table, and the first moment of those that have dates."""
 
     columns: Sequence[FloatArray]
-    begins: Mapping[ColumnKey, int]
+    begins: Mapping[ColumnKey, Moment]
 
 
 def checked_columns(
@@ -66,7 +68,7 @@ def checked_columns(
         raise SpecError((errors.empty_file(header.file, header=header.lines > 0),))
     faults.raise_found()
     begins = {
-        key: reader.nanoseconds[0]
+        key: Moment(reader.nanoseconds[0], reader.has_zone)
         for key, reader in zip(places, readers, strict=True)
         if isinstance(reader, _Times) and reader.nanoseconds
     }
@@ -137,9 +139,12 @@ def _comma_fault(delimiter: str) -> CellFault:
 
 
 def _number(cell: str, dialect: Dialect, may_miss: bool) -> tuple[float, CellFault | None]:
-    text = cell if dialect.decimal == "." else cell.replace(dialect.decimal, ".")
+    has_commas = dialect.decimal != "."
+    text = cell.replace(dialect.decimal, ".") if has_commas else cell
     if text.lower() in MISSING:
         return math.nan, None if may_miss else cell_errors.missing_value
+    if has_commas and _THOUSANDS.fullmatch(cell):
+        return math.nan, cell_errors.not_a_number
     if not is_number(text):
         comma = _DECIMAL_COMMA.fullmatch(text) is not None
         return math.nan, _comma_fault(dialect.delimiter) if comma else cell_errors.not_a_number

@@ -9,10 +9,12 @@ from datetime import UTC, datetime, timedelta
 _MOMENT = re.compile(
     r"(?P<day>\d{4}-\d\d-\d\d)"
     r"(?:[Tt ]\s*(?P<clock>\d\d:\d\d)(?::(?P<second>\d\d)(?:[.,](?P<fraction>\d{1,9}))?)?"
-    r"\s*(?P<zone>[Zz]|[+-]\d\d(?::?\d\d)?)?)?"
+    r"\s*(?P<zone>[Zz]|[+-](?:[01]\d|2[0-3])(?::?[0-5]\d)?)?)?"
 )
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _SECOND = timedelta(seconds=1)
+_FARTHEST = 2**62
+"""Nanoseconds from 1970: 1823 to 2116, whose differences 64 bits hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +26,7 @@ class Moment:
 
 
 def read_moment(text: str) -> Moment | None:
-    """The moment that a text means; None for any other text and for a day that is none."""
+    """The moment that a text means; None for other texts and days that are none or too far away."""
     found = _MOMENT.fullmatch(text)
     if found is None:
         return None
@@ -35,7 +37,10 @@ def read_moment(text: str) -> Moment | None:
         return None
     seconds = (whole - _EPOCH) // _SECOND - _offset(found["zone"] or "Z")
     fraction = int((found["fraction"] or "").ljust(9, "0"))
-    return Moment(seconds * 1_000_000_000 + fraction, found["zone"] is not None)
+    nanoseconds = seconds * 1_000_000_000 + fraction
+    if abs(nanoseconds) >= _FARTHEST:
+        return None
+    return Moment(nanoseconds, found["zone"] is not None)
 
 
 def _offset(zone: str) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.moments import Moment
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
 
@@ -42,8 +43,8 @@ class ColumnTable:
     """Where a row stands in the file."""
     units: Mapping[ColumnKey, Unit] = field(default_factory=dict[ColumnKey, Unit])
     """What the file itself says of columns."""
-    begins: Mapping[ColumnKey, int] = field(default_factory=dict[ColumnKey, int])
-    """Of columns of dates, which are seconds from their first row: nanoseconds since 1970 there."""
+    begins: Mapping[ColumnKey, Moment] = field(default_factory=dict[ColumnKey, Moment])
+    """Of columns of dates, which are seconds from their first row: the moment of that row."""
 
     @property
     def rows(self) -> int:

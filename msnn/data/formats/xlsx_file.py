@@ -53,8 +53,9 @@ def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # styles that it does not know
             book: Any = openpyxl.load_workbook(path, read_only=True, data_only=True)
-            rows: Any = book.worksheets[0].iter_rows(values_only=True)
-            found = [(n, _CELLS.join(map(_text, row))) for n, row in enumerate(rows, start=1)]
+            sheet: Any = book.worksheets[0]
+            sheet.reset_dimensions()  # a size that the file states may be smaller than the sheet
+            rows = [[_text(cell) for cell in row] for row in sheet.iter_rows(values_only=True)]
             book.close()
     except OSError as error:
         reason = error.strerror or str(error)
@@ -63,7 +64,11 @@ def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
         # what is broken in the archive shows as whatever its parser met first
         reason = f"it is not a workbook that can be read ({str(error).splitlines()[0][:80]})"
         raise SpecError((errors.unreadable_file(shown, reason),)) from error
-    return found
+    width = max(map(len, rows), default=0)
+    return [
+        (number, _CELLS.join([*row, *[""] * (width - len(row))]))
+        for number, row in enumerate(rows, start=1)
+    ]
 
 
 def _text(cell: object) -> str:

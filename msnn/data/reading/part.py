@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -10,6 +11,7 @@ import numpy as np
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, FileRows, FloatArray
 from msnn.data.formats.csv_header import Dialect
+from msnn.data.formats.moments import Moment
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, WantedColumns
 from msnn.data.reading.columns import (
     Feed,
@@ -39,14 +41,17 @@ class FilePart:
     """Seconds of each row, where the file says."""
     continues: BoolArray
     usable: BoolArray
-    begins: int | None = None
-    """Nanoseconds since 1970 at time 0, where the file says."""
+    begins: Moment | None = None
+    """Time 0, where the file says."""
 
     def seconds_to(self, other: FilePart) -> float:
-        """From the time 0 of this one to that of another."""
-        if self.begins is None or other.begins is None:
+        """From the time 0 of this one to that of another; NaN where the files do not tell."""
+        begins, ends = self.begins, other.begins
+        if begins is None and ends is None:
             return 0.0
-        return (other.begins - self.begins) / 1e9
+        if begins is None or ends is None or begins.has_zone != ends.has_zone:
+            return math.nan
+        return (ends.nanoseconds - begins.nanoseconds) / 1e9
 
     def with_next(self, other: FilePart) -> FilePart:
         """One record of this one and of another that begins one sample later."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
+from msnn.data.formats.moments import Moment
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, resample
@@ -32,8 +33,8 @@ class RecordRows:
     """Whether a row is one sample after the row before."""
     covered: BoolArray
     """Whether a row stands on data: false for moments that resampling put into a hole."""
-    begins: int | None = None
-    """Nanoseconds since 1970 at time 0, where times are dates."""
+    begins: Moment | None = None
+    """Time 0, where times are dates."""
 
 
 def record_rows(

@@ -17,14 +17,14 @@ from msnn.validation.words import rollout_text
 
 _COLORS = 7
 _MOST_INPUTS = 4
-_MOST_MEASUREMENTS = 8
+MOST_MEASUREMENTS = 8
 
 
 def error_charts(
     measurements: Sequence[Measurement], rows: Sequence[MetricRow]
 ) -> Iterator[tuple[str, Plain]]:
     """A title and a chart each: correlations of errors, and how errors grow along rollouts."""
-    for found in measurements[:_MOST_MEASUREMENTS]:
+    for found in measurements[:MOST_MEASUREMENTS]:
         title = f"{found.of}, {rollout_text(found)}, {found.data}"
         correlations = _correlations(found)
         if correlations is not None:
@@ -40,12 +40,15 @@ def _correlations(found: Measurement) -> Plain | None:
         return None
     each = [("themselves", first.itself), *list(first.inputs.items())[:_MOST_INPUTS]]
     hidden = len(first.inputs) + 1 - len(each)
+    elements = len(found.judged.residuals) - 1
     note = "Shaded: where 99 % of the correlations of noise lie."
     return {
         "label": f"Correlation of the errors of {found.of} with themselves and with inputs",
         "xlabel": "lag / samples",
         "padded": True,
-        "note": note + (f" {hidden} more inputs are not drawn." if hidden else ""),
+        "note": note
+        + (f" {hidden} more inputs are not drawn." if hidden else "")
+        + (f" {elements} more numbers of {found.of} are not drawn." if elements else ""),
         "panels": [
             {
                 "label": f"with {name}",

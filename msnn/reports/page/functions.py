@@ -11,7 +11,7 @@ from msnn.reports.page.packing import Plain, listed, packed
 def function_charts(functions: Sequence[LearnedFunction]) -> Iterator[tuple[str, Plain]]:
     """A title and a chart each."""
     for function in functions:
-        yield function.title, _chart(function)
+        yield function.titled(len(function.curves)), _chart(function)
 
 
 def _chart(function: LearnedFunction) -> Plain:

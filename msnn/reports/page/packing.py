@@ -12,12 +12,36 @@ from msnn.data.dataset import FloatArray
 
 Plain = dict[str, Any]
 
+_FAR = 2.0
+"""How many times their range numbers have to be from 0 to be kept as distances."""
+
 
 def packed(values: FloatArray) -> Plain:
-    """Little-endian float32 in base64; what single precision cannot hold is infinite there."""
+    """Little-endian float32 in base64; what single precision cannot hold is infinite there.
+
+    Numbers that lie close together far from 0, as times since 1970 and pressures, are kept as
+    distances from a `base`, so that single precision holds their differences.
+    """
+    base = _base(values)
     with np.errstate(over="ignore"):
-        single = np.asarray(values, "<f4")
-    return {"f32": base64.b64encode(single.tobytes()).decode("ascii")}
+        single = np.asarray(values - base, "<f4")
+    text = base64.b64encode(single.tobytes()).decode("ascii")
+    return {"f32": text, "base": base} if base else {"f32": text}
+
+
+def rounding(values: FloatArray) -> float:
+    """The largest error of the numbers that the page reads of packed ones."""
+    known = values[np.isfinite(values)] - _base(values)
+    return float(np.abs(known).max(initial=0.0)) * 2.0**-24
+
+
+def _base(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return 0.0
+    low, high = float(known.min()), float(known.max())
+    middle = low + (high - low) / 2
+    return middle if abs(middle) > _FAR * (high - low) else 0.0
 
 
 def thinned(values: FloatArray, block: int) -> Plain:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,9 +18,9 @@ from msnn.data.dataset import Dataset, FloatArray
 from msnn.model.model import Model
 from msnn.reports.diagram.svg import architecture_svg
 from msnn.reports.drawn import unit_of
-from msnn.reports.learned_functions import LearnedFunction
+from msnn.reports.learned_functions import MOST_FUNCTIONS, LearnedFunction
 from msnn.reports.page import tables
-from msnn.reports.page.charts import error_charts, training_charts
+from msnn.reports.page.charts import MOST_MEASUREMENTS, error_charts, training_charts
 from msnn.reports.page.equations import equations
 from msnn.reports.page.functions import function_charts
 from msnn.reports.page.live import LiveModel, NotLive
@@ -85,7 +85,9 @@ def page_text(contents: Contents) -> str:
         else [],
         "errors": _titled(charts, "errors", error_charts(measurements, rows)),
         "training": _titled(charts, "training", training_charts(contents.run)),
-        "functions": _titled(charts, "function", function_charts(contents.functions)),
+        "functions": _titled(
+            charts, "function", function_charts(contents.functions[:MOST_FUNCTIONS])
+        ),
         "diagram": architecture_svg(contents.model.spec, styled=False),
         "equations": list(equations(contents.model.spec, program)),
         "parameters": _parameters(contents),
@@ -96,7 +98,7 @@ def page_text(contents: Contents) -> str:
         "c_tables": _c_tables(contents, live),
         "live": live,
         "not_live": None if live is not None else contents.live,
-        "left_out": contents.left_out,
+        "left_out": [*contents.left_out, *_undrawn(contents, len(measurements))],
     }
     script = "".join((_FOLDER / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     style = "".join(
@@ -118,6 +120,16 @@ def _records(contents: Contents, live: LiveModel | None) -> Records:
         return Records([], [])
     ports = Ports(back=0, ahead=0, signals=frozenset()) if live is None else live.ports
     return records(contents.model.program, contents.data, contents.simulations, ports)
+
+
+def _undrawn(contents: Contents, measurements: int) -> Iterator[str]:
+    """What the page has no room for, besides records."""
+    for found, most, what in (
+        (len(contents.functions), MOST_FUNCTIONS, "learned functions"),
+        (measurements, MOST_MEASUREMENTS, "measurements, whose metrics are all in the table,"),
+    ):
+        if found > most:
+            yield f"charts of {found - most} of {found} {what} are not drawn"
 
 
 def _titled(charts: dict[str, Plain], kind: str, found: Any) -> list[tuple[str, str]]:

@@ -12,7 +12,7 @@ from compiler.ir.program import Program, Role, Signal
 from compiler.ir.types import Type
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.reports.drawn import Channel, channels, output_channels, shown_first
-from msnn.reports.page.packing import Plain, finite, packed, series
+from msnn.reports.page.packing import Plain, finite, packed, rounding, series
 from msnn.simulation.simulate import Simulation
 from msnn.validation.metrics import Errors, score
 
@@ -24,6 +24,8 @@ _POINTS = 1_200
 """Of each series of a thinned record, where there is room."""
 _FEWEST = 60
 _MOST_RECORDS = 200
+_SHARE = 0.01
+"""Of the rmse, by which rounding may move an error that is drawn: less than the line is wide."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +185,9 @@ def _output(
     found["fit"] = finite(score("fit", errors).value)
     found["rmse"] = finite(score("rmse", errors).value)
     found["measured"] = _measured(run, data, channel, measured, block, t0)
-    if block > 2:
+    # the page takes the difference itself where what it has been given is exact enough for that
+    coarse = max(rounding(simulated), rounding(measured)) > _SHARE * score("rmse", errors).value
+    if block > 2 or coarse:
         found["error"] = series(simulated - measured, block)
     return found
 

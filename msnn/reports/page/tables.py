@@ -21,7 +21,6 @@ from msnn.validation.words import rollout_text, unit_text
 
 _MOST_NUMBERS = 6
 _MOST_LISTED = 256
-_MOST_ROWS = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +226,7 @@ def verification_table(found: Mapping[str, Any]) -> Table:
             ),
             {"ok": "good", "found": "bad"}.get(str(result["verdict"]), ""),
         )
-        for result in found["results"][:_MOST_ROWS]
+        for result in found["results"]
     )
     caption = f"What `msnn verify` found of the C of {found['model']}"
     return Table(caption, ("check", "target", "detail", "verdict"), rows)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from msnn.reports import plotting
-from msnn.reports.learned_functions import LearnedFunction
+from msnn.reports.learned_functions import MOST_FUNCTIONS, LearnedFunction
 from msnn.training.records.progress import EpochEnd
 
 
@@ -15,6 +15,7 @@ def plot_run(
     path: Path, stages: Sequence[Sequence[EpochEnd]], functions: Sequence[LearnedFunction]
 ) -> Path:
     """Draws loss and monitor of every stage that has begun, then two functions a row."""
+    left_out, functions = functions[MOST_FUNCTIONS:], functions[:MOST_FUNCTIONS]
     rows = len(stages) + (len(functions) + 1) // 2
     figure = plotting.new_figure(rows)
     grid: Any = figure.add_gridspec(max(rows, 1), 2)
@@ -23,6 +24,10 @@ def plot_run(
     for number, function in enumerate(functions):
         place = grid[len(stages) + number // 2, number % 2]
         _draw_function(figure.add_subplot(place), function)
+    if left_out:
+        said = f"not drawn: {', '.join(plotting.plain_text(each.title) for each in left_out[:4])}"
+        said += f" and {len(left_out) - 4} more" if len(left_out) > 4 else ""
+        figure.supxlabel(said, fontsize="small", x=0.01, ha="left")
     return plotting.saved_figure(figure, path)
 
 
@@ -51,9 +56,7 @@ def _draw_function(axis: Any, function: LearnedFunction) -> None:
             axis.axhline(0.0, color="black", linewidth=0.6)
         else:
             axis.plot(function.x, curve.y, color=color, label=label)
-    left_out = len(function.curves) - len(plotting.COLORS)
-    said = f" ({left_out} curves not drawn)" if left_out > 0 else ""
-    title = plotting.plain_text(function.title + said)
+    title = plotting.plain_text(function.titled(len(plotting.COLORS)))
     axis.set_title(title, fontsize="medium", loc="left")
     axis.set_xlabel(plotting.plain_text(function.x_label))
     axis.set_ylabel(plotting.plain_text(function.y_label))
