@@ -64,8 +64,6 @@ def solver_constants(
     if can_be_infinite:
         steepest = 1e8 if exact else 1e4
         table.append(("STEEPEST", steepest, "Slope that stands for an infinite one."))
-    if not is_staged:
-        table.append(("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."))
     of_hard = [
         ("HARD_TOLERANCE", tolerance, "Violation, by its scale, of what holds."),
         ("HARDER", 10.0, "Factor by which the cost of violating what must hold grows."),
