@@ -39,6 +39,9 @@ def heard_by(hearer: Hearer) -> Progress:
         live = is_live(sys.stderr)
         shown = live if hearer is None else hearer
         return Lines(sys.stderr, terminal=live) if shown else Silent()
+    if not callable(hearer) and not hasattr(hearer, "epoch_ended"):
+        wanted = "None, True, False, a function, or an object that hears of epochs"
+        raise TypeError(f"progress is {type(hearer).__name__}; it may be {wanted}")
     return Called(hearer) if callable(hearer) else hearer
 
 

@@ -158,3 +158,8 @@ def test_a_training_that_diverges_shows_why_and_has_its_result() -> None:
     shown = "\n".join(caught.value._render_traceback_())
     assert "train: [{optimizer: {sgd: {lr: 0.1}}}]" in shown
     assert ".result" in shown
+
+
+def test_what_cannot_hear_of_epochs_is_refused() -> None:
+    with pytest.raises(TypeError, match="progress is int"):
+        heard_by(3)  # pyright: ignore[reportArgumentType]

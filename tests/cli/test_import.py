@@ -61,3 +61,11 @@ def test_a_folder_is_neither_a_model_nor_a_spec(msnn: CommandLine) -> None:
     said = msnn("import", "plant.json", "-o", ".")
     assert (said.code, "error[E1316]" in said.err) == (ExitCode.DIAGNOSTICS, True)
     assert [path.name for path in msnn.folder.iterdir()] == ["plant.json"]
+
+
+def test_a_spec_is_yaml_by_its_name(msnn: CommandLine) -> None:
+    (msnn.folder / "plant.json").write_text(json.dumps(saved()), encoding="utf-8")
+    said = msnn("import", "plant.json", "-o", "new.json")
+    assert said.code == ExitCode.USAGE
+    assert "does not end with .msnn.yaml" in said.err
+    assert [path.name for path in msnn.folder.iterdir()] == ["plant.json"]

@@ -34,6 +34,8 @@ def import_(
     from msnn.api.imports import import_nnodely
     from msnn.cli.console import json_result, report, result
 
+    if out is not None and out.suffix not in (".yaml", ".yml") and not out.is_dir():
+        raise typer.BadParameter(f"`{out}` does not end with .msnn.yaml", param_hint="'--out'")
     written = import_nnodely(model, out)
     report(written.warnings, (written.model.text.source,))
     if format is ResultFormat.JSON:
