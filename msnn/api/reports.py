@@ -76,7 +76,9 @@ def report(
         model, chosen.weights, data_root, engine, progress, warnings
     )
     if data is not None and _are_others(data, found):
-        warnings.append(errors.other_data())
+        reason = "the files are others now, or it was given its data in memory"
+        kept = f"{reason}; records and errors are of the files as is"
+        warnings.append(errors.no_part("data of the training", kept))
     live = live_model(model, chosen.weights, data)
     if isinstance(live, NotLive):
         warnings.append(errors.no_part("running model", live.reason))

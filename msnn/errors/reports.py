@@ -10,12 +10,6 @@ def not_verification(file: str) -> Diagnostic:
     return error("E0853", None, message, help=repair)
 
 
-def other_data() -> Diagnostic:
-    """W0809: a report whose data have changed since the training, or were given to it."""
-    reason = "the files are others now, or it was given its data in memory"
-    return no_part("data of the training", f"{reason}; records and errors are of the files as is")
-
-
 def no_part(part: str, reason: str) -> Diagnostic:
     """W0809: a report that lacks a part."""
     message = f"the report has no {part}: {reason}"

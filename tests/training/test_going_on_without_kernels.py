@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from inspect import unwrap
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,12 @@ RIGHT, WRONG = "gradient[i] += slopes[i];", "gradient[i] += slopes[i] * (real)0.
 @pytest.fixture(autouse=True)
 def _compiler() -> None:
     require_tool("gcc", install="apt install gcc")
+
+
+@pytest.fixture(autouse=True)
+def _written_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No source that was kept stands in for one that a test spoils, or outlives its test."""
+    monkeypatch.setattr(kernel_module, "_source", unwrap(vars(kernel_module)["_source"]))
 
 
 def spoiled(*precisions: str) -> SourceOf:

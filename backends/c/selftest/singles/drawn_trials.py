@@ -52,7 +52,6 @@ def trials_of_kinds(
         numbers[:, places] = _numbers(steps, member, kinds[:, np.newaxis], shape, random)
     tuned = _within(_parameters(steps.trained, count, random), steps.bounds)
     endless = (tuned != steps.trained) & _some(tuned.shape, random, _INFINITE * infinite)
-    endless &= np.isinf(steps.bounds[1])
     numbers[:, steps.tuned] = np.where(endless, np.inf, tuned)
     return Trials(np.arange(count) % steps.starts, numbers)
 
@@ -106,7 +105,7 @@ def _parameters(trained: Array, count: int, random: np.random.Generator) -> Arra
 
 
 def _within(values: Array, bounds: tuple[Array, Array]) -> Array:
-    """Values beyond a bound, mirrored at it: what no training leaves is nothing to promise."""
+    """Values beyond a bound, mirrored at it."""
     low, high = bounds
     with np.errstate(invalid="ignore"):  # of infinite bounds, where nothing is beyond
         mirrored = np.where(values < low, 2 * low - values, 2 * high - values)

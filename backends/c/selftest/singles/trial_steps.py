@@ -110,8 +110,8 @@ class TrialSteps:
         self.trained = np.concatenate([np.zeros(0, self.dtype), *trained])
         """The parameters that can be other ones, in the order of their struct."""
         self.bounds = self._bounds_of_tuned()
-        """Lowest and highest numbers of these; beyond them C may choose other pieces than a model
-        whose knots do not rise."""
+        """Where these have the sign that the model gives them, for gaps of knots that do not rise
+        have no meaning; otherwise they may be of any size, also beyond what trains."""
         jacobian = interface.jacobian.jacobian if interface.jacobian else None
         self._matrices = jacobian.matrices if jacobian else ()
         asked = [output.node for output in self.program.outputs]
@@ -150,10 +150,10 @@ class TrialSteps:
         for field in self._tuned:
             places = slice(first, first + field.size)
             parameter = self.program.parameter(field.name)
-            if parameter.minimum is not None:
-                low[places] = parameter.minimum
-            if parameter.maximum is not None:
-                high[places] = parameter.maximum
+            if parameter.minimum is not None and parameter.minimum >= 0:
+                low[places] = 0.0
+            if parameter.maximum is not None and parameter.maximum <= 0:
+                high[places] = 0.0
             first += field.size
         return low, high
 
