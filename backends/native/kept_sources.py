@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import pickle
 from collections import OrderedDict
 from collections.abc import Callable
 from functools import wraps
@@ -17,15 +16,16 @@ _KEPT = 16
 
 
 def kept_source(write: Callable[P, Source]) -> Callable[P, Source]:
-    """The function, its last results kept by the bytes of its arguments.
+    """The function, its last results kept by the text of its arguments.
 
-    Bytes, for programs with 0.0 and with -0.0 are equal and not the same.
+    Text, for programs with 0.0 and with -0.0 are equal and not the same; the `repr` of a dataclass
+    has all that is in it.
     """
     found: OrderedDict[bytes, Source] = OrderedDict()
 
     @wraps(write)
     def written(*args: P.args, **kwargs: P.kwargs) -> Source:
-        key = hashlib.sha256(pickle.dumps((args, sorted(kwargs.items())))).digest()
+        key = hashlib.sha256(repr((args, sorted(kwargs.items()))).encode()).digest()
         source = found.pop(key, None)
         if source is None:
             source = write(*args, **kwargs)

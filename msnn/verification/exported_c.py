@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from msnn.errors.commands import not_exported_c
+from msnn.verification.sources import CFolder
 from spec_schema.diagnostics.diagnostic import SpecError
 
 Range = tuple[float, float]
@@ -34,10 +35,9 @@ class Member:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ExportedC:
+class ExportedC(CFolder):
     """A model as its files describe it."""
 
-    folder: Path
     prefix: str
     spec_hash: str
     dtype: str
@@ -58,19 +58,6 @@ class ExportedC:
     of vectors knows what is to be done before each."""
     status: dict[str, int]
     """What each bit of a status is named in C."""
-
-    @property
-    def include(self) -> Path:
-        return self.folder / "include"
-
-    @property
-    def sources(self) -> tuple[Path, ...]:
-        return tuple(sorted((self.folder / "src").glob("*.c")))
-
-    @property
-    def model_sources(self) -> tuple[Path, ...]:
-        """The sources without the self-test, as deployed."""
-        return tuple(path for path in self.sources if not path.stem.endswith("_selftest"))
 
     @property
     def fixed_point(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -32,6 +33,26 @@ class Sources(Protocol):
     def model_sources(self) -> tuple[Path, ...]:
         """The sources without the self-test, as deployed."""
         ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CFolder:
+    """Where the files of an export of C lie."""
+
+    folder: Path
+
+    @property
+    def include(self) -> Path:
+        return self.folder / "include"
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        return tuple(sorted((self.folder / "src").glob("*.c")))
+
+    @property
+    def model_sources(self) -> tuple[Path, ...]:
+        """The sources without self-tests, as deployed."""
+        return tuple(path for path in self.sources if not path.stem.endswith("_selftest"))
 
 
 def includes(model: Sources) -> list[str]:

@@ -3,6 +3,7 @@
 import unicodedata
 from typing import assert_never
 
+from spec_schema.expressions.formula_binding import ATOM, PRODUCT, binding, binding_of_operands
 from spec_schema.expressions.text import length_text, number_text, time_text
 from spec_schema.expressions.tree import (
     Binary,
@@ -37,7 +38,6 @@ _JOINTS = {
     Operator.MULTIPLY: r" \, ",
     Operator.CONTRACT: r" \cdot ",
 }
-_SUM, _PRODUCT, _POWER, _ATOM = range(4)
 
 
 def expression_latex(expression: Expression) -> str:
@@ -54,7 +54,7 @@ def expression_latex(expression: Expression) -> str:
         case Call():
             return _call(expression)
         case Negate(operand=operand):
-            return f"-{_within(operand, _PRODUCT)}"
+            return f"-{_within(operand, PRODUCT)}"
         case Binary(operator=operator, left=left, right=right):
             return _binary(operator, left, right)
         case Compare(relation=relation, left=left, right=right):
@@ -146,7 +146,7 @@ def _call(call: Call) -> str:
         if name == "abs":
             return rf"\left|{arguments[0]}\right|"
         if name == "der":
-            return rf"\frac{{d}}{{dt}} {_within(call.arguments[0], _ATOM)}"
+            return rf"\frac{{d}}{{dt}} {_within(call.arguments[0], ATOM)}"
     arguments += [f"{_letter(w.name)} = {expression_latex(w.value)}" for w in call.keywords]
     return rf"{_function(call.function)}\left({', '.join(arguments)}\right)"
 
@@ -167,12 +167,12 @@ def _binary(operator: Operator, left: Expression, right: Expression) -> str:
     if operator is Operator.DIVIDE:
         return rf"\frac{{{expression_latex(left)}}}{{{expression_latex(right)}}}"
     if operator is Operator.POWER:
-        return f"{{{_within(left, _ATOM)}}}^{{{expression_latex(right)}}}"
-    binding = _SUM if operator in (Operator.ADD, Operator.SUBTRACT) else _PRODUCT
+        return f"{{{_within(left, ATOM)}}}^{{{expression_latex(right)}}}"
+    least = binding_of_operands(operator)
     second, joint = expression_latex(right), _JOINTS[operator]
     if operator is Operator.MULTIPLY and second[:1].isdigit():
         joint = r" \cdot "
-    return f"{_within(left, binding)}{joint}{_enclosed(second, right, binding + 1)}"
+    return f"{_within(left, least)}{joint}{_enclosed(second, right, least + 1)}"
 
 
 def _within(expression: Expression, least: int) -> str:
@@ -181,20 +181,4 @@ def _within(expression: Expression, least: int) -> str:
 
 def _enclosed(text: str, expression: Expression, least: int) -> str:
     """The text of an expression, in parentheses where it binds less than it must."""
-    return text if _binding(expression) >= least else rf"\left({text}\right)"
-
-
-def _binding(expression: Expression) -> int:
-    match expression:
-        case Negate() | Compare():
-            return _SUM
-        case Binary(operator=Operator.ADD | Operator.SUBTRACT):
-            return _SUM
-        case Binary(operator=Operator.MULTIPLY | Operator.CONTRACT):
-            return _PRODUCT
-        case Binary():
-            return _POWER
-        case Number(value=value) if "e" in number_text(value):
-            return _PRODUCT
-        case _:
-            return _ATOM
+    return text if binding(expression) >= least else rf"\left({text}\right)"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 from typing import assert_never
 
+from spec_schema.expressions.formula_binding import ATOM, PRODUCT, binding, binding_of_operands
 from spec_schema.expressions.text import length_text, number_text, time_text
 from spec_schema.expressions.tree import (
     Binary,
@@ -37,7 +38,6 @@ _JOINTS = {
     Operator.MULTIPLY: "<mo>·</mo>",
     Operator.CONTRACT: "<mo>·</mo>",
 }
-_SUM, _PRODUCT, _POWER, _ATOM = range(4)
 
 
 def expression_mathml(expression: Expression) -> str:
@@ -54,7 +54,7 @@ def expression_mathml(expression: Expression) -> str:
         case Call():
             return _call(expression)
         case Negate(operand=operand):
-            return f"<mrow><mo>−</mo>{_within(operand, _PRODUCT)}</mrow>"
+            return f"<mrow><mo>−</mo>{_within(operand, PRODUCT)}</mrow>"
         case Binary(operator=operator, left=left, right=right):
             return _binary(operator, left, right)
         case Compare(relation=relation, left=left, right=right):
@@ -62,11 +62,11 @@ def expression_mathml(expression: Expression) -> str:
             return f"<mrow>{expression_mathml(left)}{sign}{expression_mathml(right)}</mrow>"
         case Window(operand=operand, first=first, last=last):
             ends = [first] if last is None else [first, last]
-            return indexed(_within(operand, _ATOM), " … ".join(map(time_text, ends)))
+            return indexed(_within(operand, ATOM), " … ".join(map(time_text, ends)))
         case Past(operand=operand, length=length):
-            return indexed(_within(operand, _ATOM), f"t−{_length(length)} … t")
+            return indexed(_within(operand, ATOM), f"t−{_length(length)} … t")
         case Future(operand=operand, length=length):
-            return indexed(_within(operand, _ATOM), f"t … t+{_length(length)}")
+            return indexed(_within(operand, ATOM), f"t … t+{_length(length)}")
         case ListLiteral(elements=elements):
             return f"<mrow><mo>[</mo>{_listed(map(expression_mathml, elements))}<mo>]</mo></mrow>"
         case _:
@@ -121,7 +121,7 @@ def _call(call: Call) -> str:
                 return f"<mrow><mo>|</mo>{expression_mathml(argument)}<mo>|</mo></mrow>"
             case "der":
                 slope = "<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
-                return f"<mrow>{slope}{_within(argument, _ATOM)}</mrow>"
+                return f"<mrow>{slope}{_within(argument, ATOM)}</mrow>"
             case _:
                 pass
     parts = [expression_mathml(argument) for argument in call.arguments]
@@ -146,28 +146,12 @@ def _binary(operator: Operator, left: Expression, right: Expression) -> str:
         above, below = expression_mathml(left), expression_mathml(right)
         return f"<mfrac><mrow>{above}</mrow><mrow>{below}</mrow></mfrac>"
     if operator is Operator.POWER:
-        return f"<msup>{_within(left, _ATOM)}<mrow>{expression_mathml(right)}</mrow></msup>"
-    binding = _SUM if operator in (Operator.ADD, Operator.SUBTRACT) else _PRODUCT
-    return f"<mrow>{_within(left, binding)}{_JOINTS[operator]}{_within(right, binding + 1)}</mrow>"
+        return f"<msup>{_within(left, ATOM)}<mrow>{expression_mathml(right)}</mrow></msup>"
+    least = binding_of_operands(operator)
+    return f"<mrow>{_within(left, least)}{_JOINTS[operator]}{_within(right, least + 1)}</mrow>"
 
 
 def _within(expression: Expression, least: int) -> str:
     """The formula of a part, in parentheses where it binds less than it must."""
     text = expression_mathml(expression)
-    return text if _binding(expression) >= least else enclosed(text)
-
-
-def _binding(expression: Expression) -> int:
-    match expression:
-        case Negate() | Compare():
-            return _SUM
-        case Binary(operator=Operator.ADD | Operator.SUBTRACT):
-            return _SUM
-        case Binary(operator=Operator.MULTIPLY | Operator.CONTRACT):
-            return _PRODUCT
-        case Binary():
-            return _POWER
-        case Number(value=value) if "e" in number_text(value):
-            return _PRODUCT
-        case _:
-            return _ATOM
+    return text if binding(expression) >= least else enclosed(text)

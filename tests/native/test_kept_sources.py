@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from fractions import Fraction
+from pathlib import Path
+
 from backends.native.kept_sources import kept_source
+from msnn.model.load import load_model
 from tests.language.compiled import compiled
 
+ARM = Path(__file__).parent.parent.parent / "examples" / "gallery" / "arm_friction.msnn.yaml"
 SPEC = """
 sample_time: 0.1 s
 inputs: {{u: "1"}}
@@ -51,3 +59,28 @@ def test_only_the_last_sources_are_kept():
     for value in (*range(17), 16, 0):
         write(value)
     assert asked == [*range(17), 0]
+
+
+def test_the_text_of_a_program_leaves_nothing_out():
+    """What `repr` does not show would make two programs one kernel."""
+    program = load_model(ARM).program
+    seen: set[type] = set()
+
+    def look(value: object) -> None:
+        if isinstance(value, tuple | list | frozenset | set):
+            for one in value:
+                look(one)
+        elif isinstance(value, dict):
+            look([*value.items()])
+        elif is_dataclass(value) and not isinstance(value, type):
+            shown = repr(value)
+            for field in fields(value):
+                part = getattr(value, field.name)
+                assert f"{field.name}={part!r}" in shown, field
+                look(part)
+            seen.add(type(value))
+        else:
+            assert isinstance(value, str | int | float | Fraction | Enum | Mapping | None), value
+
+    look(program)
+    assert len(seen) > 10

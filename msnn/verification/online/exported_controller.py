@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from msnn.verification.sources import CFolder
+
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -49,10 +51,9 @@ class FilterPart:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ExportedController:
+class ExportedController(CFolder):
     """An export of the target `mpc`: a controller, a filter, or both."""
 
-    folder: Path
     dtype: str
     controller: ControllerPart | None
     filter: FilterPart | None
@@ -71,19 +72,6 @@ class ExportedController:
     def real(self) -> str:
         """The type of its numbers in C."""
         return "float" if self.dtype == "float32" else "double"
-
-    @property
-    def include(self) -> Path:
-        return self.folder / "include"
-
-    @property
-    def sources(self) -> tuple[Path, ...]:
-        return tuple(sorted((self.folder / "src").glob("*.c")))
-
-    @property
-    def model_sources(self) -> tuple[Path, ...]:
-        """The sources without self-tests, as deployed."""
-        return tuple(path for path in self.sources if not path.stem.endswith("_selftest"))
 
     @property
     def has_bits(self) -> bool:

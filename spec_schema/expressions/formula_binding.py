@@ -1,0 +1,33 @@
+"""Says how tightly the parts of a formula bind when it is set, as LaTeX or MathML.
+
+Fewer levels than the text of an expression has: fractions and exponents show where they end.
+"""
+
+from __future__ import annotations
+
+from spec_schema.expressions.text import number_text
+from spec_schema.expressions.tree import Binary, Compare, Expression, Negate, Number, Operator
+
+COMPARE, SUM, PRODUCT, POWER, ATOM = range(5)
+
+
+def binding(expression: Expression) -> int:
+    """From COMPARE to ATOM; a part that binds less than its place needs stands in parentheses."""
+    match expression:
+        case Compare():
+            return COMPARE
+        case Negate() | Binary(operator=Operator.ADD | Operator.SUBTRACT):
+            return SUM
+        case Binary(operator=Operator.MULTIPLY | Operator.CONTRACT):
+            return PRODUCT
+        case Binary():
+            return POWER
+        case Number(value=value) if "e" in number_text(value):
+            return PRODUCT
+        case _:
+            return ATOM
+
+
+def binding_of_operands(operator: Operator) -> int:
+    """What the left operand of a sum or product needs; the right one needs more."""
+    return SUM if operator in (Operator.ADD, Operator.SUBTRACT) else PRODUCT
