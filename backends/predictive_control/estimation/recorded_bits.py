@@ -13,7 +13,7 @@ from backends.predictive_control.recorded import compiled_texts
 
 
 def recorded_bits(golden: GoldenSteps, texts: Mapping[str, str], name: str) -> int | None:
-    """FNV-1a, mixed, of the words of all estimates and deviations; None where nothing compiles them."""
+    """Mixed FNV-1a of the words of all estimates and deviations; None where nothing compiles."""
     built = compiled_texts(texts)
     if built is None:
         return None
