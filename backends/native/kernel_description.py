@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler, installed_as
-from backends.native.compile_kernel import FLAGS
+from backends.native.compile_kernel import kernel_flags
 
 _FEATURES = {
     "__FMA__": "FMA",
@@ -55,7 +55,7 @@ def kernel_description() -> KernelDescription | None:
     return KernelDescription(
         compiler=version if family in version.lower() else f"{family} {version}",
         command=shlex.join(compiler),
-        flags=FLAGS,
+        flags=kernel_flags(compiler, on_lanes=True),
         features=tuple(found),
     )
 
@@ -65,7 +65,7 @@ def _macros(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
     """What the compiler defines for kernels, asked once as long as its file stays."""
     del file
     told = subprocess.run(
-        [*compiler, *FLAGS, "-dM", "-E", "-x", "c", "-"],
+        [*compiler, *kernel_flags(compiler, on_lanes=True), "-dM", "-E", "-x", "c", "-"],
         input="",
         capture_output=True,
         text=True,

@@ -45,7 +45,7 @@ class SensitivityKernel:
         needed = _stack(self.source.text, self.lanes * _DTYPE.itemsize)
         if needed > STACK:
             raise StackTooSmallError(f"a step needs {needed / 2**20:.1f} MiB of stack")
-        self.built = compiled_kernel(self.source.text)
+        self.built = compiled_kernel(self.source.text, on_lanes=True)
         self._library = self.built.library
         self._library.msnn_work_lanes.restype = ctypes.c_int64
         self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
