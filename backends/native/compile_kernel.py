@@ -48,7 +48,8 @@ LANES_BY_GCC = (
     "-fstrict-aliasing",
     "-fipa-ra",
     "-fcaller-saves",
-    "-funroll-loops",
+    "-frename-registers",
+    "-fpeel-loops",
 )
 """How gcc optimises functions on lanes, long blocks of vectors: what of its highest level makes
 them faster. The rest of that level takes two fifths of its time and makes more values wait in
