@@ -9,7 +9,7 @@ from functools import cache
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler, installed_as
 from backends.files.run_compiler import CompilerTooSlowError, run_compiler
-from backends.native.compile_kernel import FLAGS
+from backends.native.compile_kernel import kernel_flags
 
 _FEATURES = {
     "__FMA__": "FMA",
@@ -56,7 +56,7 @@ def kernel_description() -> KernelDescription | None:
     return KernelDescription(
         compiler=version if family in version.lower() else f"{family} {version}",
         command=shlex.join(compiler),
-        flags=FLAGS,
+        flags=kernel_flags(compiler, on_lanes=True),
         features=tuple(found),
     )
 
@@ -65,7 +65,7 @@ def kernel_description() -> KernelDescription | None:
 def _macros(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
     """What the compiler defines for kernels, asked once as long as its file stays."""
     del file
-    command = [*compiler, *FLAGS, "-dM", "-E", "-x", "c", "-"]
+    command = [*compiler, *kernel_flags(compiler, on_lanes=True), "-dM", "-E", "-x", "c", "-"]
     told = run_compiler(command, longest=_SECONDS)
     if told.code != 0:
         raise CompilerMissingError(f"`{shlex.join(compiler)}` says nothing of itself")
