@@ -74,6 +74,7 @@ TARGETS = (
         "controllers",
         "the controller of an `mpc` section and the filter of an `estimator` as C99",
         of_online=True,
+        extras=("fmu",),
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)

@@ -18,6 +18,7 @@ from spec_schema.fields.plain import (
 
 OwnEntry = TypeVar("OwnEntry", bound="TargetEntry")
 Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
+OnlineExtra: TypeAlias = Literal["fmu"]
 
 
 class TargetEntry(Entry):
@@ -130,12 +131,15 @@ class MpcExport(FloatTargetEntry):
     """The controller of the `mpc` section and the filter of the `estimator`, where there are any.
 
     Names start with `prefix`, by default the spec's name. What is controlled, measured and fed
-    back stands in those sections: `outputs` and `close` are none of its keys.
+    back stands in those sections: `outputs` and `close` are none of its keys. `with: fmu` adds
+    units for co-simulation of what is written.
     """
 
     noun: ClassVar[str] = "the mpc export"
 
     prefix: NewName | None = None
+    extras: DifferentOf[Annotated[OnlineExtra, choice("fmu")]] = Field(default=(), alias="with")
+    """What is generated beside the C: units of FMI 2.0 and 3.0."""
 
 
 class Export(Entry):
