@@ -61,7 +61,7 @@ TARGETS = (
         "c",
         "C",
         "C99 in floating or fixed point, with a self-test",
-        extras=("jacobian", "state_jacobian", "parameter_jacobian"),
+        extras=("jacobian", "state_jacobian", "parameter_jacobian", "ros2"),
     ),
     ListedTarget(
         "fmu",

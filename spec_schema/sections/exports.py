@@ -17,7 +17,8 @@ from spec_schema.fields.plain import (
 )
 
 OwnEntry = TypeVar("OwnEntry", bound="TargetEntry")
-Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
+Slopes: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
+Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian", "ros2"]
 OnlineExtra: TypeAlias = Literal["fmu"]
 
 
@@ -80,7 +81,7 @@ class CExport(TargetEntry):
     `delay` makes ports of the newest samples where the step reads inputs ahead, and outputs late.
     With the `dtype` q15 or q31 the C computes in integers. `with: jacobian` adds a function that
     linearises a step in all that it remembers and its inputs, `with: state_jacobian` in declared
-    states instead, `with: parameter_jacobian` in parameters too.
+    states instead, `with: parameter_jacobian` in parameters too. `with: ros2` adds a node of ROS 2.
     """
 
     noun: ClassVar[str] = "the c export"
@@ -104,9 +105,9 @@ class CExport(TargetEntry):
     delay: References = ()
     """Inputs whose samples after t a step waits for: outputs are as many samples late."""
     extras: DifferentOf[
-        Annotated[Extra, choice("jacobian", "state_jacobian", "parameter_jacobian")]
+        Annotated[Extra, choice("jacobian", "state_jacobian", "parameter_jacobian", "ros2")]
     ] = Field(default=(), alias="with")
-    """What is generated beside the step: its slopes in states, inputs and parameters."""
+    """What is generated beside the step: its slopes in states, inputs and parameters, a node."""
 
     @property
     def is_fixed_point(self) -> bool:
