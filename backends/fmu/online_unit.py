@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -66,7 +66,11 @@ class _Named:
 
 
 def write_online_unit(
-    program: Program, unit: OnlineUnit, sources: Mapping[str, str], folder: Path
+    program: Program,
+    unit: OnlineUnit,
+    sources: Mapping[str, str],
+    folder: Path,
+    platforms: Collection[str] = (),
 ) -> tuple[Path, ...]:
     """Writes the archives of both versions of FMI, with bytes and errors of `write_units`.
 
@@ -88,7 +92,7 @@ def write_online_unit(
     def added(version: Version, token: str) -> dict[str, str]:
         return _unit_sources(program, unit, version, token)
 
-    return write_units(facts, sources, added, folder)
+    return write_units(facts, sources, added, folder, platforms)
 
 
 def _unit_sources(

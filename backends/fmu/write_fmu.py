@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -23,7 +23,11 @@ from compiler.ir.program import Program
 
 
 def write_fmu(
-    program: Program, weights: Mapping[str, ArrayLike], folder: Path, options: COptions
+    program: Program,
+    weights: Mapping[str, ArrayLike],
+    folder: Path,
+    options: COptions,
+    platforms: Collection[str] = (),
 ) -> tuple[Path, ...]:
     """Writes `<prefix>_fmi2.fmu`, `<prefix>_fmi3.fmu`, FMI's headers and a README; their paths.
 
@@ -38,6 +42,7 @@ def write_fmu(
         model_sources(program, interface, physical),
         partial(unit_sources, program, interface, variables),
         folder,
+        platforms,
     )
     readme = readme_text("fmu", model=one_line(program.name), prefix=interface.prefix)
     return (*units, *write_headers(folder), write_text(folder / "README.md", readme))

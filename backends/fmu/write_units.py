@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from backends.files.atomic_write import write_bytes, write_text
 from backends.files.c_compiler import CompilerMissingError, find_compiler
 from backends.fmu import description2, description3
 from backends.fmu.archive import archive
-from backends.fmu.binary import HEADERS, binary, this_platform
+from backends.fmu.binary import HEADERS, PLATFORMS, Platform, binary, this_platform, zig_compiler
 from backends.fmu.facts import UnitFacts
 from backends.fmu.sources import VERSIONS, Version
 
@@ -26,23 +27,26 @@ def write_units(
     model: Mapping[str, str],
     unit: Callable[[Version, str], Mapping[str, str]],
     folder: Path,
+    platforms: Collection[str] = (),
 ) -> tuple[Path, ...]:
     """Writes `<prefix>_fmi2.fmu` and `<prefix>_fmi3.fmu`; their paths.
 
     `model` are sources that both versions share, `unit` adds those of a version that has a token,
     all by names of files in one folder. The same arguments give the same bytes, but for the binary
-    that the compiler of this machine makes; without one, units have their sources alone. Raises
+    that the compiler of this machine makes; without one, units have their sources alone. Those for
+    other `platforms`, by their names in FMI 3.0, are made by zig, which must be there. Raises
     CompilerFailedError for a compiler that rejects them, and OSError.
     """
-    compiler = _compiler()
+    compilers = _compilers(platforms)
     written: list[Path] = []
     for version in VERSIONS:
         token = _token(facts, version, {**model, **unit(version, "")})
         sources = {**model, **unit(version, token)}
         files = _files(facts, version, sources, token)
-        platform = this_platform()
-        if compiler is not None and platform is not None:
-            files[platform.path(version, facts.prefix)] = binary(sources, compiler)
+        for platform, compiler in compilers.items():
+            place = platform.path(version, facts.prefix)
+            if place is not None:
+                files[place] = binary(sources, compiler)
         path = folder / f"{facts.prefix}_fmi{version}.fmu"
         written.append(write_bytes(path, archive(files)))
     return tuple(written)
@@ -56,11 +60,17 @@ def write_headers(folder: Path) -> tuple[Path, ...]:
     )
 
 
-def _compiler() -> Sequence[str] | None:
-    try:
-        return find_compiler()
-    except CompilerMissingError:
-        return None
+def _compilers(platforms: Collection[str]) -> dict[Platform, Sequence[str]]:
+    """What compiles for each platform: that of this machine by its own compiler, if it has one."""
+    here = this_platform()
+    found: dict[Platform, Sequence[str]] = {}
+    if here is not None:
+        with suppress(CompilerMissingError):
+            found[here] = find_compiler()
+    for name, platform in PLATFORMS.items():
+        if name in platforms and name not in {known.fmi3 for known in found}:
+            found[platform] = zig_compiler(platform)
+    return found
 
 
 def _files(

@@ -1,6 +1,6 @@
 """The `export` section: which targets are written, and of what."""
 
-from typing import Annotated, ClassVar, Literal, TypeAlias, TypeVar
+from typing import Annotated, ClassVar, Literal, TypeAlias, TypeVar, get_args
 
 from pydantic import Field
 
@@ -20,6 +20,10 @@ OwnEntry = TypeVar("OwnEntry", bound="TargetEntry")
 Slopes: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
 Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian", "ros2"]
 OnlineExtra: TypeAlias = Literal["fmu"]
+UnitPlatform: TypeAlias = Literal[
+    "x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin"
+]
+"""As FMI 3.0 calls them."""
 
 
 class TargetEntry(Entry):
@@ -119,6 +123,7 @@ class FmuExport(FloatTargetEntry):
     """Functional Mock-up Units; names start with `prefix`, by default the name of the spec.
 
     `delay` makes ports of the newest samples where the step reads inputs ahead, and outputs late.
+    `platforms` are those that get a binary beside this machine's.
     """
 
     noun: ClassVar[str] = "the fmu export"
@@ -126,6 +131,8 @@ class FmuExport(FloatTargetEntry):
     prefix: NewName | None = None
     delay: References = ()
     """Inputs whose samples after t a step waits for: outputs are as many samples late."""
+    platforms: DifferentOf[Annotated[UnitPlatform, choice(*get_args(UnitPlatform))]] = ()
+    """Kinds of machines to compile for as well, by zig."""
 
 
 class MpcExport(FloatTargetEntry):
@@ -141,6 +148,8 @@ class MpcExport(FloatTargetEntry):
     prefix: NewName | None = None
     extras: DifferentOf[Annotated[OnlineExtra, choice("fmu")]] = Field(default=(), alias="with")
     """What is generated beside the C: units of FMI 2.0 and 3.0."""
+    platforms: DifferentOf[Annotated[UnitPlatform, choice(*get_args(UnitPlatform))]] = ()
+    """Kinds of machines to compile the units for as well, by zig."""
 
 
 class Export(Entry):

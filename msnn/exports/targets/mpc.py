@@ -19,8 +19,8 @@ from msnn.errors import predictive_control
 from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import name_prefix
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
-from msnn.packages import FMPY
-from spec_schema.sections.exports import MpcExport, OnlineExtra
+from msnn.packages import FMPY, ZIGLANG
+from spec_schema.sections.exports import MpcExport, OnlineExtra, UnitPlatform
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +31,8 @@ class Online:
     estimation: EstimationProblem | None
     extras: tuple[OnlineExtra, ...] = ()
     """What is written beside the C."""
+    platforms: tuple[UnitPlatform, ...] = ()
+    """Those that get a binary in the units beside this machine's."""
 
 
 def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | None:
@@ -57,7 +59,12 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
         program=program,
         prefix=name_prefix(request, None if entry is None else entry.prefix),
         dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
-        options=Online(control, estimation, _extras(request, entry)),
+        options=Online(
+            control,
+            estimation,
+            _extras(request, entry),
+            () if entry is None else tuple(entry.platforms),
+        ),
     )
 
 
@@ -101,7 +108,9 @@ def _write_units(
         code = [path for path in own if path.suffix in (".c", ".h") and "selftest" not in path.name]
         return {path.name: path.read_text(encoding="utf-8") for path in code}
 
-    place = folder / "fmu"
+    place, platforms = folder / "fmu", plan.options.platforms
+    if platforms:
+        ZIGLANG.require(f"compiles units for {', '.join(platforms)}")
     written: tuple[Path, ...] = ()
     control, estimation = plan.options.control, plan.options.estimation
     try:
@@ -109,13 +118,13 @@ def _write_units(
             name = f"{plan.prefix}_mpc"
             known = trained(control, _own(control.program, weights))
             unit = controller_unit(known, name, plan.float_type)
-            written += write_online_unit(control.program, unit, sources(name), place)
+            written += write_online_unit(control.program, unit, sources(name), place, platforms)
         if estimation is not None:
             name = f"{plan.prefix}_ekf"
             own = _own(estimation.program, weights)
             about = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
             unit = filter_unit(estimation, own, about)
-            written += write_online_unit(estimation.program, unit, sources(name), place)
+            written += write_online_unit(estimation.program, unit, sources(name), place, platforms)
     except CompilerFailedError as error:
         raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
     return (*written, *write_headers(place))
