@@ -44,7 +44,12 @@ def write_fmu(
         folder,
         platforms,
     )
-    readme = readme_text("fmu", model=one_line(program.name), prefix=interface.prefix)
+    readme = readme_text(
+        "fmu",
+        model=one_line(program.name),
+        prefix=interface.prefix,
+        platforms=", ".join(platforms),
+    )
     return (*units, *write_headers(folder), write_text(folder / "README.md", readme))
 
 

@@ -52,6 +52,8 @@ def test_windows_and_macos_have_the_functions_of_fmi(
     monkeypatch.setenv("CC", "no-such-compiler")  # this machine's binary is tested elsewhere
     archives = sorted(path for path in exported(tmp_path).files if path.suffix == ".fmu")
     second, third = (binaries(path) for path in archives)
+    page = (tmp_path / "out" / "README.md").read_text(encoding="utf-8")
+    assert "and those for x86_64-windows, aarch64-darwin" in page
     assert set(second) == {"win64/plant.dll"}  # FMI 2.0 has no name for aarch64
     assert set(third) == {"x86_64-windows/plant.dll", "aarch64-darwin/plant.dylib"}
     assert names_in_dll(second["win64/plant.dll"]) == defined(archives[0], 2)

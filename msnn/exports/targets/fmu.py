@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from backends.c_lowering.options import COptions
@@ -18,18 +18,10 @@ from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.packages import ZIGLANG
-from spec_schema.sections.exports import FmuExport, UnitPlatform
+from spec_schema.sections.exports import FmuExport
 
 
-@dataclass(frozen=True, slots=True)
-class UnitOptions:
-    """Choices of the C inside, and the platforms that get a binary beside this machine's."""
-
-    c: COptions
-    platforms: tuple[UnitPlatform, ...] = ()
-
-
-def _prepare(request: Request, entry: FmuExport | None) -> ExportPlan[UnitOptions] | None:
+def _prepare(request: Request, entry: FmuExport | None) -> ExportPlan[COptions] | None:
     delay = () if entry is None else entry.delay
     step = step_program(request, entry, delay, keeps_arrays=True)
     if step is None:
@@ -41,10 +33,8 @@ def _prepare(request: Request, entry: FmuExport | None) -> ExportPlan[UnitOption
         program=step,
         prefix=name_prefix(request, None if entry is None else entry.prefix),
         dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
-        options=UnitOptions(
-            COptions(params="tunable", extras=("feedthrough",) if _has_slopes(step) else ()),
-            () if entry is None else tuple(entry.platforms),
-        ),
+        options=COptions(params="tunable", extras=("feedthrough",) if _has_slopes(step) else ()),
+        platforms=() if entry is None else tuple(entry.platforms),
     )
 
 
@@ -55,11 +45,11 @@ def _has_slopes(program: Program) -> bool:
     return outputs * inputs <= MOST_ENTRIES
 
 
-def _write(plan: ExportPlan[UnitOptions], weights: Weights, folder: Path) -> tuple[Path, ...]:
+def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[Path, ...]:
     from backends.c.host.build import CompilerFailedError
     from backends.fmu.write_fmu import write_fmu
 
-    platforms = plan.options.platforms
+    platforms = plan.platforms
     if platforms:
         ZIGLANG.require(f"compiles units for {', '.join(platforms)}")
     try:
@@ -68,7 +58,7 @@ def _write(plan: ExportPlan[UnitOptions], weights: Weights, folder: Path) -> tup
         raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
 
 
-def _tell(plan: ExportPlan[UnitOptions], folder: Path) -> str:
+def _tell(plan: ExportPlan[COptions], folder: Path) -> str:
     """Whether the units run on this machine."""
     from backends.fmu.archive import holds_binary
 
@@ -79,7 +69,7 @@ def _tell(plan: ExportPlan[UnitOptions], folder: Path) -> str:
 
 
 @contextmanager
-def _load(plan: ExportPlan[UnitOptions], written: Written) -> Generator[Loaded]:
+def _load(plan: ExportPlan[COptions], written: Written) -> Generator[Loaded]:
     from backends.c.interface.interface import c_interface
     from msnn.exports.loaded_fmu import loaded_fmu
 
@@ -87,19 +77,19 @@ def _load(plan: ExportPlan[UnitOptions], written: Written) -> Generator[Loaded]:
         yield loaded
 
 
-def _named(plan: ExportPlan[UnitOptions]) -> COptions:
-    return replace(plan.options.c, dtype=plan.float_type, prefix=plan.prefix)
+def _named(plan: ExportPlan[COptions]) -> COptions:
+    return replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
 
 
 def _promise(dtype: NumberType) -> Promise:
     return Promise.BITS if dtype == "float32" else Promise.ROUNDING
 
 
-TARGET: Target[FmuExport, UnitOptions] = Target(
+TARGET: Target[FmuExport, COptions] = Target(
     name="fmu",
     entry=FmuExport,
     dtype="float32",
-    options=UnitOptions(COptions(params="tunable")),
+    options=COptions(params="tunable"),
     promise=_promise,
     prepare=_prepare,
     write=_write,

@@ -20,7 +20,7 @@ from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import name_prefix
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.packages import FMPY, ZIGLANG
-from spec_schema.sections.exports import MpcExport, OnlineExtra, UnitPlatform
+from spec_schema.sections.exports import MpcExport, OnlineExtra
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +31,6 @@ class Online:
     estimation: EstimationProblem | None
     extras: tuple[OnlineExtra, ...] = ()
     """What is written beside the C."""
-    platforms: tuple[UnitPlatform, ...] = ()
-    """Those that get a binary in the units beside this machine's."""
 
 
 def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | None:
@@ -59,12 +57,8 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
         program=program,
         prefix=name_prefix(request, None if entry is None else entry.prefix),
         dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
-        options=Online(
-            control,
-            estimation,
-            _extras(request, entry),
-            () if entry is None else tuple(entry.platforms),
-        ),
+        options=Online(control, estimation, _extras(request, entry)),
+        platforms=() if entry is None else tuple(entry.platforms),
     )
 
 
@@ -108,7 +102,7 @@ def _write_units(
         code = [path for path in own if path.suffix in (".c", ".h") and "selftest" not in path.name]
         return {path.name: path.read_text(encoding="utf-8") for path in code}
 
-    place, platforms = folder / "fmu", plan.options.platforms
+    place, platforms = folder / "fmu", plan.platforms
     if platforms:
         ZIGLANG.require(f"compiles units for {', '.join(platforms)}")
     written: tuple[Path, ...] = ()
