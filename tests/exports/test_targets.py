@@ -71,6 +71,7 @@ def test_controllers_are_among_all_targets_where_the_spec_has_one() -> None:
         ("", "{}", "E1140"),
         ("blocks: [2, 8]", "{}", "E1142"),
         ("horizon: 10", "{outputs: [y]}", "E1143"),
+        ("horizon: 10", "{platforms: [x86_64-windows]}", "E1224"),
     ],
 )
 def test_controllers_that_are_not_written_are_refused(

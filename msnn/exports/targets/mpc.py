@@ -52,12 +52,16 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
         key = "outputs" if entry.outputs is not None else "close"
         report(predictive_control.unsuited_key(key, entry.place.key))
         return None
+    extras = _extras(request, entry)
+    if entry is not None and entry.platforms and "fmu" not in extras:
+        report(predictive_control.platforms_without_units(entry.place.key))
+        return None
     return ExportPlan(
         target=TARGET,
         program=program,
         prefix=name_prefix(request, None if entry is None else entry.prefix),
         dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
-        options=Online(control, estimation, _extras(request, entry)),
+        options=Online(control, estimation, extras),
         platforms=() if entry is None else tuple(entry.platforms),
     )
 
