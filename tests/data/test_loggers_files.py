@@ -273,3 +273,68 @@ def test_frames_have_dates_too(tmp_path: Path) -> None:
     time = pd.date_range("2026-11-22 17:00", periods=3, freq="500ms")
     frame = pd.DataFrame({"time": time, "F": FORCE, "x": PLACE})
     assert output(msnn.simulate(model, frame)) == PLAIN.tolist()
+
+
+MINUTES = "time,F,x\n" + "".join(f"2026-11-22 17:{m:02}:00.000,{m},0\n" for m in range(10))
+BY_MINUTES = SPEC.replace("0.5 s", "1 min")
+
+
+@pytest.mark.parametrize(
+    ("layout", "expected"),
+    [
+        ({"from": "2026-11-22 17:06"}, [6.0, 7.0, 8.0, 9.0]),
+        ({"from": "2026-11-22T17:02:00", "to": "2026-11-22 17:04"}, [2.0, 3.0, 4.0]),
+        ({"from": "7 min", "to": "2026-11-22 17:08:59.9"}, [7.0, 8.0]),
+        ({"to": "2026-11-22 17:01"}, [0.0, 1.0]),
+    ],
+)
+def test_rows_are_picked_by_dates(
+    tmp_path: Path, layout: dict[str, str], expected: list[float]
+) -> None:
+    assert output(read(tmp_path, MINUTES, spec=BY_MINUTES, **layout)) == expected
+
+
+def test_dates_of_another_zone_are_the_same_moments(tmp_path: Path) -> None:
+    text = MINUTES.replace(".000,", "+01:00,")
+    found = read(tmp_path, text, spec=BY_MINUTES, **{"from": "2026-11-22T16:08:00Z"})
+    assert output(found) == [8.0, 9.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "layout", "code"),
+    [
+        ("time,F,x\n0,1,0\n60,2,0\n", {"from": "2026-11-22"}, "E0979"),
+        (MINUTES, {"to": "2026-11-22 17:04Z"}, "E0979"),
+        (MINUTES.replace(".000,", "Z,"), {"to": "2026-11-22 17:04"}, "E0979"),
+        (
+            MINUTES,
+            {"split": {"by": "time", "val": ["2026-11-22 17:04Z", "2026-11-22 17:05Z"]}},
+            "E0979",
+        ),
+        (MINUTES, {"from": "2026-11-22 18:00"}, "E0818"),
+        (MINUTES, {"from": "22.11.2026"}, "E0216"),
+        (
+            MINUTES,
+            {"split": {"by": "time", "val": ["2026-11-22 17:05", "2026-11-22 17:04"]}},
+            "E0223",
+        ),
+        (MINUTES, {"split": {"by": "time", "val": ["60 s", "2026-11-22 17:04"]}}, "E0223"),
+        (
+            MINUTES,
+            {
+                "split": {
+                    "by": "time",
+                    "val": ["60 s", "80 s"],
+                    "test": ["2026-11-22 17:04", "2026-11-22 17:05"],
+                }
+            },
+            "E0223",
+        ),
+    ],
+)
+def test_dates_that_do_not_compare_are_refused(
+    tmp_path: Path, text: str, layout: dict[str, Any], code: str
+) -> None:
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, spec=BY_MINUTES, **layout)
+    assert {found.code for found in caught.value.diagnostics} == {code}
