@@ -244,6 +244,39 @@ def test_a_fault_in_a_workbook_names_its_row(tmp_path: Path) -> None:
     assert found.span.line == 3
 
 
+@pytest.mark.parametrize("column", [1, 2, 0])
+def test_formulas_that_nobody_has_computed_are_no_empty_cells(tmp_path: Path, column: int) -> None:
+    """Those of a target, which may be missing, would else count as not measured."""
+    rows: list[list[object]] = [["time", "u", "y"], [0, 1, 2], [0.5, 1, 2], [1, 1, 2]]
+    rows[2][column] = "=B2*0.5"
+    spec = SPEC.replace("{F: {unit: N}, x: {unit: m}}", "{u: {}}\ntargets: {y: {}}")
+    spec = spec.replace("constants: {softness: 1 m/N}\n", "").replace(
+        "y: {expr: F * softness + x, unit: m}", 'out: {expr: 2 * u, predicts: "y[t]"}'
+    )
+    with pytest.raises(SpecError, match=r"`=B2\*0\.5` in column") as caught:
+        simulated(tmp_path, _workbook(tmp_path, rows), spec=spec)
+    (found,) = caught.value.diagnostics
+    assert (found.code, found.span and found.span.line) == ("E0807", 3)
+    assert "save it" in (found.help or "")
+
+
+def test_computed_formulas_and_empty_cells_of_a_workbook_are_read_as_before(tmp_path: Path) -> None:
+    rows: list[Sequence[object]] = [["time", "F", "x", "n"], [0, 1, 0.1, "=1+1"], [0.5, 2, 0.2]]
+    rows += [[1, 4, 0.3, "=2"]]
+    whole = tmp_path / _workbook(tmp_path, rows)
+    with zipfile.ZipFile(whole) as book:
+        texts = {name: book.read(name) for name in book.namelist()}
+    sheet = texts["xl/worksheets/sheet1.xml"].decode()
+    # as a spreadsheet program saves `=""`, and `=2*2` in the place of the number 4
+    sheet = sheet.replace('<c r="B4" t="n"><v>4</v></c>', '<c r="B4"><f>2*2</f><v>4</v></c>')
+    assert "2*2" in sheet
+    texts["xl/worksheets/sheet1.xml"] = sheet.encode()
+    with zipfile.ZipFile(tmp_path / "saved.xlsx", "w") as book:
+        for name, text in texts.items():
+            book.writestr(name, text)
+    np.testing.assert_array_equal(output(simulated(tmp_path, "saved.xlsx")), PLAIN)
+
+
 def test_a_workbook_asks_for_what_reads_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = _workbook(tmp_path, [["time", "F", "x"], [0, 1, 0.1]])
     missing = OptionalPackage("no_such_openpyxl", OPENPYXL.extra, OPENPYXL.purpose)
