@@ -140,42 +140,60 @@ def _measured(
     warnings: list[Diagnostic],
 ) -> tuple[Dataset | None, tuple[Simulation, ...], ValidationReport | None]:
     """The data, free runs over them, what is measured; none of what cannot be had."""
-    from msnn.api.measurements import validate
+    from msnn.api.measurements import needs_data, validate_on
     from msnn.errors import reports as errors
     from msnn.exports.exported_rollouts import chosen_engine
     from msnn.exports.prepare import loop_fault
-    from msnn.model.model_data import measured
     from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate, simulation_program
 
-    data: Dataset | None = None
     runs: tuple[Simulation, ...] = ()
     validation: ValidationReport | None = None
-    if frames is None and model.spec.data is None:
-        warnings.append(errors.no_files("records and errors"))
+    data = _read(model, frames, data_root, warnings)
+    if data is None and needs_data(model):
         return data, runs, validation
     try:
-        data = measured(model, frames, data_root, "report")
-        chosen = chosen_engine(model, engine)
-        program = simulation_program(model.program)
-        with sources_of(model):
-            found = simulate(program, data, weights, engine=chosen, progress=progress or nobody)
-        runs = found.runs
-        warnings += found.warnings
+        if data is not None:
+            chosen = chosen_engine(model, engine)
+            program = simulation_program(model.program)
+            with sources_of(model):
+                found = simulate(program, data, weights, engine=chosen, progress=progress or nobody)
+            runs = found.runs
+            warnings += found.warnings
     except LoopError as error:
         warnings.append(errors.no_part("records", loop_fault(error, None).message))
     except SpecError as error:
         first = error.diagnostics[0]
         warnings.append(errors.no_part("records", first.message, first.help))
     try:
-        validation = validate(
-            model, weights, frames, data_root=data_root, engine=engine, progress=progress
+        validation = validate_on(
+            model, data, weights, data_root=data_root, engine=engine, progress=progress
         )
         warnings += (warning for warning in validation.warnings if warning not in warnings)
     except SpecError as error:
         first = error.diagnostics[0]
         warnings.append(errors.no_part("errors", first.message, first.help))
     return data, runs, validation
+
+
+def _read(
+    model: Model, frames: Frames | None, data_root: str | Path | None, warnings: list[Diagnostic]
+) -> Dataset | None:
+    """The data of the session or of the spec; None after a warning of what the page lacks."""
+    from msnn.api.measurements import needs_data
+    from msnn.errors import reports as errors
+    from msnn.model.model_data import measured
+
+    lacking = "records and errors" if needs_data(model) else "records"
+    if frames is None and model.spec.data is None:
+        warnings.append(errors.no_files(lacking))
+        return None
+    try:
+        return measured(model, frames, data_root, "report")
+    except SpecError as error:
+        first = error.diagnostics[0]
+        warnings.append(errors.no_part(lacking, first.message, first.help))
+        return None
 
 
 def _line(folder: Path) -> RunLine | None:
