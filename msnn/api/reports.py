@@ -186,7 +186,11 @@ def _read(
 
     lacking = "records and errors" if needs_data(model) else "records"
     if frames is None and model.spec.data is None:
-        warnings.append(errors.no_files(lacking))
+        reason = (
+            "the run was given its data in Python and does not keep them; its spec names no files"
+        )
+        repair = "hand them over again, in Python: `msnn.report(run, data=frames)`"
+        warnings.append(errors.no_part(lacking, reason, repair))
         return None
     try:
         return measured(model, frames, data_root, "report")

@@ -15,10 +15,3 @@ def no_part(part: str, reason: str, repair: str | None = None) -> Diagnostic:
     message = f"the report has no {part}: {reason}"
     usual = "what it has is right all the same; mend the reason and write it again"
     return warning("W0809", None, message, help=repair or usual)
-
-
-def no_files(part: str) -> Diagnostic:
-    """W0809, of a run whose spec names no files: its data were frames or arrays of a session."""
-    reason = "the run was given its data in Python and does not keep them; its spec names no files"
-    repair = "hand them over again, in Python: `msnn.report(run, data=frames)`"
-    return no_part(part, reason, repair)
