@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from backends.c_language.helper_functions import HELPERS
 from backends.c_language.literals import Dtype, suffix
+from backends.c_language.math_library import MathLibrary
 from backends.c_language.tree import Call, Conditional, Expression, Function
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Kind
-
-MathLibrary = Literal["own", "libm"]
 
 _IN_LIBM = frozenset(
     {"sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"}

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from backends.c_language.functions import MathLibrary
 from backends.c_language.literals import Dtype
+from backends.c_language.math_library import MathLibrary
 
 Ring = Literal["auto", "shift", "double"]
 ParameterAccess = Literal["const", "tunable", "calibration", "inline"]

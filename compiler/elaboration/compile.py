@@ -6,9 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from compiler.elaboration.control.control_problem import asked_control, control_problem
 from compiler.elaboration.deep_recursion import room_for
-from compiler.elaboration.estimation.estimation_problem import estimation_problem
 from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.losses.penalties import checked_penalties
 from compiler.elaboration.lower_spec import exported_equations, lower_spec
@@ -124,7 +122,9 @@ def _with_problems(
 ) -> Compiled:
     """The same with the problems of its sections `mpc` and `estimator`."""
     spec = linked.spec
-    if spec.mpc is not None:
+    if spec.mpc is not None:  # few specs have the two sections: others start without their rooms
+        from compiler.elaboration.control.control_problem import asked_control, control_problem
+
         asked = asked_control(linked, spec.mpc)
         whole = compile_it(asked.linked)
         more = [found for found in whole.warnings if found not in compiled.warnings]
@@ -132,6 +132,8 @@ def _with_problems(
         control, said = control_problem(asked, program, more)
         compiled = replace(compiled, control=control, warnings=(*compiled.warnings, *said))
     if spec.estimator is not None:
+        from compiler.elaboration.estimation.estimation_problem import estimation_problem
+
         estimation = estimation_problem(spec, spec.estimator, compiled.program)
         compiled = replace(compiled, estimation=estimation)
     return compiled

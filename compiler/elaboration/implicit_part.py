@@ -18,7 +18,6 @@ import numpy as np
 from compiler.differentiation.gradient_nodes import element_gradients, gradient_nodes
 from compiler.elaboration.linear_implicit import Row, difference, scalar_of, solved
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import needed
 from compiler.ir.program import NodeId
 from compiler.ir.types import UNNAMED, Axis
 from compiler.jacobian.sparsity_pattern import nonzero_elements
@@ -67,11 +66,6 @@ class ImplicitPart:
             rows.append(row)
             right.append(builder.multiply(h, scalar_of(builder, self.slope, index)))
         return _joined(builder, solved(builder, rows, right), self.value)
-
-
-def depends(builder: GraphBuilder, value: NodeId, on: NodeId) -> bool:
-    """Whether a value is made of another one."""
-    return needed(builder.graph(), (value,))[on]
 
 
 def _diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import NoReturn, assert_never
 
-from compiler.elaboration.implicit_part import ImplicitPart, depends
-from compiler.elaboration.linear_implicit import increments
 from compiler.ir.builder import GraphBuilder
+from compiler.ir.liveness import needed
 from compiler.ir.ops import Add
 from compiler.ir.program import NodeId
 from compiler.ir.types import Type
@@ -156,6 +155,8 @@ class _Steps:
         II, 1996, IV.7, s = 1 and γ = 1). What moves with time counts at the end of the step, as in
         the implicit Euler method: (7.4a) adds h² ∂f/∂t there, and a stiff state follows its input.
         """
+        from compiler.elaboration.linear_implicit import increments  # most methods are explicit
+
         builder = self.context.builder(STEP)
         slopes = self._slopes(values, self.end)
         moved: Values = {}
@@ -168,6 +169,8 @@ class _Steps:
         """The state that feels the equation, implicit in it, first; then the others, as
         semi-implicit Euler does, at its new value: a position moves with the new velocity.
         """
+        from compiler.elaboration.implicit_part import ImplicitPart  # most methods are explicit
+
         builder = self.context.builder(STEP)
         # how the equation varies with one state alone: after a substep others depend on it
         apart = {name: builder.named(node, name) for name, node in values.items()}
@@ -200,8 +203,8 @@ class _Steps:
             name
             for name, value in values.items()
             if builder.type(value).axes == axes
-            and depends(builder, equation, value)
-            and depends(builder, self._slope(name, stage), equation)
+            and _depends(builder, equation, value)
+            and _depends(builder, self._slope(name, stage), equation)
         ]
         if len(found) != 1:
             if found:
@@ -287,3 +290,8 @@ class _Steps:
             return builder.add(value, change)
         value, change, axes = builder.aligned(value, change)
         return builder.emit(Add(), (value, change), Type(axes, None))
+
+
+def _depends(builder: GraphBuilder, value: NodeId, on: NodeId) -> bool:
+    """Whether a value is made of another one."""
+    return needed(builder.graph(), (value,))[on]

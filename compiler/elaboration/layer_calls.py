@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from compiler import layers
 from compiler.ir.program import NodeId
-from compiler.layers import LAYERS
 from compiler.layers.rules.layer_context import LayerContext, LayerStores
 from compiler.layers.rules.layer_rule import AnyRule
 from compiler.lowering.context import Context
@@ -13,8 +13,6 @@ from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Member
 from spec_schema.fields.entry import Entry
 from spec_schema.sections.layers.layer import Layer
-
-_RULES = {rule.settings: rule for rule in LAYERS}
 
 
 def lower_layer(
@@ -99,4 +97,4 @@ def _context(
 
 def rule_of(settings: Entry) -> AnyRule:
     """The rule of a layer's settings."""
-    return _RULES[type(settings)]
+    return layers.rule_of(type(settings))

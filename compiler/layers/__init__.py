@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
-from compiler.layers.equation_learner import EQUATION_LEARNER
-from compiler.layers.fir import FIR
-from compiler.layers.fuzzify import FUZZIFY
-from compiler.layers.iir import IIR
-from compiler.layers.interpolation import INTERPOLATION
-from compiler.layers.linear import LINEAR
-from compiler.layers.local_model import LOCAL_MODEL
-from compiler.layers.mlp import MLP
-from compiler.layers.normalize import NORMALIZE
-from compiler.layers.rules.layer_rule import AnyRule
-from compiler.layers.savitzky_golay import SAVITZKY_GOLAY
-from compiler.layers.state_space import STATE_SPACE
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
 
-LAYERS: tuple[AnyRule, ...] = (
-    FIR,
-    LINEAR,
-    FUZZIFY,
-    LOCAL_MODEL,
-    MLP,
-    EQUATION_LEARNER,
-    INTERPOLATION,
-    NORMALIZE,
-    IIR,
-    STATE_SPACE,
-    SAVITZKY_GOLAY,
-)
-"""Every kind of layer; the class of its settings says which one a spec means."""
+from compiler.layers.rules.layer_rule import AnyRule
+from spec_schema.fields.entry import Entry
+from spec_schema.sections.layers.filters import Iir, SavitzkyGolay, StateSpace
+from spec_schema.sections.layers.fuzzy_sets import Fuzzify
+from spec_schema.sections.layers.layer import LocalModel
+from spec_schema.sections.layers.networks import EquationLearner, Fir, Linear, Mlp
+from spec_schema.sections.layers.tables import Interpolation, Normalize
+
+LAYERS: Mapping[type[Entry], str] = {
+    Fir: "fir",
+    Linear: "linear",
+    Fuzzify: "fuzzify",
+    LocalModel: "local_model",
+    Mlp: "mlp",
+    EquationLearner: "equation_learner",
+    Interpolation: "interpolation",
+    Normalize: "normalize",
+    Iir: "iir",
+    StateSpace: "state_space",
+    SavitzkyGolay: "savitzky_golay",
+}
+"""The file of every kind of layer, by the class of its settings. Its rule has the file's name in
+capitals. A file is loaded with the first layer of its kind: most specs have one kind or none."""
+
+
+@cache
+def rule_of(settings: type[Entry]) -> AnyRule:
+    """The rule of the layers with settings of this class."""
+    name = LAYERS[settings]
+    rule: AnyRule = getattr(import_module(f"{__name__}.{name}"), name.upper())
+    assert rule.settings is settings, name
+    return rule

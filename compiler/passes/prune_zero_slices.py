@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from compiler.ir.graph_copy import with_start, with_step
 from compiler.ir.program import NodeId, Parameter, Program
 from compiler.ir.types import Axis
-from compiler.passes.analyses.selected_elements import Asked, Kept, SelectedElements
+from compiler.passes.analyses.kept_slices import Cut, Kept
+from compiler.passes.analyses.selected_elements import Asked, SelectedElements
 from compiler.passes.drop_unused import drop_unused
 from compiler.passes.drop_zero_numbers import drop_zero_numbers
 from compiler.passes.fold_constants import fold_constants
@@ -21,32 +22,11 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Cut:
-    """What is kept of an array along one of its axes."""
-
-    parameter: str
-    position: int
-    """Of the axis."""
-    size: int
-    """How many elements there are."""
-    kept: Kept
-
-
-@dataclass(frozen=True, slots=True)
 class Pruned:
     """A smaller program, and what of the arrays it needs."""
 
     program: Program
     cuts: tuple[Cut, ...]
-
-
-def cut_weights(cuts: Collection[Cut], weights: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The weights with what the cuts keep of them."""
-    found = dict(weights)
-    for cut in cuts:
-        if cut.parameter in found:
-            found[cut.parameter] = np.take(found[cut.parameter], cut.kept, axis=cut.position)
-    return found
 
 
 def prune_zero_slices(

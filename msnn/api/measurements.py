@@ -19,6 +19,7 @@ NOT_HERE = {"E1042", "E1301"}
 
 if TYPE_CHECKING:
     from msnn.api.results.measurements import ShownReport, ShownSimulations
+    from msnn.data.dataset import Dataset
     from msnn.data.reading.frames import Frames
     from msnn.data_check.found import DataCheck
     from msnn.simulation.engines.engine import Engine
@@ -68,6 +69,37 @@ def validate(
     how many steps are done. `intervals` counts how often targets lie inside prediction intervals;
     weights are then a result or the path of a run. Raises SpecError.
     """
+    dataset = None
+    if intervals or needs_data(model):
+        dataset = measured(model, data, data_root, "validation")
+    return validate_on(
+        model,
+        dataset,
+        weights,
+        data_root=data_root,
+        engine=engine,
+        progress=progress,
+        intervals=intervals,
+    )
+
+
+def needs_data(model: Model) -> bool:
+    """Whether anything is measured on the data of the spec: not where all entries have files."""
+    checks = model.spec.checks
+    return not checks or any(check.files is None for check in checks)
+
+
+def validate_on(
+    model: Model,
+    dataset: Dataset | None,
+    weights: Weights | None,
+    *,
+    data_root: str | Path | None = None,
+    engine: str = "auto",
+    progress: RolloutProgress | None = None,
+    intervals: bool = False,
+) -> ShownReport:
+    """As `validate`, on data that were read; None where no entry needs any but its own files."""
     from msnn.api.results.measurements import ShownReport
     from msnn.data.reading.file_sets import load_file_sets
     from msnn.exports.exported_rollouts import chosen_engine
@@ -75,10 +107,7 @@ def validate(
     from msnn.simulation.engines.progress import nobody
     from msnn.validation import validate as validation
 
-    chosen = chosen_engine(model, engine)
-    checks, dataset = model.spec.checks, None
-    if intervals or not checks or any(check.files is None for check in checks):
-        dataset = measured(model, data, data_root, "validation")
+    chosen, checks = chosen_engine(model, engine), model.spec.checks
     known = known_in(model, weights)
     with sources_of(model):
         files = load_file_sets(model.program, model.spec, data_folder(model, data_root))

@@ -16,6 +16,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:
     from msnn.data.dataset import Dataset, FloatArray
+    from msnn.data.reading.frames import Frames
     from msnn.model.model import Model
     from msnn.reports.run_summary import Run
     from msnn.simulation.engines.progress import RolloutProgress
@@ -40,6 +41,7 @@ def report(
     run: str | Path,
     file: str | Path | None = None,
     *,
+    data: Frames | None = None,
     data_root: str | Path | None = None,
     engine: str = "auto",
     verification: str | Path | None = None,
@@ -49,9 +51,10 @@ def report(
 
         written = msnn.report("runs/plant/latest", "plant.html")
         print(written.path, written.warnings)
+        msnn.report("runs/plant/latest", data=frames)  # of a run that was trained on frames
 
-    The data are those of the spec, below `data_root`; without them the page has no records, and
-    it says where they are no longer those that the run was trained on.
+    `data` is as in `train`; None takes that of the spec, below `data_root`. Without any the page
+    has no records, and it says where it is not what the run was trained on.
     `engine` simulates as in `validate`. `verification` is a file that `msnn verify --format json`
     has written. Without the extra `zig` the model does not run in the page. Raises SpecError for
     what is no run, and for one that has no weights.
@@ -72,24 +75,22 @@ def report(
     checks = None if verification is None else _verification(Path(verification))
     chosen = choose_weights(model, None, found.folder.parent)
     warnings: list[Diagnostic] = []
-    data, simulations, validation = _measured(
-        model, chosen.weights, data_root, engine, progress, warnings
+    dataset, simulations, validation = _measured(
+        model, chosen.weights, data, data_root, engine, progress, warnings
     )
-    if data is not None and _are_others(data, found):
-        reason = "the files are others now, or it was given its data in memory"
-        kept = f"{reason}; records and errors are of the files as is"
-        warnings.append(errors.no_part("data of the training", kept))
-    live = live_model(model, chosen.weights, data)
+    if dataset is not None and _are_others(dataset, found):
+        warnings.append(_other_data(were_given=data is not None))
+    live = live_model(model, chosen.weights, dataset)
     if isinstance(live, NotLive):
         warnings.append(errors.no_part("running model", live.reason))
     with sources_of(model):
-        functions = learned_functions(model, chosen.weights, data)
+        functions = learned_functions(model, chosen.weights, dataset)
     text = page_text(
         Contents(
             run=found,
             model=model,
             weights=chosen.weights,
-            data=data,
+            data=dataset,
             simulations=simulations,
             validation=validation,
             functions=functions,
@@ -101,6 +102,18 @@ def report(
     )
     path = found.folder / PAGE if file is None else Path(file)
     return WrittenReport(write_text(path, text), tuple(warnings), not isinstance(live, NotLive))
+
+
+def _other_data(*, were_given: bool) -> Diagnostic:
+    from msnn.errors import reports as errors
+
+    if were_given:
+        kept = "those that were given are others; records and errors are of these"
+        return errors.no_part("data of the training", kept)
+    reason = "the files are others now, or it was given its data in memory"
+    kept = f"{reason}; records and errors are of the files as is"
+    repair = "data of a session can be handed over, in Python: `msnn.report(run, data=frames)`"
+    return errors.no_part("data of the training", kept, repair)
 
 
 def _are_others(data: Dataset, run: Run) -> bool:
@@ -120,41 +133,71 @@ def _undrawn(model: Model) -> list[str]:
 def _measured(
     model: Model,
     weights: Mapping[str, FloatArray],
+    frames: Frames | None,
     data_root: str | Path | None,
     engine: str,
     progress: RolloutProgress | None,
     warnings: list[Diagnostic],
 ) -> tuple[Dataset | None, tuple[Simulation, ...], ValidationReport | None]:
-    """The data of the spec, free runs over them, what is measured; none of what cannot be had."""
-    from msnn.api.measurements import validate
+    """The data, free runs over them, what is measured; none of what cannot be had."""
+    from msnn.api.measurements import needs_data, validate_on
     from msnn.errors import reports as errors
     from msnn.exports.exported_rollouts import chosen_engine
     from msnn.exports.prepare import loop_fault
-    from msnn.model.model_data import read_data
     from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate, simulation_program
 
-    data: Dataset | None = None
     runs: tuple[Simulation, ...] = ()
     validation: ValidationReport | None = None
+    data = _read(model, frames, data_root, warnings)
+    if data is None and needs_data(model):
+        return data, runs, validation
     try:
-        data = read_data(model, data_root, "report")
-        chosen = chosen_engine(model, engine)
-        program = simulation_program(model.program)
-        with sources_of(model):
-            found = simulate(program, data, weights, engine=chosen, progress=progress or nobody)
-        runs = found.runs
-        warnings += found.warnings
+        if data is not None:
+            chosen = chosen_engine(model, engine)
+            program = simulation_program(model.program)
+            with sources_of(model):
+                found = simulate(program, data, weights, engine=chosen, progress=progress or nobody)
+            runs = found.runs
+            warnings += found.warnings
     except LoopError as error:
         warnings.append(errors.no_part("records", loop_fault(error, None).message))
     except SpecError as error:
-        warnings.append(errors.no_part("records", error.diagnostics[0].message))
+        first = error.diagnostics[0]
+        warnings.append(errors.no_part("records", first.message, first.help))
     try:
-        validation = validate(model, weights, data_root=data_root, engine=engine, progress=progress)
+        validation = validate_on(
+            model, data, weights, data_root=data_root, engine=engine, progress=progress
+        )
         warnings += (warning for warning in validation.warnings if warning not in warnings)
     except SpecError as error:
-        warnings.append(errors.no_part("errors", error.diagnostics[0].message))
+        first = error.diagnostics[0]
+        warnings.append(errors.no_part("errors", first.message, first.help))
     return data, runs, validation
+
+
+def _read(
+    model: Model, frames: Frames | None, data_root: str | Path | None, warnings: list[Diagnostic]
+) -> Dataset | None:
+    """The data of the session or of the spec; None after a warning of what the page lacks."""
+    from msnn.api.measurements import needs_data
+    from msnn.errors import reports as errors
+    from msnn.model.model_data import measured
+
+    lacking = "records and errors" if needs_data(model) else "records"
+    if frames is None and model.spec.data is None:
+        reason = (
+            "the run was given its data in Python and does not keep them; its spec names no files"
+        )
+        repair = "hand them over again, in Python: `msnn.report(run, data=frames)`"
+        warnings.append(errors.no_part(lacking, reason, repair))
+        return None
+    try:
+        return measured(model, frames, data_root, "report")
+    except SpecError as error:
+        first = error.diagnostics[0]
+        warnings.append(errors.no_part(lacking, first.message, first.help))
+        return None
 
 
 def _line(folder: Path) -> RunLine | None:

@@ -27,6 +27,8 @@ def main() -> NoReturn:
         gc.disable()
         # numpy would start a thread for each core; that they wait took a sixth of `check`
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        # pydantic would look for plugins in every distribution of the environment
+        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
         interrupt_on_signals()
         for stream in (sys.stdout, sys.stderr):

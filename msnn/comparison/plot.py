@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from msnn.comparison.compare import Comparison
-from msnn.reports.plotting import new_figure, saved_figure
+from msnn.reports.plotting import COLORS, new_figure, saved_figure
 
 
 def plot_comparison(path: Path, found: Comparison) -> Path:
@@ -20,7 +20,7 @@ def plot_comparison(path: Path, found: Comparison) -> Path:
     shown = [entry for entry in found.entries if not math.isnan(entry.score)]
     for entry in shown:
         deviation = None if math.isnan(entry.deviation) else entry.deviation
-        color = "C1" if entry.is_on_front else "C0"
+        color = COLORS[1] if entry.is_on_front else COLORS[0]
         axis.errorbar(
             entry.expense, entry.score, yerr=deviation, marker="o", color=color, capsize=3
         )
@@ -33,7 +33,7 @@ def plot_comparison(path: Path, found: Comparison) -> Path:
                 fontsize="small",
             )
     front = sorted((e.expense, e.score) for e in shown if e.is_on_front)
-    axis.plot([x for x, _ in front], [y for _, y in front], color="C1", label="Pareto front")
+    axis.plot([x for x, _ in front], [y for _, y in front], color=COLORS[1], label="Pareto front")
     counted = any(not math.isnan(entry.instructions) for entry in shown)
     axis.set_xlabel("instructions of a step" if counted else "learned numbers")
     axis.set_ylabel(found.criterion.heading.replace("$", r"\$"))

@@ -10,7 +10,8 @@ from pathlib import Path
 from msnn.errors import comparison as errors
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.yaml_tree.nodes import Listing
+from spec_schema.reading.python_values import value_text
+from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table
 from spec_schema.yaml_tree.reader import read_tree
 
 _GRID = "--grid"
@@ -60,10 +61,29 @@ def variants(
     for spec, name in zip(specs, _names(specs), strict=True):
         for choice in product(*(axis.values for axis in grid)):
             own = [f"{axis.path}={value}" for axis, value in zip(grid, choice, strict=True)]
-            said = [f"{end}={value}" for end, value in zip(ends, choice, strict=True)]
+            said = [f"{end}={_shown(value)}" for end, value in zip(ends, choice, strict=True)]
             label = " ".join([name, *said] if len(specs) > 1 or not said else said)
             found.append(Variant(spec, (*settings, *own), label))
     return tuple(dict.fromkeys(found))
+
+
+def _shown(value: str) -> str:
+    """A value as labels have it, however it was written: `0.001` for `1e-3`, texts as they are."""
+    tree = read_tree(SourceText(_GRID, value), Findings())
+    plain = _plain(tree)
+    return plain if isinstance(plain, str) else value_text(plain)
+
+
+def _plain(node: Node | None) -> object:
+    match node:
+        case Listing(items=items):
+            return [_plain(item) for item in items]
+        case Table(entries=entries):
+            return {key: _plain(item) for key, item in entries.items()}
+        case Scalar(value=value):
+            return value
+        case None:
+            return None
 
 
 def _names(specs: Sequence[Path]) -> list[str]:

@@ -9,7 +9,15 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data_check.found import CheckedChannel, CheckedSystem, DataCheck, DatasetCheck
-from msnn.reports.plotting import new_figure, quantity, saved_figure
+from msnn.reports.plotting import (
+    COLORS,
+    ERROR,
+    LIMIT,
+    MEASURED,
+    new_figure,
+    quantity,
+    saved_figure,
+)
 
 _MOST_POINTS = 4000
 _LINES = 1024
@@ -53,17 +61,17 @@ def _values(axis: Any, one: CheckedChannel, dataset: DatasetCheck) -> None:
     """The series over the rows of all records, thinned to lowest and highest of neighbours."""
     values = one.channel.values
     rows, shown = _thinned(values)
-    axis.plot(rows, shown, linewidth=0.7)
+    axis.plot(rows, shown, color=COLORS[0], linewidth=0.7)
     found = one.found
     if len(found.spikes):
         places = found.spikes.rows[:_MOST_POINTS]
-        axis.plot(places, values[places], "x", color="C3", label="spike")
+        axis.plot(places, values[places], "x", color=ERROR, label="spike")
     for limit in found.saturations:
-        axis.axhline(limit.value, color="C1", linewidth=0.8, label=f"stays at its {limit.side}")
+        axis.axhline(limit.value, color=LIMIT, linewidth=0.8, label=f"stays at its {limit.side}")
     lacks = np.flatnonzero(~np.isfinite(values))[:_MOST_POINTS]
     if len(lacks) and len(rows):
         low = np.nanmin(values) if np.isfinite(values).any() else 0.0
-        axis.plot(lacks, np.full(len(lacks), low), "|", color="C4", label="missing")
+        axis.plot(lacks, np.full(len(lacks), low), "|", color=COLORS[4], label="missing")
     for record in dataset.rows.records[1:100]:
         axis.axvline(record.start, color="black", linewidth=0.4, alpha=0.5)
     axis.set_ylabel(quantity(one.channel.name, one.channel.signal.unit))
@@ -102,7 +110,12 @@ def _spectrum(axis: Any, one: CheckedChannel, step: float | None) -> None:
     if count and np.any(power[1:] > 0):
         frequencies = np.fft.rfftfreq(size, 1.0 if step is None else step)
         least = 1e-12 * power.max()
-        axis.semilogy(frequencies[1:], np.maximum(power[1:], least) / power.max(), linewidth=0.8)
+        axis.semilogy(
+            frequencies[1:],
+            np.maximum(power[1:], least) / power.max(),
+            color=COLORS[0],
+            linewidth=0.8,
+        )
     axis.set_xlabel("1/row" if step is None else "frequency / Hz")
     axis.set_ylabel("power")
     axis.grid(alpha=0.3)
@@ -115,14 +128,14 @@ def _response(row: Any, system: CheckedSystem, target: int, number: int) -> None
     assert found is not None
     lags = np.arange(found.lags)
     values, band = found.values[number], found.factor * found.errors[number]
-    row[0].fill_between(lags, -band, band, alpha=0.3, label="none (99 %)")
-    row[0].plot(lags, values, ".-", markersize=3, linewidth=0.8)
+    row[0].fill_between(lags, -band, band, color=MEASURED, alpha=0.3, label="none (99 %)")
+    row[0].plot(lags, values, ".-", color=COLORS[0], markersize=3, linewidth=0.8)
     delay = one.found.delays[number]
     if delay is not None:
-        row[0].axvline(delay, color="C3", linewidth=0.8, label=f"delay {delay}")
+        row[0].axvline(delay, color=ERROR, linewidth=0.8, label=f"delay {delay}")
     row[0].set_title(f"{channel.name} → {one.channel.name}", fontsize="medium", loc="left")
     row[0].set_ylabel("impulse response")
-    row[1].plot(lags * system.step, np.cumsum(values), linewidth=0.8)
+    row[1].plot(lags * system.step, np.cumsum(values), color=COLORS[0], linewidth=0.8)
     row[1].set_ylabel("step response")
     row[0].set_xlabel("lag / rows")
     row[1].set_xlabel("time / s")

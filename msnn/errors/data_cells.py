@@ -66,6 +66,8 @@ def _repair_of(text: str) -> str | None:
         return "write times as `2026-11-22 17:00:00.25` (ISO 8601), or as numbers"
     if text.upper() in _NOT_MEASURED:
         return "leave the cell empty where nothing was measured"
+    if text.startswith("="):
+        return "a formula has no value yet: open the file in a spreadsheet program and save it"
     if _NUMBER.fullmatch(text):
         whole, point = text.replace(".", ""), text.replace(".", ",", 1)
         return f"beside decimal commas a point may part thousands: write `{whole}` or `{point}`"

@@ -1,8 +1,25 @@
-"""E0989 to E0991, E0997 to E0999: moments and units that a file of a logger states."""
+"""E0979, E0989 to E0991, E0997 to E0999: moments and units that a file of a logger states."""
 
 from msnn.errors.data_files import _and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
+
+
+def misfitting_date(
+    what: str, date: str, file: str, has_zone: bool | None, span: Span | None
+) -> Diagnostic:
+    """E0979: a date of the spec for times that are none, or that another clock has shown."""
+    if has_zone is None:
+        times = f"the times of {file} are seconds"
+        repair = "write the time as they are, such as `20 s`"
+    elif has_zone:
+        times = f"the dates of {file} have an offset from UTC"
+        repair = f"write `Z` or the offset behind it: `{date}Z`"
+    else:
+        times = f"the dates of {file} have no offset from UTC"
+        repair = "write it as that clock showed it, without the offset"
+    message = f"{what} is the date {date}, and {times}"
+    return error("E0979", span, message, "not to be compared with them", help=repair)
 
 
 def not_a_moment(

@@ -11,9 +11,8 @@ from spec_schema.diagnostics.source import Span
 def not_json(file: str, reason: str, label: str, place: Span | None) -> Diagnostic:
     """E1308: a file that is not JSON, or more than is read."""
     repair = "`model.saveModel()` of nnodely 1.x writes the file that is read here"
-    return error(
-        "E1308", place, f"{Path(file).name} is no saved model: {reason}", label, help=repair
-    )
+    shown = Path(file).name or file  # a folder such as `.` has no name
+    return error("E1308", place, f"{shown} is no saved model: {reason}", label, help=repair)
 
 
 def wrong_json(path: str, reason: str, place: Span) -> Diagnostic:

@@ -10,8 +10,8 @@ def not_verification(file: str) -> Diagnostic:
     return error("E0853", None, message, help=repair)
 
 
-def no_part(part: str, reason: str) -> Diagnostic:
+def no_part(part: str, reason: str, repair: str | None = None) -> Diagnostic:
     """W0809: a report that lacks a part."""
     message = f"the report has no {part}: {reason}"
-    repair = "what it has is right all the same; mend the reason and write it again"
-    return warning("W0809", None, message, help=repair)
+    usual = "what it has is right all the same; mend the reason and write it again"
+    return warning("W0809", None, message, help=repair or usual)

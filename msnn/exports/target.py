@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from compiler.ir.program import Program
-from compiler.passes.prune_zero_slices import Cut, cut_weights
+from compiler.passes.analyses.kept_slices import Cut, cut_weights
 from msnn.agreement.agreement import Agreement
 from msnn.agreement.judgement import FloatType, Judgement, NumberType, Promise
 from msnn.agreement.loaded import Loaded

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, cast
 
+from spec_schema.expressions.moments import Date
 from spec_schema.expressions.text import expression_text, length_text, number_text
 from spec_schema.expressions.tree import (
     Binary,
@@ -24,7 +25,7 @@ from spec_schema.fields.entry import Entry, Variant
 from spec_schema.fields.formulas import Prediction
 from spec_schema.fields.located import Located
 from spec_schema.sections.data.columns import ColumnName
-from spec_schema.sections.data.splits import Blocks, Fraction, TimeRange
+from spec_schema.sections.data.splits import Blocks, DateRange, Fraction, TimeRange
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers.fuzzy_sets import CustomMembership, Fuzzify
 from spec_schema.sections.robots import Joints
@@ -98,6 +99,10 @@ def _plain(value: Any) -> Any:
             return list(numbers)
         case TimeRange(start=start, stop=stop):
             return [f"{number_text(time)} s" for time in (start, stop)]
+        case DateRange(start=start, stop=stop):
+            return [start.text, stop.text]
+        case Date(text=text):
+            return text
         case Curriculum(lessons=lessons):
             return {str(lesson.until): _plain(lesson.horizon) for lesson in lessons}
         case CustomMembership(function=function):

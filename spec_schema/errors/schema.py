@@ -121,11 +121,13 @@ def empty_section(owner: str, span: Span) -> Diagnostic:
     return error("E0215", span, f"{owner} must not be empty", "nothing in it")
 
 
-def malformed_length(text: str, span: Span) -> Diagnostic:
+def malformed_length(text: str, span: Span, *, may_be_date: bool = False) -> Diagnostic:
     """E0216: neither samples nor a duration."""
-    message = f"`{text}` is not a length of time"
+    message = f"`{text}` is not a length of time{' and not a date' if may_be_date else ''}"
     notes = ("the units of a duration are us, ms, s, min and h",)
     repair = "write a number of samples such as `5`, or a duration such as `50 ms`"
+    if may_be_date:
+        repair += "; a date is one of ISO 8601, such as `2026-11-22 17:00`"
     return error("E0216", span, message, "not a length", notes=notes, help=repair)
 
 

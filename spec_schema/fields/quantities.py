@@ -123,9 +123,10 @@ QUANTITY = {
     "type": ["string", "number"],
     "pattern": rf"^\s*{_NUMBER}(\s*{_UNIT})?\s*$",
 }
+LENGTH_PATTERN = rf"[0-9]{{1,9}}|{NUMBER_PATTERN}[ \t]*(us|ms|s|min|h)"
 _LENGTH = {
     "type": ["string", "integer"],
-    "pattern": rf"^([0-9]{{1,9}}|{NUMBER_PATTERN}[ \t]*(us|ms|s|min|h))$",
+    "pattern": rf"^({LENGTH_PATTERN})$",
 }
 POSITIVE_LENGTH = {**_LENGTH, "minimum": 1}
 _SAMPLE_TIME = {

@@ -14,8 +14,10 @@ from spec_schema.yaml_tree.faults import odd_blanks, syntax_fault
 from spec_schema.yaml_tree.nodes import Node, Scalar
 
 LARGEST = 1_000_000
+_ASCII_CONTROL = re.compile("[^\t\n\r\x20-\x7e]")
 # What PyYAML refuses, and the line separators of YAML 1.1 that 1.2 reads as plain characters.
-_CONTROL = re.compile(
+# Compiled when it is needed: a table of all characters takes Python longer than a small spec.
+_CONTROL = (
     "[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]"
 )
 
@@ -27,7 +29,7 @@ def read_tree(source: SourceText, findings: Findings) -> Node | None:
     if len(text) > LARGEST:
         findings.report(errors.too_large(len(text), LARGEST, start))
         return None
-    control = _CONTROL.search(text)
+    control = _ASCII_CONTROL.search(text) if text.isascii() else re.search(_CONTROL, text)
     if control is not None:
         span = source.span(control.start(), control.end())
         findings.report(errors.control_character(ord(control.group()), span))

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from msnn.comparison.variants import grid_axis, variants
+from msnn.comparison.variants import GridAxis, grid_axis, variants
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.python_values import value_text
 
 
 @pytest.mark.parametrize(
@@ -58,3 +59,23 @@ def test_labels_tell_paths_and_specs_apart():
 def test_a_model_that_is_named_twice_is_one():
     found = variants([Path("a.msnn.yaml")] * 2, [grid_axis("k.init=1,1,2")], [])
     assert [each.label for each in found] == ["a init=1", "a init=2"]
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "labels"),
+    [
+        ("5,10", [5, 10], ["window=5", "window=10"]),
+        ("1e-3,0.50", [1e-3, 0.5], ["window=0.001", "window=0.5"]),
+        ("20 ms,adam", ["20 ms", "adam"], ["window=20 ms", "window=adam"]),
+        ("true,null", [True, None], ["window=true", "window=null"]),
+        ("[1,2],{lr: 1}", [[1, 2], {"lr": 1}], ["window=[1, 2]", 'window={"lr": 1}']),
+    ],
+)
+def test_labels_do_not_tell_the_command_line_from_python(
+    text: str, values: list[object], labels: list[str]
+):
+    of_text = grid_axis(f"layers.f.fir.window={text}")
+    of_python = GridAxis("layers.f.fir.window", tuple(map(value_text, values)))
+    for axis in (of_text, of_python):
+        found = variants([Path("a.msnn.yaml")], [axis], [])
+        assert [each.label for each in found] == labels

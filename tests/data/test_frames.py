@@ -84,3 +84,83 @@ def test_what_is_wrong_with_frames(model: msnn.Model) -> None:
         msnn.train(model, [3], runs=None)  # pyright: ignore[reportArgumentType]
     with pytest.raises(SpecError, match="E0841"):
         msnn.train(model, {"position": np.ones(9), "force": np.ones(8)}, runs=None)
+
+
+DATED = """
+msnn: 1
+name: plant
+sample_time: 0.5 s
+inputs: {F: {unit: N}}
+outputs: {y: {expr: 1 * F, unit: N}}
+data: {source: {train: none.csv}, time: time, join: true}
+"""
+NAIVE = pd.date_range("2026-11-22 17:00", periods=4, freq="500ms")
+ZONED = NAIVE.tz_localize("Europe/Berlin")
+
+
+def _parts(times: Any, make: Any) -> list[Any]:
+    return [make({"time": t, "F": [1.0, 2.0]}) for t in (times[:2], times[2:])]
+
+
+DATES: dict[str, list[Any]] = {
+    "pandas": _parts(NAIVE, pd.DataFrame),
+    "pandas with a zone": _parts(ZONED, pd.DataFrame),
+    "texts": _parts([str(time) for time in ZONED], pd.DataFrame),
+    "polars": _parts(NAIVE.to_pydatetime().tolist(), pl.DataFrame),
+    "polars with a zone": _parts(ZONED.tz_convert("UTC").to_pydatetime().tolist(), pl.DataFrame),
+    "arrays": _parts(NAIVE.to_numpy(), dict),
+    "datetimes": _parts(np.array(ZONED.to_pydatetime()), dict),
+}
+
+
+def _runs(folder: Path, frames: Any, spec: str = DATED) -> Any:
+    (folder / "plant.yaml").write_text(spec)
+    return msnn.simulate(msnn.load(folder / "plant.yaml"), data=frames)
+
+
+@pytest.mark.parametrize("kind", DATES)
+def test_frames_with_dates_are_joined(tmp_path: Path, kind: str) -> None:
+    (run,) = _runs(tmp_path, DATES[kind])
+    assert run.steps == 4
+
+
+@pytest.mark.parametrize("other", ["pandas with a zone", "texts", "polars with a zone"])
+def test_frames_of_another_clock_are_not_joined(tmp_path: Path, other: str) -> None:
+    mixed = [DATES["pandas"][0], DATES[other][1]]
+    assert [run.steps for run in _runs(tmp_path, mixed)] == [2, 2]
+
+
+@pytest.mark.parametrize("kind", ["pandas with a zone", "polars with a zone", "pandas"])
+def test_parquet_files_with_dates_are_joined(tmp_path: Path, kind: str) -> None:
+    for name, frame in zip("ab", DATES[kind], strict=True):
+        write = frame.write_parquet if isinstance(frame, pl.DataFrame) else frame.to_parquet
+        write(tmp_path / f"{name}.parquet")
+    (run,) = _runs(tmp_path, None, DATED.replace("none.csv", "[a.parquet, b.parquet]"))
+    assert run.steps == 4
+
+
+@pytest.mark.parametrize(
+    ("times", "code"),
+    [
+        ([NAIVE[0], pd.NaT], "E0809"),
+        (["2026-11-22 17:00", "later"], "E0989"),
+        (["2026-11-22 17:00", "2026-11-22 17:00:00.5Z"], "E0990"),
+        (["2026-11-22 17:00", None], "E0809"),
+        (["now", "later"], "E0840"),
+    ],
+)
+def test_what_is_wrong_with_dates_in_frames(tmp_path: Path, times: list[Any], code: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        _runs(tmp_path, pd.DataFrame({"time": times, "F": [1.0, 2.0]}))
+    assert [found.code for found in caught.value.diagnostics] == [code]
+
+
+@pytest.mark.parametrize("make", [pd.DataFrame, pl.DataFrame, dict])
+def test_units_in_the_names_of_columns_convert(tmp_path: Path, make: Any) -> None:
+    (run,) = _runs(tmp_path, make({"time [ms]": [0.0, 500.0], "F [kN]": [0.001, 0.002]}))
+    assert run.outputs["y"].tolist() == [1.0, 2.0]
+
+
+def test_two_columns_that_differ_in_their_unit_are_asked(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="two columns `F`"):
+        _runs(tmp_path, pd.DataFrame({"time": [0, 0.5], "F [kN]": [0, 1], "F [N]": [0, 1]}))

@@ -244,6 +244,39 @@ def test_a_fault_in_a_workbook_names_its_row(tmp_path: Path) -> None:
     assert found.span.line == 3
 
 
+@pytest.mark.parametrize("column", [1, 2, 0])
+def test_formulas_that_nobody_has_computed_are_no_empty_cells(tmp_path: Path, column: int) -> None:
+    """Those of a target, which may be missing, would else count as not measured."""
+    rows: list[list[object]] = [["time", "u", "y"], [0, 1, 2], [0.5, 1, 2], [1, 1, 2]]
+    rows[2][column] = "=B2*0.5"
+    spec = SPEC.replace("{F: {unit: N}, x: {unit: m}}", "{u: {}}\ntargets: {y: {}}")
+    spec = spec.replace("constants: {softness: 1 m/N}\n", "").replace(
+        "y: {expr: F * softness + x, unit: m}", 'out: {expr: 2 * u, predicts: "y[t]"}'
+    )
+    with pytest.raises(SpecError, match=r"`=B2\*0\.5` in column") as caught:
+        simulated(tmp_path, _workbook(tmp_path, rows), spec=spec)
+    (found,) = caught.value.diagnostics
+    assert (found.code, found.span and found.span.line) == ("E0807", 3)
+    assert "save it" in (found.help or "")
+
+
+def test_computed_formulas_and_empty_cells_of_a_workbook_are_read_as_before(tmp_path: Path) -> None:
+    rows: list[Sequence[object]] = [["time", "F", "x", "n"], [0, 1, 0.1, "=1+1"], [0.5, 2, 0.2]]
+    rows += [[1, 4, 0.3, "=2"]]
+    whole = tmp_path / _workbook(tmp_path, rows)
+    with zipfile.ZipFile(whole) as book:
+        texts = {name: book.read(name) for name in book.namelist()}
+    sheet = texts["xl/worksheets/sheet1.xml"].decode()
+    # as a spreadsheet program saves `=""`, and `=2*2` in the place of the number 4
+    sheet = sheet.replace('<c r="B4" t="n"><v>4</v></c>', '<c r="B4"><f>2*2</f><v>4</v></c>')
+    assert "2*2" in sheet
+    texts["xl/worksheets/sheet1.xml"] = sheet.encode()
+    with zipfile.ZipFile(tmp_path / "saved.xlsx", "w") as book:
+        for name, text in texts.items():
+            book.writestr(name, text)
+    np.testing.assert_array_equal(output(simulated(tmp_path, "saved.xlsx")), PLAIN)
+
+
 def test_a_workbook_asks_for_what_reads_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = _workbook(tmp_path, [["time", "F", "x"], [0, 1, 0.1]])
     missing = OptionalPackage("no_such_openpyxl", OPENPYXL.extra, OPENPYXL.purpose)
@@ -273,3 +306,68 @@ def test_frames_have_dates_too(tmp_path: Path) -> None:
     time = pd.date_range("2026-11-22 17:00", periods=3, freq="500ms")
     frame = pd.DataFrame({"time": time, "F": FORCE, "x": PLACE})
     assert output(msnn.simulate(model, frame)) == PLAIN.tolist()
+
+
+MINUTES = "time,F,x\n" + "".join(f"2026-11-22 17:{m:02}:00.000,{m},0\n" for m in range(10))
+BY_MINUTES = SPEC.replace("0.5 s", "1 min")
+
+
+@pytest.mark.parametrize(
+    ("layout", "expected"),
+    [
+        ({"from": "2026-11-22 17:06"}, [6.0, 7.0, 8.0, 9.0]),
+        ({"from": "2026-11-22T17:02:00", "to": "2026-11-22 17:04"}, [2.0, 3.0, 4.0]),
+        ({"from": "7 min", "to": "2026-11-22 17:08:59.9"}, [7.0, 8.0]),
+        ({"to": "2026-11-22 17:01"}, [0.0, 1.0]),
+    ],
+)
+def test_rows_are_picked_by_dates(
+    tmp_path: Path, layout: dict[str, str], expected: list[float]
+) -> None:
+    assert output(read(tmp_path, MINUTES, spec=BY_MINUTES, **layout)) == expected
+
+
+def test_dates_of_another_zone_are_the_same_moments(tmp_path: Path) -> None:
+    text = MINUTES.replace(".000,", "+01:00,")
+    found = read(tmp_path, text, spec=BY_MINUTES, **{"from": "2026-11-22T16:08:00Z"})
+    assert output(found) == [8.0, 9.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "layout", "code"),
+    [
+        ("time,F,x\n0,1,0\n60,2,0\n", {"from": "2026-11-22"}, "E0979"),
+        (MINUTES, {"to": "2026-11-22 17:04Z"}, "E0979"),
+        (MINUTES.replace(".000,", "Z,"), {"to": "2026-11-22 17:04"}, "E0979"),
+        (
+            MINUTES,
+            {"split": {"by": "time", "val": ["2026-11-22 17:04Z", "2026-11-22 17:05Z"]}},
+            "E0979",
+        ),
+        (MINUTES, {"from": "2026-11-22 18:00"}, "E0818"),
+        (MINUTES, {"from": "22.11.2026"}, "E0216"),
+        (
+            MINUTES,
+            {"split": {"by": "time", "val": ["2026-11-22 17:05", "2026-11-22 17:04"]}},
+            "E0223",
+        ),
+        (MINUTES, {"split": {"by": "time", "val": ["60 s", "2026-11-22 17:04"]}}, "E0223"),
+        (
+            MINUTES,
+            {
+                "split": {
+                    "by": "time",
+                    "val": ["60 s", "80 s"],
+                    "test": ["2026-11-22 17:04", "2026-11-22 17:05"],
+                }
+            },
+            "E0223",
+        ),
+    ],
+)
+def test_dates_that_do_not_compare_are_refused(
+    tmp_path: Path, text: str, layout: dict[str, Any], code: str
+) -> None:
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, spec=BY_MINUTES, **layout)
+    assert {found.code for found in caught.value.diagnostics} == {code}

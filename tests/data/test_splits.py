@@ -25,6 +25,16 @@ def test_split_by_time_cuts_at_moments(tmp_path: Path) -> None:
     assert episodes(without_column, "val") == [[2, 5]]
 
 
+def test_split_by_time_takes_dates(tmp_path: Path) -> None:
+    ranges = "val: [2026-11-22 17:02, 2026-11-22T17:05], test: [2026-11-22 17:08, 2026-11-23]"
+    section = f"source: {{train: a.csv}}\nsplit: {{by: time, {ranges}}}\ntime: date\n"
+    numbers = [line.split(",", 1)[1] for line in table(10).splitlines()]
+    dates = ["date", *(f"2026-11-22 17:0{minute}:00" for minute in range(10))]
+    text = "".join(f"{d},{n}\n" for d, n in zip(dates, numbers, strict=True))
+    data = load(tmp_path, section + "resample: none\n", {"a.csv": text})
+    assert data.set_of_row.tolist() == [0, 0, 1, 1, 1, 0, 0, 0, 2, 2]
+
+
 def test_rows_outside_all_ranges_belong_to_no_set(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\nsplit: {by: time, train: [0 s, 0.6 s], val: [1 s, 1.4 s]}\n"
     data = load(tmp_path, section, {"a.csv": table(10)})

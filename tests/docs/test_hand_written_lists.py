@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from compiler.kernels.table import KERNELS
-from compiler.layers import LAYERS
+from compiler.layers import LAYERS, rule_of
 from spec_schema.fields.entry_kinds import kinds_of
 from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.training.optimizers import Optimizer
@@ -20,8 +20,10 @@ def _page(name: str) -> str:
 
 def test_every_layer_has_its_rule() -> None:
     declared = {kinds_of(Layer.model_fields[kind].annotation)[0] for kind in Layer.known_keys()}
-    missing = declared - {rule.settings for rule in LAYERS}
+    missing = declared - LAYERS.keys()
     assert not missing, f"list the rules of {missing} in LAYERS of compiler/layers/__init__.py"
+    for settings in declared:
+        assert rule_of(settings).settings is settings
 
 
 def test_the_language_lists_every_layer() -> None:

@@ -218,3 +218,8 @@ def test_any_change_of_a_model_is_read_or_refused(data: st.DataObject) -> None:
     except SpecError as refused:
         codes = [one.code for one in refused.diagnostics]
     assert set(codes) <= {f"E13{n:02d}" for n in range(8, 18)}
+
+
+def test_a_folder_without_a_name_is_named_as_it_was_written() -> None:
+    with pytest.raises(SpecError, match=r"`?\.`? is no saved model: is a directory"):
+        import_nnodely(".")

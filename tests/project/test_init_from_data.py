@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+import subprocess
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -386,3 +388,34 @@ def test_records_of_a_real_drone_arm_in_closed_loop(tmp_path: Path):
     model = models.load(tmp_path / "drone.yaml")
     report = measurements.validate(model, trainings.train(model, runs=None).weights)
     assert report.rows[1].value < 2
+
+
+def test_a_log_becomes_c_that_runs_by_what_the_readmes_say(
+    msnn: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every command of the project's README, then the program and the line of the export's."""
+    (msnn.folder / "log.csv").write_text(
+        text(table(), "Zeit;u [V];w;y [°C]", delimiter=";"), encoding="utf-8"
+    )
+    made = msnn("init", "heater", "--data", "log.csv", "--predict", "y")
+    assert made.code == 0, made.err
+    folder = msnn.folder / "heater"
+    commands = _blocks(folder / "README.md", "sh")[0].splitlines()
+    monkeypatch.chdir(folder)
+    for line in commands:
+        verb, *arguments = shlex.split(line, comments=True)[1:]
+        said = msnn(verb, *arguments)
+        assert said.code == 0, said.err
+    export = folder / "build" / "export" / "c"
+    readme = (export / "README.md").read_text(encoding="utf-8")
+    (export / "main.c").write_text(_blocks(export / "README.md", "c")[0], encoding="utf-8")
+    compiles = next(line for line in readme.splitlines() if line.startswith("    cc "))
+    subprocess.run(shlex.split(compiles), cwd=export, check=True)
+    ran = subprocess.run([export / "a.out"], capture_output=True, text=True, check=True)
+    assert ran.stdout.startswith("status 0 ")
+
+
+def _blocks(page: Path, language: str) -> list[str]:
+    found = re.findall(rf"^```{language}\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.M)
+    assert found, f"{page} has no block of {language}"
+    return found

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from msnn.api import models, trainings
 from msnn.api.reports import WrittenReport, report
 from msnn.reports.page.packing import thinned
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -86,6 +87,31 @@ def test_without_data_the_model_still_runs(trained_run: Path, tmp_path: Path):
     written = report(trained_run, tmp_path / "page.html", data_root=tmp_path)
     assert {each.code for each in written.warnings} == {"W0809"}
     assert data_of(written.path.read_text(encoding="utf-8"))["records"] == []
+
+
+def test_a_run_of_frames_has_the_records_that_are_handed_over(tmp_path: Path):
+    spec = {
+        "msnn": 1,
+        "name": "gain",
+        "sample_time": "0.1 s",
+        "inputs": {"u": "N"},
+        "targets": {"y": "N"},
+        "parameters": {"k": 1.0},
+        "outputs": {"out": {"expr": "k * u", "predicts": "y[t]", "unit": "N"}},
+        "train": [{"epochs": 1, "optimizer": {"adam": {}}}],
+    }
+    u = np.linspace(-1.0, 1.0, 50)
+    frames = {"u": u, "y": 2.0 * u}
+    result = trainings.train(models.load(spec), frames, runs=tmp_path / "runs")
+    assert result.folder is not None
+    (lacks,) = [each for each in report(result.folder).warnings if "records" in each.message]
+    assert "given its data in Python" in lacks.message
+    assert "msnn.report(run, data=frames)" in (lacks.help or "")
+    written = report(result.folder, data=frames)
+    assert not any("records" in each.message or "data" in each.message for each in written.warnings)
+    assert len(data_of(written.path.read_text(encoding="utf-8"))["records"]) == 1
+    others = report(result.folder, data={"u": u, "y": u})
+    assert any("those that were given are others" in each.message for each in others.warnings)
 
 
 def test_what_is_no_verification_is_refused(trained_run: Path, tmp_path: Path):

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
+from cycler import cycler
+from matplotlib.colors import to_hex
 
 import msnn
+from msnn.data_check import figure as data_figure
 from msnn.reports import plotting
 from msnn.reports.functions_of_run import functions_of_run
 from msnn.reports.learned_functions import Curve, LearnedFunction
@@ -72,6 +77,24 @@ def test_a_validation_says_fit_and_draws_limits(
     assert [float(line.get_ydata()[0]) for line in growth.lines if line.get_label() == "limit"] == [
         0.01
     ]
+
+
+def test_a_look_at_data_has_the_colours_of_the_other_pictures(
+    trained_run: Path, drawn: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(data_figure, "saved_figure", plotting.saved_figure)
+    check = msnn.check_data(msnn.load(trained_run))
+    usual = "#123456"
+    with matplotlib.rc_context({"axes.prop_cycle": cycler(color=[usual])}):
+        data_figure.plot_data_check(tmp_path / "a.png", check)
+    lines = [line for axis in drawn[0].axes for line in axis.lines]
+    assert lines
+    assert usual not in {to_hex(line.get_color()) for line in lines}
+
+
+def test_no_picture_names_a_colour_of_matplotlib_by_its_number():
+    sources = (Path(msnn.__file__).parent).rglob("*.py")
+    assert not [file for file in sources if re.search(r"color=\"C\d", file.read_text("utf-8"))]
 
 
 SPEC = """

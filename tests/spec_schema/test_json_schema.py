@@ -84,7 +84,7 @@ def test_every_key_says_what_it_is_for() -> None:
 
 def test_a_key_is_explained_by_the_text_below_its_field() -> None:
     """Also where the key is no name of Python, or a base has the field."""
-    assert key_doc(Layout, "from") == "First row (from 0) or time that is used."
+    assert key_doc(Layout, "from") == "First row (from 0), time or date that is used."
     assert key_doc(TorchExport, "outputs") == key_doc(TargetEntry, "outputs") != ""
     assert key_doc(CExport, "dtype") != key_doc(OnnxExport, "dtype")
 

@@ -12,10 +12,8 @@ from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Expected, Graph, Node, NodeId
 from compiler.ir.types import WINDOW, Axis
+from compiler.passes.analyses.kept_slices import Kept
 from compiler.passes.analyses.zero_slices import contracted_zeros, renamed, zero_slices
-
-Kept = tuple[int, ...]
-"""Indices along an axis, in order."""
 
 Selection = frozenset[tuple[str, Kept]]
 """What is needed of the axes that it names; all of the others."""

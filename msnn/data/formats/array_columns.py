@@ -11,11 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.array_dates import dates_of, has_dates
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
+from msnn.data.formats.written_units import column_and_unit
 from msnn.errors import data_cells as cell_errors
 from msnn.errors import data_files as errors
 from msnn.errors import data_formats
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.expressions.moments import Moment
+from spec_schema.units.unit import Unit
 
 _ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>[0-9]{1,9})\]")
 
@@ -27,23 +31,40 @@ class NamedArrays:
     file: str
     names: Sequence[str]
     get: Callable[[str], NDArray[Any]]
+    zoned: frozenset[str] = frozenset()
+    """Names of arrays of dates that are of UTC; numpy knows no zones."""
 
     def table(self, wanted: WantedColumns) -> ColumnTable:
         """The wanted columns. An array of one dimension is a column by its name; `name[2]` is the
-        third column of one of two dimensions, whose rows are samples.
+        third column of one of two dimensions, whose rows are samples. `F` is also `F [kN]`.
 
         Raises SpecError with everything that is wrong.
         """
         faults: list[Diagnostic] = []
         missing: dict[str, str] = {}
         columns: dict[ColumnKey, FloatArray] = {}
+        units: dict[ColumnKey, Unit] = {}
+        begins: dict[ColumnKey, Moment] = {}
         for key, user in wanted.users.items():
             name, index = self._split(key)
             if name is None:
-                if key not in wanted.spare:
+                if self._is_double(key):
+                    faults.append(errors.duplicate_column(str(key), self.file, None))
+                elif key not in wanted.spare:
                     missing[str(key)] = user
                 continue
-            column, reason = _column(self.get(name), index)
+            unit = column_and_unit(name)[1]
+            if unit is not None:
+                units[key] = unit
+            array = self.get(name)
+            if key in wanted.moments and has_dates(array):
+                dates = dates_of(array, self.file, str(key), is_utc=name in self.zoned)
+                columns[key] = dates.seconds
+                faults += dates.faults
+                if dates.begins is not None:
+                    begins[key] = dates.begins
+                continue
+            column, reason = _column(array, index)
             if column is None:
                 faults.append(data_formats.unusable_array(str(key), self.file, user, reason))
                 continue
@@ -57,7 +78,7 @@ class NamedArrays:
             faults += length_faults(self.file, columns)
         if faults:
             raise SpecError(faults)
-        return ColumnTable(columns)
+        return ColumnTable(columns, units=units, begins=begins)
 
     def has(self, key: ColumnKey) -> bool:
         """Whether there is an array for a column."""
@@ -71,7 +92,15 @@ class NamedArrays:
         found = _ELEMENT.fullmatch(key)
         if found is not None and found["name"] in self.names:
             return found["name"], int(found["index"])
-        return None, None
+        alike = self._before_units(key)
+        return (alike[0] if len(alike) == 1 else None), None
+
+    def _before_units(self, key: ColumnKey) -> list[str]:
+        """The names of which the key is what stands before a unit."""
+        return [name for name in self.names if column_and_unit(name)[0] == key]
+
+    def _is_double(self, key: ColumnKey) -> bool:
+        return len(self._before_units(key)) > 1
 
 
 def length_faults(file: str, columns: Mapping[ColumnKey, FloatArray]) -> list[Diagnostic]:

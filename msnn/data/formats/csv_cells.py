@@ -12,7 +12,6 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.csv_header import Dialect, Header, Lines, is_number, split_cells
-from msnn.data.formats.moments import Moment, read_moment
 from msnn.data.formats.table import ColumnKey, WantedColumns
 from msnn.data.formats.written_units import MISSING
 from msnn.errors import data_cells as cell_errors
@@ -20,6 +19,7 @@ from msnn.errors import data_files as errors
 from msnn.errors import data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.moments import Moment, read_moment
 
 CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
 """A constructor of `errors`: (file, row, column, text, more of the kind, place)."""

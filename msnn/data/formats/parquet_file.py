@@ -26,7 +26,12 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     try:
         with parquet.ParquetFile(path) as file:
             names = tuple(str(name) for name in file.schema_arrow.names)
-            return NamedArrays(shown, names, lambda name: _array(file, name)).table(wanted)
+            zoned = frozenset(
+                str(field.name)
+                for field in file.schema_arrow
+                if arrow.types.is_timestamp(field.type) and field.type.tz is not None
+            )
+            return NamedArrays(shown, names, lambda name: _array(file, name), zoned).table(wanted)
     except (OSError, arrow.ArrowException) as error:
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
 

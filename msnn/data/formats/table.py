@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.moments import Moment
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.moments import Moment
 from spec_schema.units.unit import Unit
 
 ColumnKey = str | int

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+import zipfile
 from collections.abc import Iterator, Sequence
 from datetime import date, datetime
 from importlib import import_module
@@ -57,6 +58,8 @@ def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
             sheet.reset_dimensions()  # a size that the file states may be smaller than the sheet
             rows = [[_text(cell) for cell in row] for row in sheet.iter_rows(values_only=True)]
             book.close()
+            if _has_formulas(path):
+                _show_formulas(openpyxl, path, rows)
     except OSError as error:
         reason = error.strerror or str(error)
         raise SpecError((errors.unreadable_file(shown, reason),)) from error
@@ -69,6 +72,33 @@ def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
         (number, _CELLS.join([*row, *[""] * (width - len(row))]))
         for number, row in enumerate(rows, start=1)
     ]
+
+
+def _has_formulas(path: Path) -> bool:
+    with zipfile.ZipFile(path) as book:
+        sheets = (name for name in book.namelist() if name.startswith("xl/worksheets/"))
+        return any(b"<f" in book.read(name) for name in sheets)
+
+
+def _show_formulas(openpyxl: Any, path: Path, rows: list[list[str]]) -> None:
+    """Puts formulas in the place of values that nobody has computed and saved.
+
+    They would read as cells that are empty, which is a measurement that was not made.
+    """
+    books = [
+        openpyxl.load_workbook(path, read_only=True, data_only=values) for values in (True, False)
+    ]
+    sheets = [book.worksheets[0] for book in books]
+    for sheet in sheets:
+        sheet.reset_dimensions()
+    both = zip(*(sheet.iter_rows() for sheet in sheets), strict=True)
+    for texts, (values, formulas) in zip(rows, both, strict=True):
+        for index, (value, formula) in enumerate(zip(values, formulas, strict=True)):
+            # a formula whose value is an empty text was computed: that is of another type
+            if formula.data_type == "f" and value.value is None and value.data_type == "n":
+                texts[index] = _text(formula.value)
+    for book in books:
+        book.close()
 
 
 def _text(cell: object) -> str:

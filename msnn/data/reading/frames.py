@@ -133,7 +133,9 @@ def _arrays(shown: str, frame: Frame) -> NamedArrays:
         column = frame[name]
         return np.asarray(column.to_numpy())
 
-    return NamedArrays(shown, names, get)
+    # dates of polars with a zone come as those of UTC without one
+    zoned = {name for name in names if getattr(frame[name].dtype, "time_zone", None) is not None}
+    return NamedArrays(shown, names, get, frozenset(zoned))
 
 
 def _layout(data: Data | None, place: KeyAndValueSpan) -> Source:

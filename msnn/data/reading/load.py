@@ -120,7 +120,7 @@ def _with_files_joined(
 
 
 def _follows(before: FilePart, after: FilePart, sample_time: float | None) -> bool:
-    if before.file.layout is not after.file.layout or sample_time is None:
+    if before.file.source != after.file.source or sample_time is None:
         return False
     if before.time is None or after.time is None or not len(before.time) * len(after.time):
         return False
@@ -162,7 +162,7 @@ def _times(part: FilePart, sample_time: float | None) -> RecordTimes:
     if time is None and sample_time is not None:
         time = np.arange(len(part.usable), dtype=np.float64)
         time *= sample_time
-    return RecordTimes(len(part.usable), time)
+    return RecordTimes(len(part.usable), time, part.begins, part.file.shown)
 
 
 def _report_ranges(

@@ -11,7 +11,6 @@ import numpy as np
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, FileRows, FloatArray
 from msnn.data.formats.csv_header import Dialect
-from msnn.data.formats.moments import Moment
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, WantedColumns
 from msnn.data.reading.columns import (
     Feed,
@@ -25,6 +24,7 @@ from msnn.data.reading.record_rows import RecordRows, record_rows
 from msnn.data.reading.row_filter import RowFilter
 from msnn.errors import data_formats
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import Csv, Data
 
 _TO = " … "
@@ -51,7 +51,7 @@ class FilePart:
             return 0.0
         if begins is None or ends is None or begins.has_zone != ends.has_zone:
             return math.nan
-        return (ends.nanoseconds - begins.nanoseconds) / 1e9
+        return ends.seconds_from(begins)
 
     def with_next(self, other: FilePart) -> FilePart:
         """One record of this one and of another that begins one sample later."""

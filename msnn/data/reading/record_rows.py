@@ -8,15 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
-from msnn.data.formats.moments import Moment
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, resample
 from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows
+from msnn.data.reading.time_bounds import time_bound
 from msnn.errors import data_files as errors
 from msnn.errors import data_formats, data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration, Samples
 from spec_schema.sections.data.data import SECOND, Data, Layout, TimeColumn
 
@@ -101,7 +102,8 @@ def _picked(
         if factor is None:
             return None
         time = table.columns[column.column.column] * factor
-    picked = picked_rows(file.layout, data, file.shown, table.rows, time, findings)
+    begins = None if column is None else table.begins.get(column.column.column)
+    picked = picked_rows(file.layout, data, file.shown, table.rows, time, begins, findings)
     return None if picked is None else (picked, time)
 
 
@@ -255,8 +257,11 @@ def _time_span(file: DataFile, data: Data, findings: Findings) -> tuple[float, f
         match length:
             case None:
                 pass
-            case Duration():
-                bounds[index] = length.seconds
+            case Duration() | Date():
+                bound = time_bound(f"`{key}`", length, None, file.shown, findings)
+                if bound is None:
+                    return None
+                bounds[index] = bound.seconds
             case Samples():
                 findings.report(data_formats.rows_of_streams(key, file.shown, length.span))
                 return None

@@ -8,9 +8,11 @@ from typing import Literal
 import numpy as np
 
 from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.reading.time_bounds import time_bound
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.expressions.tree import Duration, Length, Samples
+from spec_schema.expressions.moments import Moment
+from spec_schema.expressions.tree import Samples
 from spec_schema.sections.data.data import Layout
 
 GAP_TOLERANCE = 0.01
@@ -47,9 +49,13 @@ def picked_rows(
     file: str,
     rows: int,
     time: FloatArray | None,
+    begins: Moment | None,
     findings: Findings,
 ) -> RowRange | None:
-    """The rows that `from`, `to` and `every` leave of a file; None after a report."""
+    """The rows that `from`, `to` and `every` leave of a file; None after a report.
+
+    `begins` is time 0 where times are dates.
+    """
     first_length = layout.first or defaults.first
     last_length = layout.last or defaults.last
     every = layout.every or defaults.every or 1
@@ -57,32 +63,23 @@ def picked_rows(
     for index, (key, length) in enumerate((("from", first_length), ("to", last_length))):
         if length is None:
             continue
-        row = _row_of(length, time, inclusive_end=index == 1)
-        if row is None:
+        if isinstance(length, Samples):
+            bounds[index] = length.count + index
+            continue
+        if time is None:
             findings.report(errors.no_time_column(f"`{key}`", length.span))
             return None
-        bounds[index] = row
+        bound = time_bound(f"`{key}`", length, begins, file, findings)
+        if bound is None:
+            return None
+        later = time <= bound.seconds + bound.slack if index else time < bound.seconds - bound.slack
+        bounds[index] = int(np.sum(later))
     first, stop = max(bounds[0], 0), min(bounds[1], rows)
     if first >= stop:
         span = next(length.span for length in (first_length, last_length) if length is not None)
         findings.report(errors.rows_not_there("the choice of rows", file, rows, span))
         return None
     return RowRange(first, stop, every)
-
-
-def _row_of(length: Length, time: FloatArray | None, *, inclusive_end: bool) -> int | None:
-    """The first row of a range, or the row after its last one."""
-    match length:
-        case Samples(count):
-            return count + 1 if inclusive_end else count
-        case Duration():
-            if time is None:
-                return None
-            # printed times such as 59.99999 and 60 mean the same row
-            slack = 1e-6 * max(abs(length.seconds), 1.0)
-            if inclusive_end:
-                return int(np.sum(time <= length.seconds + slack))
-            return int(np.sum(time < length.seconds - slack))
 
 
 def continuity(

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.data.dataset import UNASSIGNED, FloatArray
+from msnn.data.reading.time_bounds import time_bound
 from msnn.errors import data_files as errors
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.sections.data.splits import SETS, Blocks, Fraction, Split, TimeRange
+from spec_schema.expressions.moments import Moment
+from spec_schema.sections.data.splits import SETS, Blocks, DateRange, Fraction, Split, TimeRange
 
 SetCodes = NDArray[np.int8]
 
@@ -35,6 +37,10 @@ class RecordTimes:
     rows: int
     time: FloatArray | None
     """Seconds of each row; None where neither a time column nor a sample time says."""
+    begins: Moment | None = None
+    """Time 0, where times are dates."""
+    file: str = ""
+    """What messages call it."""
 
 
 def split_rows(
@@ -79,6 +85,16 @@ def _time_rows(
         if isinstance(share, TimeRange):
             inside = (record.time >= share.start - slack) & (record.time < share.stop - slack)
             rows[inside] = codes[name]
+        if isinstance(share, DateRange):
+            what = f"`split: {name}`"
+            ends = [
+                time_bound(what, end, record.begins, record.file, findings)
+                for end in (share.start, share.stop)
+            ]
+            if ends[0] is None or ends[1] is None:
+                return rows
+            start, stop = (end.seconds - end.slack for end in (ends[0], ends[1]))
+            rows[(record.time >= start) & (record.time < stop)] = codes[name]
     return rows
 
 

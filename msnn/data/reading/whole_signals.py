@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -45,10 +46,10 @@ def with_whole_signals(
         if shape:
             flat.add(own)
     time = layout.time
-    if time is not None and time.column.column not in arrays.names:
+    if time is not None and not arrays.has(time.column.column):
         time = None
     layout = layout.model_copy(update={"columns": columns, "time": time})
-    return NamedArrays(arrays.file, arrays.names, _flattened(arrays.get, flat)), layout
+    return replace(arrays, get=_flattened(arrays.get, flat)), layout
 
 
 def _has(arrays: NamedArrays, column: Column) -> bool:

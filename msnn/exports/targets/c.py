@@ -18,7 +18,6 @@ from msnn.agreement.loaded import Loaded
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
 from msnn.exports.target import AnyPlan, ExportPlan, Request, Target, Weights, Written
-from msnn.exports.targets.fixed_point import TARGET as FIXED_POINT
 from spec_schema.sections.exports import CExport, Slopes
 
 
@@ -26,6 +25,8 @@ def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
     if entry is not None and entry.constant_time and entry.math == "libm":
         request.findings.report(workflow.untimed_library(entry.place.key))
     if entry is not None and entry.is_fixed_point:
+        from msnn.exports.targets.fixed_point import TARGET as FIXED_POINT  # few ask for integers
+
         return FIXED_POINT.prepare(request, entry)
     options = _options(request, entry)
     delay = () if entry is None else entry.delay

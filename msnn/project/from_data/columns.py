@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.moments import read_moment
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.table_of_formats import format_of
 from msnn.data.formats.written_units import plain_label, written_unit
@@ -18,6 +17,7 @@ from msnn.errors.new_specs import no_table
 from msnn.project.from_data.layout import TextLayout, layout_of, number
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.expressions.language import BUILTINS
+from spec_schema.expressions.moments import read_moment
 from spec_schema.names import is_name, normalised, why_reserved
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit

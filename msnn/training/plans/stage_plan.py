@@ -17,7 +17,6 @@ from msnn.training.plans.curriculum import Phase, plan_curriculum
 from msnn.training.plans.learning_rate import Rule, check_rate
 from msnn.training.plans.penalties import check_priors, with_reached_corners, without_corners
 from msnn.training.plans.second_order_checks import check_keys, check_losses
-from msnn.training.plans.torch_optimizer_options import check_torch_optimizer
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.names import no_parameter
@@ -221,6 +220,8 @@ def _rate(
         case Adam(lr=lr) | AdamW(lr=lr) | Sgd(lr=lr) | Lbfgs(lr=lr):
             return 1.0 if lr == "auto" else lr
         case TorchOptimizer() as optimizer:
+            from msnn.training.plans.torch_optimizer_options import check_torch_optimizer
+
             moved = [program.parameter(name) for name in trained]
             return check_torch_optimizer(optimizer, stage.weight_decay, moved, findings)
         case LevenbergMarquardt():

@@ -7,6 +7,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import Entry, findings_of
 from spec_schema.fields.formulas import ConditionField
+from spec_schema.fields.moments import RowOrTimeField
 from spec_schema.fields.named_tables import BySignal, Named
 from spec_schema.fields.plain import (
     Character,
@@ -17,7 +18,7 @@ from spec_schema.fields.plain import (
     Switch,
     choice,
 )
-from spec_schema.fields.quantities import LengthField, UnitField
+from spec_schema.fields.quantities import UnitField
 from spec_schema.sections.data.columns import Column, ColumnField
 from spec_schema.sections.data.splits import Split
 from spec_schema.units.parser import parse_unit
@@ -72,15 +73,15 @@ SECOND = parse_unit("s")
 class Layout(Entry):
     """What may be said of one set of files, or of all as a default; None where unsaid.
 
-    `first` and `last` (written `from`, `to`) are rows from 0, or times of the time column, both
-    inclusive. `join` makes one record of files that follow each other in time; `filter` keeps the
-    rows for which a comparison of signals holds.
+    `first` and `last` (written `from`, `to`) are rows from 0, times of the time column, or dates
+    where these are dates, both inclusive. `join` makes one record of files that follow each other
+    in time; `filter` keeps the rows for which a comparison of signals holds.
     """
 
-    first: LengthField | None = Field(default=None, alias="from")
-    """First row (from 0) or time that is used."""
-    last: LengthField | None = Field(default=None, alias="to")
-    """Last row or time that is used."""
+    first: RowOrTimeField | None = Field(default=None, alias="from")
+    """First row (from 0), time or date that is used."""
+    last: RowOrTimeField | None = Field(default=None, alias="to")
+    """Last row, time or date that is used."""
     every: PositiveCount | None = None
     """Use one row in so many."""
     columns: BySignal[Column] = Field(default_factory=dict[str, Column])

@@ -8,10 +8,11 @@ from pydantic import ValidationInfo, model_validator
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
+from spec_schema.expressions.moments import Date
 from spec_schema.expressions.tree import Duration
 from spec_schema.fields.entry import Entry, RefusedError, findings_of
+from spec_schema.fields.moments import read_row_or_time
 from spec_schema.fields.plain import PositiveCount, choice, read_count, read_number, reads
-from spec_schema.fields.quantities import read_length
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar
 
 SETS = ("train", "val", "test")
@@ -43,7 +44,19 @@ class TimeRange:
     span: Span = field(compare=False)
 
 
-def _read_share(node: Node, findings: Findings) -> Fraction | Blocks | TimeRange:
+@dataclass(frozen=True)
+class DateRange:
+    """Rows whose date is from `start` on and before `stop`."""
+
+    start: Date
+    stop: Date
+    span: Span = field(compare=False)
+
+
+OneShare: TypeAlias = Fraction | Blocks | TimeRange | DateRange
+
+
+def _read_share(node: Node, findings: Findings) -> OneShare:
     if isinstance(node, Listing):
         if any(isinstance(item, Scalar) and isinstance(item.value, str) for item in node.items):
             return _read_time_range(node, findings)
@@ -56,14 +69,39 @@ def _read_share(node: Node, findings: Findings) -> Fraction | Blocks | TimeRange
     return Fraction(value, node.span)
 
 
-def _read_time_range(node: Listing, findings: Findings) -> TimeRange:
-    lengths = [read_length(item, findings) for item in node.items]
-    times = [length.seconds for length in lengths if isinstance(length, Duration)]
-    if len(times) != 2 or len(lengths) != 2 or times[0] >= times[1]:
-        problem = "a range of time is its start and its end, such as `[60 s, 80 s]`"
-        findings.report(errors.misfitting_split(problem, node.span))
-        raise RefusedError
-    return TimeRange(times[0], times[1], node.span)
+def _read_time_range(node: Listing, findings: Findings) -> TimeRange | DateRange:
+    match [read_row_or_time(item, findings) for item in node.items]:
+        case [Duration() as start, Duration() as stop] if start.seconds < stop.seconds:
+            return TimeRange(start.seconds, stop.seconds, node.span)
+        case [Date() as start, Date() as stop] if _comes_before(start, stop):
+            return DateRange(start, stop, node.span)
+        case _:
+            problem = (
+                "a range of time is its start and its end, such as `[60 s, 80 s]` or "
+                "`[2026-11-22 17:00, 2026-11-22 18:00]`"
+            )
+            findings.report(errors.misfitting_split(problem, node.span))
+            raise RefusedError
+
+
+def _comes_before(start: Date, stop: Date) -> bool:
+    one, other = start.moment, stop.moment
+    return one.has_zone == other.has_zone and one.nanoseconds < other.nanoseconds
+
+
+def _are_apart(one: TimeRange | DateRange, other: TimeRange | DateRange) -> bool:
+    """Whether no moment is in both; a time and a date may be the same, and so may two clocks."""
+    match one, other:
+        case TimeRange(), TimeRange():
+            return one.stop <= other.start or other.stop <= one.start
+        case DateRange(), DateRange():
+            if one.start.moment.has_zone != other.start.moment.has_zone:
+                return False
+            return not (
+                _comes_before(other.start, one.stop) and _comes_before(one.start, other.stop)
+            )
+        case _:
+            return False
 
 
 _SHARE = {
@@ -72,12 +110,12 @@ _SHARE = {
     "maximum": 1,
     "items": {"type": ["integer", "string"], "minimum": 1},
 }
-Share: TypeAlias = Annotated[Fraction | Blocks | TimeRange, reads(_read_share, _SHARE)]
+Share: TypeAlias = Annotated[OneShare, reads(_read_share, _SHARE)]
 
 
 class Split(Entry):
     """`by: file` and `by: fraction` take fractions, `by: block` takes numbers of blocks, `by: time`
-    ranges of time such as `[60 s, 80 s]`, whose end is not in it.
+    ranges of time such as `[60 s, 80 s]`, or of dates, whose end is not in it.
 
     `by: fraction` cuts each record in time: train first, then val, then test. Without `train`
     what the others leave is its share. `by: kfold` makes `k` folds, of files where there are at
@@ -105,7 +143,7 @@ class Split(Entry):
     """Number of the fold that is val, from 1."""
 
     @property
-    def shares(self) -> tuple[Fraction | Blocks | TimeRange, ...]:
+    def shares(self) -> tuple[OneShare, ...]:
         """The shares that are given."""
         return tuple(share for share in (self.train, self.val, self.test) if share is not None)
 
@@ -125,7 +163,7 @@ class Split(Entry):
             findings.report(errors.misfitting_split(problem, key))
         taken: set[int] = set()
         total = 0.0
-        times: list[TimeRange] = []
+        times: list[TimeRange | DateRange] = []
         for share in self.shares:
             match share:
                 case Fraction(value=value):
@@ -140,10 +178,9 @@ class Split(Entry):
                     problem = f"block numbers go from 1 to {most}, each in one set"
                     if self.by != "block":
                         problem = _WANTED.get(self.by, "numbers of blocks need `by: block`")
-                case TimeRange(start=start, stop=stop):
-                    apart = all(stop <= t.start or start >= t.stop for t in times)
-                    fits = self.by == "time" and apart
-                    problem = "no moment belongs to two sets"
+                case TimeRange() | DateRange():
+                    fits = self.by == "time" and all(_are_apart(share, t) for t in times)
+                    problem = "no moment belongs to two sets: all ranges are of one kind and apart"
                     if self.by != "time":
                         problem = _WANTED.get(self.by, "ranges of time need `by: time`")
                     times.append(share)

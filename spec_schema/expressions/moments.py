@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+
+from spec_schema.diagnostics.source import Span
 
 _MOMENT = re.compile(
     r"(?P<day>\d{4}-\d\d-\d\d)"
@@ -23,6 +25,20 @@ class Moment:
 
     nanoseconds: int
     has_zone: bool
+
+    def seconds_from(self, begin: Moment) -> float:
+        """The seconds that lie between; the clocks of both must be known, or of none."""
+        assert self.has_zone == begin.has_zone
+        return (self.nanoseconds - begin.nanoseconds) / 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Date:
+    """A moment that a spec names, to be looked for in times that are dates."""
+
+    moment: Moment
+    text: str = field(compare=False)
+    span: Span = field(compare=False)
 
 
 def read_moment(text: str) -> Moment | None:

@@ -1,0 +1,82 @@
+"""Reads a column of dates out of an array: of numpy's dates, of texts, or of objects like them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.written_units import MISSING
+from msnn.errors import data_cells as cell_errors
+from msnn.errors import data_units
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.expressions.moments import Moment, read_moment
+
+_MISSING = MISSING | {"nat", "none", "<na>"}
+
+
+@dataclass(frozen=True, slots=True)
+class Dates:
+    """Seconds from the first date, that date, and what is wrong with others."""
+
+    seconds: FloatArray
+    begins: Moment | None
+    faults: tuple[Diagnostic, ...] = ()
+
+
+def has_dates(array: NDArray[Any]) -> bool:
+    """Whether an array is a column of dates: numpy's, or others of which the first is one."""
+    if array.ndim != 1:
+        return False
+    if array.dtype.kind == "M":
+        return True
+    return array.dtype.kind in "OUT" and len(array) > 0 and read_moment(str(array[0])) is not None
+
+
+def dates_of(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> Dates:
+    """The dates of an array that has some. Dates of numpy have a zone where they are of UTC.
+
+    Objects are read as they print themselves, as a date of pandas with its offset does.
+    """
+    if array.dtype.kind == "M":
+        return _of_numpy(array, file, column, is_utc=is_utc)
+    moments = [read_moment(str(cell)) for cell in array]
+    first = moments[0]
+    assert first is not None, "has_dates has seen it"
+    no_dates = [row for row, moment in enumerate(moments) if moment is None]
+    absent = [row for row in no_dates if str(array[row]).lower() in _MISSING]
+    others = [row for row in no_dates if row not in set(absent)]
+    of_another_clock = [
+        row
+        for row, moment in enumerate(moments)
+        if moment is not None and moment.has_zone != first.has_zone
+    ]
+    faults = tuple(
+        make(file, rows[0], column, str(array[rows[0]]), len(rows) - 1, None)
+        for make, rows in (
+            (cell_errors.missing_value, absent),
+            (data_units.not_a_moment, others),
+            (data_units.mixed_zones, of_another_clock),
+        )
+        if rows
+    )
+    seconds = np.array(
+        [np.nan if moment is None else moment.nanoseconds - first.nanoseconds for moment in moments]
+    )
+    return Dates(seconds / 1e9, first, faults)
+
+
+def _of_numpy(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> Dates:
+    absent = np.isnat(array)
+    faults: tuple[Diagnostic, ...] = ()
+    if absent.any():
+        row, more = int(np.argmax(absent)), int(absent.sum()) - 1
+        faults = (cell_errors.missing_value(file, row, column, "NaT", more, None),)
+    if absent.all():
+        return Dates(np.full(len(array), np.nan), None, faults)
+    nanoseconds = array.astype("datetime64[ns]").astype(np.int64)
+    first = int(nanoseconds[~absent][0])
+    return Dates((nanoseconds - first) / 1e9, Moment(first, is_utc), faults)

@@ -1,0 +1,40 @@
+"""Finds where a time or a date of a spec is among the seconds of a record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from msnn.errors import data_units
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.expressions.moments import Date, Moment
+from spec_schema.expressions.tree import Duration
+
+
+@dataclass(frozen=True, slots=True)
+class TimeBound:
+    """Seconds of a record, and by how much a row may be off and still be at them."""
+
+    seconds: float
+    slack: float
+
+
+def time_bound(
+    what: str, wanted: Duration | Date, begins: Moment | None, file: str, findings: Findings
+) -> TimeBound | None:
+    """The bound in a record whose time 0 is `begins`, None where its times are no dates.
+
+    None after a report of a date that cannot be compared with the record's times.
+    """
+    match wanted:
+        case Duration():
+            # printed times such as 59.99999 and 60 mean the same row
+            return TimeBound(wanted.seconds, 1e-6 * max(abs(wanted.seconds), 1.0))
+        case Date():
+            if begins is None or begins.has_zone != wanted.moment.has_zone:
+                zone = None if begins is None else begins.has_zone
+                findings.report(
+                    data_units.misfitting_date(what, wanted.text, file, zone, wanted.span)
+                )
+                return None
+            # dates are exact; in float64, seconds of three years are rounded to 15 ns
+            return TimeBound(wanted.moment.seconds_from(begins), 1e-7)
