@@ -77,6 +77,7 @@ def solver_constants(
         ("HUGEST", float(np.finfo(dtype).max), "Where the least of products begins."),
         ("SMALL_RATIO", 1e-8, "Products of ratios beyond this are taken apart."),
         ("LARGE_RATIO", 1e8, "The same for large ones."),
+        ("FAR", 1e3, "How far a plant is followed, by the scales of its states or its start."),
         ("LEAST_ROOM", 1e-9 if exact else 1e-5, "Distance of limits that leaves a control room."),
     ]
     if not is_staged:
