@@ -40,6 +40,9 @@ class COptions:
     `state_jacobian` in its declared states alone instead, `parameter_jacobian` in its parameters
     too, `feedthrough` in its inputs alone."""
 
+    ros2: bool = False
+    """Whether a node of ROS 2 is written around the code."""
+
     @property
     def moves_parameters(self) -> bool:
         """Whether parameters may change between steps."""

@@ -6,7 +6,7 @@ import platform
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,36 +17,56 @@ from backends.fmu.sources import Version
 HEADERS = Path(templates.__path__[0]) / "fmu" / "headers"
 """FMI's own, as the standard publishes them."""
 
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared")
+
 
 @dataclass(frozen=True, slots=True)
 class Platform:
     """What binaries for a kind of machine are called."""
 
-    fmi2: str
+    fmi2: str | None
+    """None where FMI 2.0 has no name for it."""
     fmi3: str
     suffix: str
+    target: str
+    """As zig calls it, with the oldest C library that it is to run with."""
 
-    def path(self, version: Version, prefix: str) -> str:
-        """Where the binary stands in the archive."""
+    def path(self, version: Version, prefix: str) -> str | None:
+        """Where the binary stands in the archive; None where it cannot."""
         folder = self.fmi2 if version == 2 else self.fmi3
-        return f"binaries/{folder}/{prefix}.{self.suffix}"
+        return None if folder is None else f"binaries/{folder}/{prefix}.{self.suffix}"
+
+
+_KNOWN = (
+    Platform("linux64", "x86_64-linux", "so", "x86_64-linux-gnu.2.17"),
+    Platform(None, "aarch64-linux", "so", "aarch64-linux-gnu.2.17"),
+    Platform("win64", "x86_64-windows", "dll", "x86_64-windows-gnu"),
+    Platform("darwin64", "x86_64-darwin", "dylib", "x86_64-macos"),
+    Platform(None, "aarch64-darwin", "dylib", "aarch64-macos"),
+)
+PLATFORMS = {platform.fmi3: platform for platform in _KNOWN}
+"""By the name that FMI 3.0 has for them."""
 
 
 def this_platform() -> Platform | None:
-    """That of this machine; None where FMI has no name for it."""
+    """That of this machine; None where FMI has no name for it.
+
+    On a machine of an architecture that FMI 2.0 has no name for, its binary takes that of the
+    operating system: importers there look for it under no other.
+    """
     system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform)
     machine = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}.get(
         platform.machine().lower()
     )
     if system is None or machine is None or sys.maxsize < 2**32:
         return None
-    names = {
-        "linux": ("linux64", "so"),
-        "darwin": ("darwin64", "dylib"),
-        "windows": ("win64", "dll"),
-    }
-    folder, suffix = names[system]
-    return Platform(folder, f"{machine}-{system}", suffix)
+    found = PLATFORMS.get(f"{machine}-{system}")
+    return found and replace(found, fmi2=PLATFORMS[f"x86_64-{system}"].fmi2)
+
+
+def zig_compiler(target: Platform) -> tuple[str, ...]:
+    """The command of the wheel `ziglang` for a kind of machine."""
+    return (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
 
 
 def binary(sources: Mapping[str, str], compiler: Sequence[str]) -> bytes:
@@ -61,8 +81,7 @@ def _compiled(sources: tuple[tuple[str, str], ...], compiler: tuple[str, ...]) -
         for name, text in sources:
             (folder / name).write_text(text, encoding="utf-8")
         library = folder / "unit.library"
-        flags = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared")
         texts = [str(folder / name) for name, _ in sources if name.endswith(".c")]
         arguments = ["-s", f"-I{HEADERS}", f"-I{folder}", *texts]
-        compile_with([*compiler, *flags], arguments, library)
+        compile_with([*compiler, *FLAGS], arguments, library)
         return library.read_bytes()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
-from backends.fmu.facts import LOG_CATEGORIES, UnitFacts
+from backends.fmu.facts import ITERATIONS_DOC, LOG_CATEGORIES, UnitFacts
 from backends.fmu.names import element_names, is_structured
 from backends.fmu.units import add_units
 from backends.fmu.variable import Kind, Variable
@@ -64,6 +64,10 @@ def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str
         listed, variables.status, variables.status_reference, facts.status_doc, Kind.OUTPUT
     )
     child(status, "Integer")
+    if variables.iterations is not None:
+        reference = variables.iterations_reference
+        count = _scalar(listed, variables.iterations, reference, ITERATIONS_DOC, Kind.OUTPUT)
+        child(count, "Integer")
     _add_structure(root, facts)
     return xml_text(root)
 
@@ -122,9 +126,11 @@ def _add_structure(root: Element, facts: UnitFacts) -> None:
         for place in range(variable.first + 1, variable.first + variable.size + 1):
             child(outputs, "Unknown", {"index": str(place), "dependencies": places})
             child(initial, "Unknown", {"index": str(place)})
-    last = str(facts.variables.status_reference + 1)
-    child(outputs, "Unknown", {"index": last})
-    child(initial, "Unknown", {"index": last})
+    behind = facts.variables.status_reference + 1
+    counts = 1 if facts.variables.iterations is None else 2
+    for place in range(behind, behind + counts):
+        child(outputs, "Unknown", {"index": str(place)})
+        child(initial, "Unknown", {"index": str(place)})
 
 
 def _truth(value: bool) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
 from backends.fmu.description2 import CAUSALITY, experiment, limits, naming
-from backends.fmu.facts import LOG_CATEGORIES, UnitFacts
+from backends.fmu.facts import ITERATIONS_DOC, LOG_CATEGORIES, UnitFacts
 from backends.fmu.units import add_units
 from backends.fmu.variable import Kind, Variable
 from backends.fmu.xml_text import child, element, number_text, xml_text
@@ -55,11 +55,15 @@ def description_text(facts: UnitFacts, token: str) -> str:
         places = None if known is None else " ".join(str(input.first) for input in known)
         reference = {"valueReference": str(variable.first)}
         child(structure, "Output", {**reference, "dependencies": places})
-    status = {"valueReference": str(variables.status_reference)}
-    child(structure, "Output", status)
+    counts = [{"valueReference": str(variables.status_reference)}]
+    if variables.iterations is not None:
+        counts.append({"valueReference": str(variables.iterations_reference)})
+    for count in counts:
+        child(structure, "Output", count)
     for variable in variables.of(Kind.OUTPUT):
         child(structure, "InitialUnknown", {"valueReference": str(variable.first)})
-    child(structure, "InitialUnknown", status)
+    for count in counts:
+        child(structure, "InitialUnknown", count)
     return xml_text(root)
 
 
@@ -99,16 +103,9 @@ def _add(listed: Element, variable: Variable, facts: UnitFacts) -> None:
 def _add_own(listed: Element, facts: UnitFacts) -> None:
     """The variables that no spec names."""
     variables = facts.variables
-    causality, variability, initial = CAUSALITY[Kind.OUTPUT]
-    attributes = {
-        "name": variables.status,
-        "valueReference": str(variables.status_reference),
-        "description": facts.status_doc,
-        "causality": causality,
-        "variability": variability,
-        "initial": initial,
-    }
-    child(listed, "UInt32", attributes)
+    _add_count(listed, variables.status, variables.status_reference, facts.status_doc)
+    if variables.iterations is not None:
+        _add_count(listed, variables.iterations, variables.iterations_reference, ITERATIONS_DOC)
     attributes = {
         "name": variables.time,
         "valueReference": str(variables.time_reference),
@@ -117,6 +114,19 @@ def _add_own(listed: Element, facts: UnitFacts) -> None:
         "variability": "continuous",
     }
     child(listed, "Float64", attributes)
+
+
+def _add_count(listed: Element, name: str, reference: int, doc: str) -> None:
+    causality, variability, initial = CAUSALITY[Kind.OUTPUT]
+    attributes = {
+        "name": name,
+        "valueReference": str(reference),
+        "description": doc,
+        "causality": causality,
+        "variability": variability,
+        "initial": initial,
+    }
+    child(listed, "UInt32", attributes)
 
 
 def _type(facts: UnitFacts) -> str:

@@ -13,6 +13,8 @@ ERROR, WARNING = "logStatusError", "logStatusWarning"
 
 LOG_CATEGORIES = {ERROR: "what was refused, and why", WARNING: "status bits that a step has set"}
 
+ITERATIONS_DOC = "that the last step took"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitFacts:
@@ -30,11 +32,5 @@ class UnitFacts:
     """Of the elements of dimensions."""
     depends: Mapping[str, Sequence[Variable]] | None
     """The inputs that each output depends on in the same step; None where no slopes are there."""
-    status: Mapping[str, int]
-    """Bits of a step by what they mean."""
-
-    @property
-    def status_doc(self) -> str:
-        """What the status bits mean."""
-        bits = "; ".join(f"{bit}: {meaning}" for meaning, bit in self.status.items())
-        return f"of the last step: the sum of {bits}" if bits else "of the last step: always 0"
+    status_doc: str
+    """What the numbers of the status mean."""

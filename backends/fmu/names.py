@@ -10,6 +10,21 @@ from backends.fmu.variable import Variable, one_line
 from compiler.ir.types import WINDOW, Axis
 
 
+class Names:
+    """Different names; those of the spec come first."""
+
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
+
+    def add(self, name: str) -> str:
+        """The name, with a number behind it where it is taken."""
+        found, number = name, 2
+        while found in self._taken:
+            found, number = f"{name}_{number}", number + 1
+        self._taken.add(found)
+        return found
+
+
 def is_structured(names: Collection[str]) -> bool:
     """Whether names keep to FMI's `structured` convention: identifiers of ASCII with dots."""
     return all(part.isascii() and part.isidentifier() for name in names for part in name.split("."))

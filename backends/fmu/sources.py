@@ -84,6 +84,8 @@ def _facts(
             }
             for bit in bits_of_steps(interface)
         ],
+        "is_code": False,
+        "has_iterations": False,
         "slopes": has_slopes(interface),
         "infinite": status_macro(interface.prefix, Status.SLOPE_NOT_FINITE)
         if Status.SLOPE_NOT_FINITE in step_bits(interface)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -66,12 +67,14 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Variables:
-    """All variables, with the two that no spec names."""
+    """All variables, with those that no spec names."""
 
     all: tuple[Variable, ...]
     status: str
-    """The name of the status bits of the last step."""
+    """The name of the status of the last step."""
     time: str
+    iterations: str | None = None
+    """The name of how many iterations the last step took; None where it does not iterate."""
 
     @property
     def status_reference(self) -> int:
@@ -82,8 +85,21 @@ class Variables:
     def time_reference(self) -> int:
         return self.status_reference + 1
 
+    @property
+    def iterations_reference(self) -> int:
+        return self.status_reference + 2
+
     def of(self, *kinds: Kind) -> tuple[Variable, ...]:
         return tuple(variable for variable in self.all if variable.kind in kinds)
+
+
+def placed(variables: Iterable[Variable]) -> tuple[Variable, ...]:
+    """The same with references: each begins behind the numbers of the one before."""
+    found: list[Variable] = []
+    for variable in variables:
+        first = found[-1].first + found[-1].size if found else 0
+        found.append(replace(variable, first=first))
+    return tuple(found)
 
 
 def one_line(*facts: str) -> str:

@@ -15,7 +15,8 @@ from backends.c.interface.interface import Field, Interface
 from backends.c.interface.structs import step_text
 from backends.c_language.literals import Dtype
 from backends.c_lowering.state_memory import PlainState
-from backends.fmu.variable import Kind, Range, Variable, Variables, one_line
+from backends.fmu.names import Names
+from backends.fmu.variable import Kind, Range, Variable, Variables, one_line, placed
 from backends.ports.step_interface import Port
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Declared, Parameter, Program, State
@@ -28,7 +29,7 @@ FIRST = "first"
 
 def unit_variables(program: Program, interface: Interface, weights: Weights) -> Variables:
     """The variables of a program in step form, as its C knows it."""
-    names = _Names()
+    names = Names()
     found = [
         *_inputs(interface, names),
         *_outputs(program, interface, names),
@@ -37,28 +38,10 @@ def unit_variables(program: Program, interface: Interface, weights: Weights) -> 
         *_samples(interface, names),
         *_first_values(program, interface, weights, names),
     ]
-    placed: list[Variable] = []
-    for variable in found:
-        first = placed[-1].first + placed[-1].size if placed else 0
-        placed.append(replace(variable, first=first))
-    return Variables(tuple(placed), names.add("status"), names.add("time"))
+    return Variables(placed(found), names.add("status"), names.add("time"))
 
 
-class _Names:
-    """Different names; those of the spec come first."""
-
-    def __init__(self) -> None:
-        self.taken: set[str] = set()
-
-    def add(self, name: str) -> str:
-        found, number = name, 2
-        while found in self.taken:
-            found, number = f"{name}_{number}", number + 1
-        self.taken.add(found)
-        return found
-
-
-def _inputs(interface: Interface, names: _Names) -> Iterable[Variable]:
+def _inputs(interface: Interface, names: Names) -> Iterable[Variable]:
     dtype = interface.options.dtype
     for input in interface.inputs:
         signal, field = input.port.signal, input.field
@@ -75,7 +58,7 @@ def _inputs(interface: Interface, names: _Names) -> Iterable[Variable]:
         )
 
 
-def _outputs(program: Program, interface: Interface, names: _Names) -> Iterable[Variable]:
+def _outputs(program: Program, interface: Interface, names: Names) -> Iterable[Variable]:
     for field in interface.outputs:
         output = program.output(field.name)
         means = ""
@@ -100,7 +83,7 @@ def _declared(interface: Interface) -> Iterable[PlainState]:
             yield memory
 
 
-def _states(interface: Interface, names: _Names) -> Iterable[Variable]:
+def _states(interface: Interface, names: Names) -> Iterable[Variable]:
     for memory in _declared(interface):
         state = memory.state
         yield Variable(
@@ -116,7 +99,7 @@ def _states(interface: Interface, names: _Names) -> Iterable[Variable]:
 
 
 def _parameters(
-    program: Program, interface: Interface, weights: Weights, names: _Names
+    program: Program, interface: Interface, weights: Weights, names: Names
 ) -> Iterable[Variable]:
     dtype = interface.options.dtype
     for field in interface.parameters:
@@ -134,7 +117,7 @@ def _parameters(
         )
 
 
-def _samples(interface: Interface, names: _Names) -> Iterable[Variable]:
+def _samples(interface: Interface, names: Names) -> Iterable[Variable]:
     dtype = interface.options.dtype
     for field, port in interface.windows:
         signal = port.signal
@@ -163,7 +146,7 @@ def _samples(interface: Interface, names: _Names) -> Iterable[Variable]:
 
 
 def _first_values(
-    program: Program, interface: Interface, weights: Weights, names: _Names
+    program: Program, interface: Interface, weights: Weights, names: Names
 ) -> Iterable[Variable]:
     """Of states whose `init` reads no record."""
     dtype = interface.options.dtype

@@ -105,6 +105,16 @@ def rows_of(problem: ControlProblem) -> Rows:
     return Rows(tuple(rows), tuple(rates), paths, terminal, tuple(known.outputs), known.move)
 
 
+def resting_controls(rows: Rows, count: int) -> list[float]:
+    """What controls are before anything is known: 0, or the limit that is nearest to it."""
+    return [0.0 if rows.move else _nearest_to_zero(row) for row in rows.rows[:count]]
+
+
+def _nearest_to_zero(row: Row) -> float:
+    value = 0.0 if row.minimum is None else max(row.minimum, 0.0)
+    return value if row.maximum is None else min(value, row.maximum)
+
+
 class _Limits:
     """Limits as numbers, where they are known."""
 

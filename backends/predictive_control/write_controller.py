@@ -23,7 +23,7 @@ from backends.predictive_control.form import Form
 from backends.predictive_control.inputs import input_fields, quantity_lines
 from backends.predictive_control.members import Sizes, members
 from backends.predictive_control.numbers import Numbers
-from backends.predictive_control.rows import Rows, rows_of
+from backends.predictive_control.rows import Rows, resting_controls, rows_of
 from backends.predictive_control.selftest import selftest_texts
 from backends.predictive_control.stage_functions import (
     PlacedLimit,
@@ -148,9 +148,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "linear": [row.linear for row in rows.rows],
         "quadratic": [row.quadratic for row in rows.rows],
         "hard": hard if any(hard) else [],
-        "resting": [
-            _nearest_to_zero(row.minimum, row.maximum, rows.move) for row in rows.rows[:nu]
-        ],
+        "resting": resting_controls(rows, nu),
         "can_be_infinite": stage.can_be_infinite or terminal.can_be_infinite,
         "lacks_steady": stage.lacks_steady,
         "gauss_newton": problem.hessian == "gauss_newton",
@@ -192,13 +190,6 @@ def _functions(
         ]
         functions.append(writer.limits(problem.program.step, limits, made.stages.given))
     return stage, terminal, [*table.definitions(), *functions]
-
-
-def _nearest_to_zero(low: float | None, high: float | None, moves: bool) -> float:
-    if moves:
-        return 0.0
-    value = 0.0 if low is None else max(low, 0.0)
-    return value if high is None else min(value, high)
 
 
 def _about(problem: ControlProblem, structure: Chosen) -> str:

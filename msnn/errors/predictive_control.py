@@ -1,4 +1,4 @@
-"""E1140-E1149, W1120: controllers that cannot be exported or compiled."""
+"""E1140-E1149, E1224, W1120: controllers that cannot be exported or compiled."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
@@ -23,6 +23,13 @@ def unsuited_key(key: str, place: Span | None) -> Diagnostic:
     message = f"`{key}` says nothing of a controller"
     repair = "the `mpc` section says what it controls and what is fed back"
     return error("E1143", place, message, "here", help=repair)
+
+
+def platforms_without_units(place: Span | None) -> Diagnostic:
+    """E1224: kinds of machines for units of a controller that are not written."""
+    message = "`platforms` are those of units, and none are written of the controller"
+    repair = "add `with: fmu`; C that is compiled by hand needs no platform"
+    return error("E1224", place, message, "without `with: fmu`", help=repair)
 
 
 def nothing_compiles(reason: str) -> Diagnostic:

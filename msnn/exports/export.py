@@ -79,7 +79,8 @@ def plan_exports(
     """
     plans: list[AnyPlan] = []
     for target in map(target_named, targets):
-        request = Request(model, findings, extras, weights)
+        own = [extra for extra in extras if extra in listed(target.name).extras]
+        request = Request(model, findings, own, weights)
         plan = target.prepare(request, _entry(model.spec.export, target))
         if plan is not None:
             plans.append(replace(plan, cuts=tuple(request.cuts)))

@@ -81,7 +81,7 @@ class ExportedRollouts:
         """Every output of the program, one rollout after the other."""
         names = [output.name for output in self.program.outputs]
         program = to_step_form(prune_outputs(self.program, names))
-        plan = replace(self.plan, program=program, cuts=())
+        plan = replace(self.plan, program=program, cuts=(), platforms=())
         interface = step_interface(program)
         starts = Interpreter(program, self.weights).start(self.series, runs.t0)
         total = int(runs.steps.sum())

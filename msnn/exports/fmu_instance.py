@@ -94,6 +94,14 @@ class FmuInstance:
         found = self._call("get", references, *((size,) if self._is_3 else ()))
         return np.array(found, self.dtype).reshape(shape)
 
+    def count(self, reference: int) -> int:
+        """The whole number that has this reference."""
+        if self._is_3:
+            (found,) = self._fmu.getUInt32([reference], 1)
+        else:
+            (found,) = self._fmu.getInteger([reference])
+        return int(found)
+
     def step(self, number: int, seconds: float) -> None:
         """Step number `number` since the start."""
         self._fmu.doStep(number * seconds, seconds)

@@ -49,7 +49,7 @@ def compare_controller(
     judge, rows = Judge(problem), rows_of(problem)
     worst = {True: 0.0, False: 0.0}
     count = 0
-    for is_cold, x, given, fields in _samples(problem):
+    for is_cold, x, given, fields in drawn_samples(problem):
         if is_cold:
             library.init()
         decision = library.solve({"x": x} | fields)
@@ -81,7 +81,7 @@ def compare_controller(
     )
 
 
-def _samples(
+def drawn_samples(
     problem: ControlProblem,
 ) -> Iterator[tuple[bool, NDArray[Any], Given, dict[str, NDArray[Any]]]]:
     """Whether it begins anew; the state; what is known, for the judge and by field."""

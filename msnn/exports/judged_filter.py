@@ -73,7 +73,7 @@ def compare_filter(
 
 
 def joined(found: Sequence[Agreement]) -> Agreement:
-    """One row of a controller and its filter: the larger of each number."""
+    """One row of a controller, its filter and their units: the larger of each number."""
     first, *rest = found
     for other in rest:
         first = replace(
@@ -81,9 +81,14 @@ def joined(found: Sequence[Agreement]) -> Agreement:
             steps=first.steps + other.steps,
             one_step=float(np.maximum(first.one_step or 0.0, other.one_step or 0.0)),
             free_run=float(np.maximum(first.free_run, other.free_run)),
+            bits=_sum(first.bits, other.bits),
             faults=(*first.faults, *other.faults),
         )
     return first
+
+
+def _sum(one: int | None, other: int | None) -> int | None:
+    return other if one is None else one + (other or 0)
 
 
 def _part(off: NDArray[np.float64], near: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -61,7 +61,7 @@ TARGETS = (
         "c",
         "C",
         "C99 in floating or fixed point, with a self-test",
-        extras=("jacobian", "state_jacobian", "parameter_jacobian"),
+        extras=("jacobian", "state_jacobian", "parameter_jacobian", "ros2"),
     ),
     ListedTarget(
         "fmu",
@@ -74,6 +74,7 @@ TARGETS = (
         "controllers",
         "the controller of an `mpc` section and the filter of an `estimator` as C99",
         of_online=True,
+        extras=("fmu",),
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)

@@ -118,6 +118,8 @@ class ExportPlan(Generic[Options]):
     options: Options
     cuts: tuple[Cut, ...] = ()
     """What the program keeps of arrays with slices of 0."""
+    platforms: tuple[str, ...] = ()
+    """Kinds of machines that get a binary beside this one's; nothing that runs here needs it."""
 
     def of(self, weights: Weights) -> Weights:
         """The weights as the program has them."""

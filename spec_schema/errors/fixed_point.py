@@ -34,6 +34,13 @@ def no_integer_slopes(span: Span) -> Diagnostic:
     return error("E0963", span, message, "`with:` beside `dtype: q15` or `q31`", help=repair)
 
 
+def no_integer_node(span: Span) -> Diagnostic:
+    """E1223: a node of ROS 2 around C in fixed point, whose numbers are words."""
+    message = "C in fixed point has no node of ROS 2"
+    repair = "export `dtype: float32` for the node: its messages are real numbers"
+    return error("E1223", span, message, "`with:` beside `dtype: q15` or `q31`", help=repair)
+
+
 def saturates_all_the_same(names: Sequence[str], span: Span) -> Diagnostic:
     """W0746: states that fixed point saturates though other engines only flag them."""
     listed = ", ".join(f"`{name}`" for name in names)

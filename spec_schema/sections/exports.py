@@ -1,6 +1,6 @@
 """The `export` section: which targets are written, and of what."""
 
-from typing import Annotated, ClassVar, Literal, TypeAlias, TypeVar
+from typing import Annotated, ClassVar, Literal, TypeAlias, TypeVar, get_args
 
 from pydantic import Field
 
@@ -17,7 +17,13 @@ from spec_schema.fields.plain import (
 )
 
 OwnEntry = TypeVar("OwnEntry", bound="TargetEntry")
-Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
+Slopes: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
+Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian", "ros2"]
+OnlineExtra: TypeAlias = Literal["fmu"]
+UnitPlatform: TypeAlias = Literal[
+    "x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin"
+]
+"""As FMI 3.0 calls them."""
 
 
 class TargetEntry(Entry):
@@ -79,7 +85,7 @@ class CExport(TargetEntry):
     `delay` makes ports of the newest samples where the step reads inputs ahead, and outputs late.
     With the `dtype` q15 or q31 the C computes in integers. `with: jacobian` adds a function that
     linearises a step in all that it remembers and its inputs, `with: state_jacobian` in declared
-    states instead, `with: parameter_jacobian` in parameters too.
+    states instead, `with: parameter_jacobian` in parameters too. `with: ros2` adds a node of ROS 2.
     """
 
     noun: ClassVar[str] = "the c export"
@@ -103,9 +109,9 @@ class CExport(TargetEntry):
     delay: References = ()
     """Inputs whose samples after t a step waits for: outputs are as many samples late."""
     extras: DifferentOf[
-        Annotated[Extra, choice("jacobian", "state_jacobian", "parameter_jacobian")]
+        Annotated[Extra, choice("jacobian", "state_jacobian", "parameter_jacobian", "ros2")]
     ] = Field(default=(), alias="with")
-    """What is generated beside the step: its slopes in states, inputs and parameters."""
+    """What is generated beside the step: its slopes in states, inputs and parameters, a node."""
 
     @property
     def is_fixed_point(self) -> bool:
@@ -117,6 +123,7 @@ class FmuExport(FloatTargetEntry):
     """Functional Mock-up Units; names start with `prefix`, by default the name of the spec.
 
     `delay` makes ports of the newest samples where the step reads inputs ahead, and outputs late.
+    `platforms` are those that get a binary beside this machine's.
     """
 
     noun: ClassVar[str] = "the fmu export"
@@ -124,18 +131,25 @@ class FmuExport(FloatTargetEntry):
     prefix: NewName | None = None
     delay: References = ()
     """Inputs whose samples after t a step waits for: outputs are as many samples late."""
+    platforms: DifferentOf[Annotated[UnitPlatform, choice(*get_args(UnitPlatform))]] = ()
+    """Kinds of machines to compile for as well, by zig."""
 
 
 class MpcExport(FloatTargetEntry):
     """The controller of the `mpc` section and the filter of the `estimator`, where there are any.
 
     Names start with `prefix`, by default the spec's name. What is controlled, measured and fed
-    back stands in those sections: `outputs` and `close` are none of its keys.
+    back stands in those sections: `outputs` and `close` are none of its keys. `with: fmu` adds
+    units for co-simulation of what is written.
     """
 
     noun: ClassVar[str] = "the mpc export"
 
     prefix: NewName | None = None
+    extras: DifferentOf[Annotated[OnlineExtra, choice("fmu")]] = Field(default=(), alias="with")
+    """What is generated beside the C: units of FMI 2.0 and 3.0."""
+    platforms: DifferentOf[Annotated[UnitPlatform, choice(*get_args(UnitPlatform))]] = ()
+    """Kinds of machines to compile the units for as well, by zig."""
 
 
 class Export(Entry):

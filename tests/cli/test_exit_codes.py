@@ -33,7 +33,7 @@ def test_usage_errors_end_with_2(msnn: CommandLine):
         (("export", "--initial", "--with", "hessian"), "`hessian` is none of jacobian"),
         (
             ("export", "--initial", "--to", "onnx", "--with", "jacobian"),
-            "of all targets only c has extras",
+            "of all targets only c has `jacobian`",
         ),
         (("validate", "--set", "foo"), "`foo` is not a path, `=` and a value"),
         (("train", "--set", "=3"), "`=3` is not a path, `=` and a value"),

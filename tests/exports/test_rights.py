@@ -31,7 +31,10 @@ mpc:
 GRANT = (
     "What msnn wrote here is yours, without conditions: use, change and sell it, and name nobody."
 )
-SETTINGS = dict.fromkeys(NAMES, ()) | {"c in fixed point": ("export.c.dtype=q15",)}
+SETTINGS = dict.fromkeys(NAMES, ()) | {
+    "c in fixed point": ("export.c.dtype=q15",),
+    "mpc with units": ("export.mpc.with=fmu",),
+}
 
 
 def exported(target: str, folder: Path) -> Written:

@@ -16,7 +16,7 @@ from msnn.exports.table import EXTRAS, NAMES, TARGETS, ListedTarget
 from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.fields.entry_kinds import kinds_of
-from spec_schema.sections.exports import Export, Extra
+from spec_schema.sections.exports import Export, Extra, OnlineExtra
 
 VERB = "msnn/cli/verbs/export.py"
 SCHEMA = "spec_schema/sections/exports.py"
@@ -37,7 +37,9 @@ def test_every_key_of_export_is_a_target_of_the_table() -> None:
 
 
 def test_the_extras_of_the_command_line_are_those_of_the_spec() -> None:
-    assert set(get_args(Extra)) == set(EXTRAS), f"{SCHEMA} and msnn/exports/table.py differ"
+    assert {*get_args(Extra), *get_args(OnlineExtra)} == set(EXTRAS), (
+        f"{SCHEMA} and msnn/exports/table.py differ"
+    )
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
@@ -69,6 +71,7 @@ def test_controllers_are_among_all_targets_where_the_spec_has_one() -> None:
         ("", "{}", "E1140"),
         ("blocks: [2, 8]", "{}", "E1142"),
         ("horizon: 10", "{outputs: [y]}", "E1143"),
+        ("horizon: 10", "{platforms: [x86_64-windows]}", "E1224"),
     ],
 )
 def test_controllers_that_are_not_written_are_refused(

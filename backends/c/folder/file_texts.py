@@ -10,6 +10,7 @@ from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, header_text
 from backends.c.folder.package_texts import package_texts
 from backends.c.folder.parameter_texts import calibration_text, parameters_text
+from backends.c.folder.ros2_texts import ros2_texts
 from backends.c.functions.function_writer import ControllerCode, Weights
 from backends.c.functions.input_policy import nearest_to_zero, policy_functions
 from backends.c.functions.jacobian_functions import jacobian_functions
@@ -37,6 +38,8 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
         **test_texts(program, interface, weights),
         f"{interface.prefix}.a2l": a2l_text(calibrated_model(program, interface)),
     }
+    if interface.options.ros2:
+        files |= ros2_texts(program, interface, files)
     files |= package_texts(interface, files)
     files["README.md"] = _readme(interface, files)
     return dict(sorted(files.items()))
@@ -133,6 +136,7 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         waits_for_reset=bool(interface.from_record),
         late=interface.late,
         constant_time=interface.options.constant_time,
+        ros2=interface.options.ros2,
         linearizes=interface.jacobian is not None,
         of_parameters="parameter_jacobian" in interface.options.extras,
         declared_only="state_jacobian" in interface.options.extras,

@@ -39,12 +39,13 @@ def export(
         typer.Option(
             "--with",
             metavar="EXTRA,…",
-            help="; ".join(
-                f"{', '.join(target.extras)}: what {target.title} has beside the step "
-                "and the spec's `with:`."
+            help="What is generated besides, with those of the spec's `with:`: "
+            + "; ".join(
+                f"{', '.join(target.extras)} of {target.title}"
                 for target in TARGETS
                 if target.extras
-            ),
+            )
+            + ".",
         ),
     ] = "",
     weights: WeightsFile = None,
@@ -83,10 +84,11 @@ def export(
     targets, missing = writable_targets(names, model.spec.export, is_online=model.is_online)
     for target in missing:
         note(target.left_out)
-    having = [target.name for target in TARGETS if target.extras]
-    if extras and not set(having) & set(targets):
-        message = f"of all targets only {' and '.join(having)} has extras, and it is not among "
-        raise typer.BadParameter(f"{message}those to be written", param_hint="'--with'")
+    for name in extras:
+        having = [target.name for target in TARGETS if name in target.extras]
+        if not set(having) & set(targets):
+            message = f"of all targets only {' and '.join(having)} has `{name}`, and it is not "
+            raise typer.BadParameter(f"{message}among those to be written", param_hint="'--with'")
     plan_exports(model, targets, findings, extras)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)

@@ -19,7 +19,7 @@ from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
 from msnn.exports.target import AnyPlan, ExportPlan, Request, Target, Weights, Written
 from msnn.exports.targets.fixed_point import TARGET as FIXED_POINT
-from spec_schema.sections.exports import CExport, Extra
+from spec_schema.sections.exports import CExport, Slopes
 
 
 def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
@@ -49,9 +49,9 @@ def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
 
 def _options(request: Request, entry: CExport | None) -> COptions:
     named = {*request.extras, *(() if entry is None else entry.extras)}
-    extras = tuple(extra for extra in get_args(Extra) if extra in named)
+    extras = tuple(extra for extra in get_args(Slopes) if extra in named)
     if entry is None:
-        return COptions(extras=extras)
+        return COptions(extras=extras, ros2="ros2" in named)
     return COptions(
         dtype="float64" if entry.dtype == "float64" else "float32",
         params=entry.params,
@@ -60,6 +60,7 @@ def _options(request: Request, entry: CExport | None) -> COptions:
         unroll=entry.unroll,
         constant_time=entry.constant_time,
         extras=extras,
+        ros2="ros2" in named,
     )
 
 

@@ -23,6 +23,7 @@ from msnn.tables import table_text
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.errors.fixed_point import (
     fixed_point_option,
+    no_integer_node,
     no_integer_slopes,
     saturates_all_the_same,
 )
@@ -41,7 +42,10 @@ def _prepare(request: Request, entry: CExport | None) -> ExportPlan[None] | None
     report, place = request.findings.report, entry.place.key
     step = limit_expected(step)
     report(*(fixed_point_option(name, place) for name in _float_options(entry)))
-    if request.extras or entry.extras:
+    extras = {*request.extras, *entry.extras}
+    if "ros2" in extras:
+        report(no_integer_node(place))
+    if extras - {"ros2"}:
         report(no_integer_slopes(place))
     flagged = [state.name for state in step.states if _is_flagged(state)]
     if flagged:

@@ -17,6 +17,7 @@ from msnn.agreement.loaded import Loaded
 from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
+from msnn.packages import ZIGLANG
 from spec_schema.sections.exports import FmuExport
 
 
@@ -33,6 +34,7 @@ def _prepare(request: Request, entry: FmuExport | None) -> ExportPlan[COptions] 
         prefix=name_prefix(request, None if entry is None else entry.prefix),
         dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
         options=COptions(params="tunable", extras=("feedthrough",) if _has_slopes(step) else ()),
+        platforms=() if entry is None else tuple(entry.platforms),
     )
 
 
@@ -47,8 +49,11 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
     from backends.c.host.build import CompilerFailedError
     from backends.fmu.write_fmu import write_fmu
 
+    platforms = plan.platforms
+    if platforms:
+        ZIGLANG.require(f"compiles units for {', '.join(platforms)}")
     try:
-        return write_fmu(plan.program, weights, folder, _named(plan))
+        return write_fmu(plan.program, weights, folder, _named(plan), platforms)
     except CompilerFailedError as error:
         raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, get_args
 
 from compiler.ir.program import Program
 from compiler.optimal_control.problem import ControlProblem
@@ -18,7 +19,8 @@ from msnn.errors import predictive_control
 from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import name_prefix
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
-from spec_schema.sections.exports import MpcExport
+from msnn.packages import FMPY, ZIGLANG
+from spec_schema.sections.exports import MpcExport, OnlineExtra
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,8 @@ class Online:
 
     control: ControlProblem | None
     estimation: EstimationProblem | None
+    extras: tuple[OnlineExtra, ...] = ()
+    """What is written beside the C."""
 
 
 def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | None:
@@ -48,13 +52,23 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
         key = "outputs" if entry.outputs is not None else "close"
         report(predictive_control.unsuited_key(key, entry.place.key))
         return None
+    extras = _extras(request, entry)
+    if entry is not None and entry.platforms and "fmu" not in extras:
+        report(predictive_control.platforms_without_units(entry.place.key))
+        return None
     return ExportPlan(
         target=TARGET,
         program=program,
         prefix=name_prefix(request, None if entry is None else entry.prefix),
         dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
-        options=Online(control, estimation),
+        options=Online(control, estimation, extras),
+        platforms=() if entry is None else tuple(entry.platforms),
     )
+
+
+def _extras(request: Request, entry: MpcExport | None) -> tuple[OnlineExtra, ...]:
+    named = {*request.extras, *(() if entry is None else entry.extras)}
+    return tuple(extra for extra in get_args(OnlineExtra) if extra in named)
 
 
 def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Path, ...]:
@@ -71,7 +85,47 @@ def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Pa
     if estimation is not None:
         own = _own(estimation.program, weights)
         files += write_filter(estimation, own, folder, prefix=prefix, dtype=dtype)
+    if "fmu" in plan.options.extras:
+        files += _write_units(plan, weights, folder, files)
     return (*files, write_text(folder / "README.md", _readme(plan)))
+
+
+def _write_units(
+    plan: ExportPlan[Online], weights: Weights, folder: Path, files: Sequence[Path]
+) -> tuple[Path, ...]:
+    """Units of the C that was written into the folder."""
+    from backends.c.host.build import CompilerFailedError
+    from backends.fmu.controller_unit import controller_unit
+    from backends.fmu.filter_unit import filter_unit
+    from backends.fmu.online_unit import write_online_unit
+    from backends.fmu.write_units import write_headers
+    from compiler.optimal_control.trained import trained
+
+    def sources(prefix: str) -> dict[str, str]:
+        own = [path for path in files if path.name.startswith(prefix)]
+        code = [path for path in own if path.suffix in (".c", ".h") and "selftest" not in path.name]
+        return {path.name: path.read_text(encoding="utf-8") for path in code}
+
+    place, platforms = folder / "fmu", plan.platforms
+    if platforms:
+        ZIGLANG.require(f"compiles units for {', '.join(platforms)}")
+    written: tuple[Path, ...] = ()
+    control, estimation = plan.options.control, plan.options.estimation
+    try:
+        if control is not None:
+            name = f"{plan.prefix}_mpc"
+            known = trained(control, _own(control.program, weights))
+            unit = controller_unit(known, name, plan.float_type)
+            written += write_online_unit(control.program, unit, sources(name), place, platforms)
+        if estimation is not None:
+            name = f"{plan.prefix}_ekf"
+            own = _own(estimation.program, weights)
+            about = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+            unit = filter_unit(estimation, own, about)
+            written += write_online_unit(estimation.program, unit, sources(name), place, platforms)
+    except CompilerFailedError as error:
+        raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
+    return (*written, *write_headers(place))
 
 
 def _readme(plan: ExportPlan[Online]) -> str:
@@ -88,6 +142,7 @@ def _readme(plan: ExportPlan[Online]) -> str:
         dtype=plan.dtype,
         controller=has_control,
         filter=has_filter,
+        units="fmu" in plan.options.extras,
     )
 
 
@@ -127,16 +182,23 @@ def built_controller(written: Written) -> Generator[Path]:
 def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Agreement:
     from msnn.exports.judged_controller import compare_controller
     from msnn.exports.judged_filter import compare_filter, joined
+    from msnn.exports.judged_units import compare_controller_units, compare_filter_units
 
+    units = "fmu" in plan.options.extras
+    if units:
+        FMPY.require("runs the units of a controller")
     found: list[Agreement] = []
     control, estimation = plan.options.control, plan.options.estimation
     with built_controller(written) as folder:
         if control is not None:
             own = _own(control.program, weights)
-            found.append(compare_controller(control, own, folder, plan.float_type, TARGET.name))
+            judges = [compare_controller, *([compare_controller_units] if units else [])]
+            found += [judge(control, own, folder, plan.float_type, TARGET.name) for judge in judges]
         if estimation is not None:
             own = _own(estimation.program, weights)
-            found.append(compare_filter(estimation, own, folder, plan.float_type, TARGET.name))
+            filters = [compare_filter, *([compare_filter_units] if units else [])]
+            kind = plan.float_type
+            found += [judge(estimation, own, folder, kind, TARGET.name) for judge in filters]
     return joined(found)
 
 

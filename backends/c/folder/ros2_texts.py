@@ -1,0 +1,135 @@
+"""Writes a node of ROS 2 around the generated C: a package in a folder of its own."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from typing import Any
+from xml.sax.saxutils import escape
+
+from backends.c.functions.input_policy import nearest_to_zero
+from backends.c.interface.interface import Field, Interface
+from backends.c_language.comments import comment_text, string_literal
+from backends.c_language.literals import real_literal
+from backends.c_language.rendering import render
+from backends.files.readme import one_line, readme_text
+from backends.ports.identifiers import c_identifier
+from compiler.ir.program import Parameter, Program
+
+_NANO = 1_000_000_000
+
+
+def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> dict[str, str]:
+    """Texts by path in the folder; `paths` are the other files in it."""
+    prefix = interface.prefix
+    package = _ros_name(prefix)
+    topics: set[str] = set()
+    docs = {signal.name: signal.doc for signal in program.signals}
+    outputs = {output.name: output.doc for output in program.outputs}
+    tuned = interface.parameters if interface.options.moves_parameters else ()
+    every = program.sample_time
+    facts: dict[str, Any] = {
+        "package": package,
+        "real": "float" if interface.options.dtype == "float32" else "double",
+        "nanoseconds": None if every is None else round(every * _NANO),
+        "seconds": None if every is None else f"{every:.9g}",
+        "inputs": [
+            _port(input.field, topics, docs[input.port.signal.name]) for input in interface.inputs
+        ],
+        "outputs": [_port(field, topics, outputs[field.name]) for field in interface.outputs],
+        "status": c_identifier("status", topics),
+        "parameters": [
+            _parameter(interface, field, program.parameter(field.name)) for field in tuned
+        ],
+        "starts": _starts(interface),
+        "default": f"{prefix}_calibration.values"
+        if interface.calibrates
+        else f"{prefix}_params_default",
+        "values": _values(interface),
+        "sources": sorted(
+            path
+            for path in paths
+            if path.startswith("src/") and path.endswith(".c") and "_selftest" not in path
+        ),
+        "description": escape(" ".join((program.doc or program.name).split())),
+    }
+
+    def text(template: str, title: str = "") -> str:
+        return render(template, interface, title, "ros2", **facts)
+
+    facts["node"] = string_literal(package)
+    files = {f"ros2/src/{prefix}_node.cpp": text("node.cpp.j2", "Node of ROS 2")}
+    facts["node"] = f"{package}_node"
+    files["ros2/CMakeLists.txt"] = text("CMakeLists.txt.j2")
+    files["ros2/package.xml"] = text("package.xml.j2")
+    files["ros2/README.md"] = readme_text("ros2", model=one_line(program.name), **facts)
+    return files
+
+
+def _ros_name(prefix: str) -> str:
+    """The name of a package: lower case, a letter first, single underscores."""
+    found = re.sub("_+", "_", prefix.lower()).strip("_")
+    return found if found[:1].isalpha() else f"model_{found}"
+
+
+def _values(interface: Interface) -> str:
+    """The argument that gives functions their parameters."""
+    if not interface.takes_parameters:
+        return ""
+    if interface.options.moves_parameters:
+        return ", &values_"
+    return f", &{interface.prefix}_params_default"
+
+
+def _port(field: Field, topics: set[str], doc: str) -> dict[str, Any]:
+    topic = f"~/{c_identifier(field.identifier, topics)}"
+    return {**_facts(field, doc), "topic": string_literal(topic), "shown": topic}
+
+
+def _parameter(interface: Interface, field: Field, parameter: Parameter) -> dict[str, Any]:
+    low = -math.inf if parameter.minimum is None else parameter.minimum
+    high = math.inf if parameter.maximum is None else parameter.maximum
+    dtype = interface.options.dtype
+    outside = f" || value < {real_literal(low, dtype)}" if low > -math.inf else ""
+    outside += f" || value > {real_literal(high, dtype)}" if high < math.inf else ""
+    bounds = f", or outside [{low:g}, {high:g}]" if outside else ""
+    refusal = f"{field.name} is not finite{bounds}"
+    return {
+        **_facts(field, parameter.doc),
+        "name": string_literal(field.name),
+        "shown": one_line(field.name),
+        "outside": outside,
+        "refusal": string_literal(refusal),
+    }
+
+
+def _starts(interface: Interface) -> list[dict[str, Any]]:
+    """What `reset` is to be given, where a model waits for it."""
+    if not interface.from_record - interface.filled_by_first:
+        return []
+    given = [(field, port.signal.range, port.signal.doc) for field, port in interface.windows]
+    given += [(field, state.range, state.doc) for field, state in interface.supplied]
+    return [
+        {
+            **_facts(field, f"{doc} around the first step"),
+            "name": string_literal(f"start.{field.name}"),
+            "shown": one_line(f"start.{field.name}"),
+            "value": real_literal(nearest_to_zero(limits, interface.options.dtype), "float64"),
+        }
+        for field, limits, doc in given
+    ]
+
+
+def _facts(field: Field, doc: str) -> dict[str, Any]:
+    unit = "" if field.unit is None else f" [{field.unit.text}]"
+    size = f", {field.size} numbers" if field.shape else ""
+    text = f"{field.name}{unit}{size}" + (f": {doc}" if doc.strip() else "")
+    return {
+        "member": field.identifier,
+        "size": field.size,
+        "is_array": bool(field.shape),
+        "comment": comment_text(text),
+        "doc": string_literal(text),
+        "about": one_line(text).replace("|", "\\|"),
+    }

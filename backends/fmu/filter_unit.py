@@ -1,0 +1,212 @@
+"""Lists the variables of a filter's unit: what is measured and given, what is estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from backends.c_language.literals import Dtype
+from backends.fmu.names import Names
+from backends.fmu.online_unit import Fill, OnlineUnit, valid_numbers
+from backends.fmu.variable import Kind, Variable, Variables, one_line, placed
+from backends.fmu.variables import rounded_range
+from backends.predictive_control.estimation.filter_fields import input_fields
+from compiler.ir.types import Type
+from compiler.state_estimation.kalman_filter import KalmanFilter
+from compiler.state_estimation.problem import EstimationProblem
+
+_MEANINGS = {
+    0: "the estimate is that of the measurements",
+    2: "diverged",
+    3: "an input is infinite or NaN",
+    4: "a state was never given",
+}
+_TOLD = {
+    "DIVERGED": "something would not have been finite: the estimate is as it was",
+    "INPUT_NOT_FINITE": "an input is infinite or NaN: the estimate is as it was",
+    "NOT_INITIALISED": "a number of the state was never given: nothing is estimated",
+}
+
+
+def filter_unit(
+    problem: EstimationProblem, weights: Mapping[str, ArrayLike], about: Mapping[str, Any]
+) -> OnlineUnit:
+    """The unit of a problem's filter; `about` is the description beside its C."""
+    dtype: Dtype = about["dtype"]
+    prefix: str = about["prefix"]
+    judge = KalmanFilter(problem, weights)
+    names = Names()
+    given = list(_inputs(problem, about["in"], names, dtype))
+    found = [
+        *given,
+        *_measured(problem, about["measured"], names, dtype),
+        *_estimated(problem, judge, names),
+        *_first(problem, judge, names, dtype),
+    ]
+    members = [f"{prefix}_in_t u;"] if given else []
+    members += [f"{prefix}_measured_t measured;", "bool has_begun;"]
+    return OnlineUnit(
+        kind="filter",
+        prefix=prefix,
+        dtype=dtype,
+        members=members,
+        variables=Variables(placed(found), names.add("status"), names.add("time")),
+        meanings=_MEANINGS,
+        told=_TOLD,
+        takes_inputs=bool(given),
+        fills=tuple(_fills(problem, judge)),
+    )
+
+
+def _inputs(
+    problem: EstimationProblem, fields: list[dict[str, Any]], names: Names, dtype: Dtype
+) -> Iterator[Variable]:
+    """Those that the step from the sample before reads."""
+    for field in fields:
+        yield _signal(
+            problem,
+            field["signal"],
+            name=names.add(field["signal"]),
+            place=_first_of("u", field),
+            doc="from the sample before to this one; the first step reads none",
+            dtype=dtype,
+        )
+
+
+def _measured(
+    problem: EstimationProblem, fields: list[dict[str, Any]], names: Names, dtype: Dtype
+) -> Iterator[Variable]:
+    """The measurements, and behind them inputs that they depend on at once."""
+    count = len(problem.measured)
+    for measurement, field in zip(problem.measured, fields[:count], strict=True):
+        output = problem.program.output(measurement.value)
+        type = problem.program.step[output.node].type
+        yield Variable(
+            name=names.add(f"measured.{measurement.signal}"),
+            kind=Kind.INPUT,
+            place=_first_of("measured", field),
+            axes=type.axes,
+            unit=type.unit,
+            range=None,
+            doc=one_line(output.doc, "measured at this sample; NaN: it was not"),
+            start=np.zeros(type.size),
+        )
+    for field in fields[count:]:
+        yield _signal(
+            problem,
+            field["signal"],
+            name=names.add(f"now.{field['signal']}"),
+            place=_first_of("measured", field),
+            doc="at this sample, for what is measured depends on it",
+            dtype=dtype,
+        )
+
+
+def _signal(
+    problem: EstimationProblem, signal: str, *, name: str, place: str, doc: str, dtype: Dtype
+) -> Variable:
+    member = problem.inputs.member(signal)
+    known = next((s for s in problem.program.signals if s.name == signal), None)
+    limits = None if known is None else rounded_range(known.range, dtype)
+    return Variable(
+        name=name,
+        kind=Kind.INPUT,
+        place=place,
+        axes=member.axes,
+        unit=member.unit,
+        range=limits,
+        doc=one_line("" if known is None else known.doc, doc),
+        start=valid_numbers(limits, member.size, dtype),
+    )
+
+
+def _estimated(problem: EstimationProblem, judge: KalmanFilter, names: Names) -> Iterator[Variable]:
+    docs = {p.name: p.doc for p in problem.program.parameters}
+    docs |= {s.name: s.doc for s in problem.program.states}
+    for member in judge.numbers.members:
+        yield Variable(
+            name=names.add(member.name),
+            kind=Kind.OUTPUT,
+            place=f"y.x[{member.first}]",
+            axes=member.axes,
+            unit=member.unit,
+            range=None,
+            doc=one_line(docs[member.name], "as estimated"),
+            start=np.zeros(member.size),
+            first_sample=_first_sample(problem, member.name),
+        )
+    for member in judge.numbers.members:
+        yield Variable(
+            name=names.add(f"std.{member.name}"),
+            kind=Kind.OUTPUT,
+            place=f"y.std[{member.first}]",
+            axes=member.axes,
+            unit=member.unit,
+            range=None,
+            doc=one_line(f"standard deviation of {member.name}"),
+            start=np.zeros(member.size),
+            first_sample=_first_sample(problem, member.name),
+        )
+    first = 0
+    for measurement in problem.measured:
+        type = problem.program.step[problem.program.output(measurement.value).node].type
+        yield Variable(
+            name=names.add(f"innovation.{measurement.signal}"),
+            kind=Kind.OUTPUT,
+            place=f"y.innovation[{first}]",
+            axes=type.axes,
+            unit=type.unit,
+            range=None,
+            doc="measured less expected; NaN where nothing was measured",
+            start=np.zeros(type.size),
+        )
+        first += type.size
+
+
+def _first(
+    problem: EstimationProblem, judge: KalmanFilter, names: Names, dtype: Dtype
+) -> Iterator[Variable]:
+    """What the filter begins with, where the importer sets it."""
+    for member in problem.states.members:
+        values = judge.vector[member.first : member.first + member.size]
+        yield Variable(
+            name=names.add(f"start.{member.name}"),
+            kind=Kind.FIRST,
+            place=f"first[{member.first}]",
+            axes=member.axes,
+            unit=member.unit,
+            range=None,
+            doc=one_line(f"{member.name} before the first step; as the spec says where not set"),
+            start=np.where(np.isfinite(values), values, 0.0).astype(dtype),
+            first_sample=_first_sample(problem, member.name),
+        )
+
+
+def _fills(problem: EstimationProblem, judge: KalmanFilter) -> Iterator[Fill]:
+    """Registers of inputs that nobody set begin as if the input had always been what it is."""
+    registers = {judge.numbers.member(name).first: name for name in problem.registers}
+    for field in input_fields(problem, judge.numbers):
+        for past in field.pasts:
+            yield Fill(
+                register=registers[past.first],
+                source=f"u.{field.identifier}{'[0]' if field.size != 1 else ''}",
+                first=past.first,
+                size=past.count * past.length,
+                length=past.length,
+                window=field.window,
+            )
+
+
+def _first_sample(problem: EstimationProblem, name: str) -> int:
+    origin = problem.registers.get(name)
+    if origin is None:
+        return 0
+    axes = problem.states.member(name).axes
+    return getattr(origin, "ahead", 0) - (Type(axes).window or 1)
+
+
+def _first_of(struct: str, field: Mapping[str, Any]) -> str:
+    return f"{struct}.{field['name']}{'[0]' if field['shape'] else ''}"
