@@ -30,7 +30,10 @@ def condensed_form(problem: ControlProblem, rows: Rows) -> Form:
     classes = classes_of(problem, rows, stages)
     return Form(
         stages=stages,
-        stage=_arrays(problem, series, stages, stages.stage, stages.results, classes),
+        stage=replace(
+            _arrays(problem, series, stages, stages.stage, stages.results, classes),
+            steady=_steady_numbers(problem, classes),
+        ),
         terminal=_arrays(
             problem, series, stages, stages.terminal, stages.terminal_results, classes
         ),
@@ -66,8 +69,7 @@ def _shapes(
     return {
         "z": (series.size,),
         "dz": (series.size,),
-        "adjoint": (count, some),
-        "next_adjoint": (count, some),
+        "price": (),
         "slopes": (count, stages.size, classes.moving),
         **({"steady": (stages.size, classes.plain)} if classes.plain else {}),
         "curvature": (count, classes.curved, classes.curved),
@@ -168,6 +170,14 @@ def _steady(problem: ControlProblem, stages: Stages, classes: Classes) -> Placed
     rows = np.array(of_results, int) * classes.plain
     size = stages.size * classes.plain
     return PlacedMatrix("steady", found.jacobian, rows, columns, 0, size, takes_zeros=False)
+
+
+def _steady_numbers(problem: ControlProblem, classes: Classes) -> dict[str, tuple[bool, ...]]:
+    """Of each state, which of its numbers have slopes that are the same along the horizon."""
+    steady = set(classes.order[classes.moving :])
+    return {
+        m.name: tuple(m.first + i in steady for i in range(m.size)) for m in problem.states.members
+    }
 
 
 def _positions(

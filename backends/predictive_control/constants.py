@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from backends.c_language.literals import Dtype, real_literal
+from compiler.optimal_control.problem import Mode
 from compiler.optimal_control.structure import Chosen
 
 
@@ -14,7 +15,13 @@ def reachable(tolerance: float, dtype: Dtype) -> float:
 
 
 def solver_constants(
-    tolerance: float, dtype: Dtype, structure: Chosen, *, can_be_infinite: bool, has_hard: bool
+    tolerance: float,
+    dtype: Dtype,
+    structure: Chosen,
+    mode: Mode,
+    *,
+    can_be_infinite: bool,
+    has_hard: bool,
 ) -> list[dict[str, str]]:
     """Name, value as C, and meaning of each that the solver needs."""
     precision = float(np.finfo(dtype).eps)
@@ -29,7 +36,7 @@ def solver_constants(
         ("WIDE_MU", 1.0, "Barrier after a plan was simulated anew."),
         (
             "BARRIER_SHARE",
-            0.03 if is_staged else 0.003,
+            (0.1 if mode == "fixed" else 0.03) if is_staged else 0.003,
             "First barrier by the largest error of slopes and gaps.",
         ),
         (
@@ -37,13 +44,26 @@ def solver_constants(
             0.99 if is_staged else 0.999,
             "Part of a slack or multiplier that one step may use up.",
         ),
-        ("NEARLY", 30.0, "Error by the barrier below which the barrier is lowered."),
+        (
+            "NEARLY",
+            30.0 if is_staged else 100.0,
+            "Error by the barrier below which the barrier is lowered.",
+        ),
         ("SHRINK", 0.1, "Largest factor by which it is lowered."),
         ("FASTER", 10.0, "The same by the barrier, where that is less."),
-        ("FEWEST", 0.1, "Least product of slack and multiplier at the beginning, by the barrier."),
+        (
+            "FEWEST",
+            0.1 if is_staged else 0.3,
+            "Least product of slack and multiplier at the beginning, by the barrier.",
+        ),
         ("MOST", 1e3, "Largest one."),
         ("EDGE", 1e-2, "Least slack of a soft side at the beginning, by its scale."),
-        ("PULL", 1e-2, "Least distance of a control from its limits at the beginning."),
+        ("PULL", 1e-2, "Least distance of a control from its limits in a plan that is simulated."),
+        (
+            "NEAR_PULL",
+            1e-2 if is_staged else 1e-5,
+            "The same in the plan of the sample before.",
+        ),
         ("LEAST_SLACK", 4 * precision, "Least slack of a control, by its scale: rounding."),
         ("LEAST_CURVATURE", 1e-8 if exact else 1e-5, "Floor of curvatures."),
         ("LEAST_SHARE", 1e-4, "Floor of the curvature of a control by its own stage's."),
@@ -57,10 +77,14 @@ def solver_constants(
         ("HUGEST", float(np.finfo(dtype).max), "Where the least of products begins."),
         ("SMALL_RATIO", 1e-8, "Products of ratios beyond this are taken apart."),
         ("LARGE_RATIO", 1e8, "The same for large ones."),
+        ("FAR", 1e3, "How far a plant is followed, by the scales of its states or its start."),
         ("LEAST_ROOM", 1e-9 if exact else 1e-5, "Distance of limits that leaves a control room."),
     ]
     if not is_staged:
-        table.append(("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."))
+        table += [
+            ("ANEW_SHARE", 0.3, "Barrier of a plan that is not near, by the largest slope."),
+            ("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."),
+        ]
     if can_be_infinite:
         steepest = 1e8 if exact else 1e4
         table.append(("STEEPEST", steepest, "Slope that stands for an infinite one."))

@@ -35,6 +35,8 @@ class Sizes:
     results: int
     sides: int
     kept: int
+    kept_at_end: int
+    """Numbers that the values at the end of the horizon leave for its slopes."""
     given: int
     limits_move: bool
     has_hard: bool
@@ -64,8 +66,9 @@ def members(sizes: Sizes, shapes: Mapping[str, tuple[int, ...]], real: str) -> l
         add("real", shape, name)
     add("real", (stages, sizes.results), "results")
     add("real", (stages,), "cost")
-    add("real", (stages, max(sizes.kept, 1)), "kept")
-    add("real", (stages, max(sizes.given, 1)), "given")
+    add("real", (stages if sizes.kept_at_end else sizes.horizon, max(sizes.kept, 1)), "kept")
+    if sizes.given:
+        add("real", (stages, sizes.given), "given")
     sides = ["slack", "multiplier", "excess", "growth", "stiffness", "offset"]
     if sizes.limits_move:
         sides.append("limit")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index, c_strides
@@ -12,6 +12,7 @@ from backends.predictive_control.cut import Cut, cut_at_values, kept_signal
 from backends.predictive_control.function_body import FunctionBody, part, vector_places
 from backends.predictive_control.placed_matrix import PlacedMatrix
 from backends.predictive_control.series import Place
+from backends.predictive_control.value_at_zero import Zeros, values_at_zero
 from compiler.hessian.step_derivatives import StepDerivatives, multiplier
 from compiler.ir.program import Formula, Graph, NodeId
 from compiler.jacobian.matrices import Vector
@@ -29,6 +30,8 @@ class StageArrays:
     """Disturbances and references."""
     slopes: PlacedMatrix
     curvature: PlacedMatrix
+    steady: Zeros = field(default_factory=dict[str, tuple[bool, ...]])
+    """Numbers of states in which the results are linear with slopes that stay the same."""
 
     @property
     def places(self) -> dict[str, Place]:
@@ -63,6 +66,8 @@ class StageFunctions:
     kept: int
     can_be_infinite: bool
     """Whether slopes can be infinite where variables are finite."""
+    lacks_steady: bool
+    """Whether the values are those without what steady slopes say."""
 
 
 class StageWriter:
@@ -85,11 +90,17 @@ class StageWriter:
             if result in found.values:
                 shape = found.graph[found.values[result]].type.shape
                 places[multiplier(result)] = Place("weight", first, c_strides(shape))
+        lean = None
+        if any(any(numbers) for numbers in arrays.steady.values()):
+            wanted = [*found.values.values(), *cut.kept]
+            lean = values_at_zero(found.graph, wanted, cut.kept, arrays.steady)
+        graph, moved = lean or (found.graph, {node: node for node, _ in found.graph})
         return StageFunctions(
-            self._values(f"{name}value", found, cut, places, firsts, arrays),
+            self._values(f"{name}value", found, cut, (graph, moved), places, firsts, arrays),
             self._slopes(f"{name}slopes", found, cut, places, arrays),
             sum(type.size for type in types),
             any(matrix.perhaps_infinite for matrix in found.matrices),
+            lean is not None,
         )
 
     def steady(self, found: StepDerivatives, arrays: StageArrays, placed: PlacedMatrix) -> Function:
@@ -122,18 +133,20 @@ class StageWriter:
         name: str,
         found: StepDerivatives,
         cut: Cut,
+        lean: tuple[Graph, Mapping[NodeId, NodeId]],
         places: Mapping[str, Place],
         firsts: list[int],
         arrays: StageArrays,
     ) -> Function:
-        body = FunctionBody(found.graph, self._functions, self._formulas, places)
-        lowered = body.lowered([*found.values.values(), *cut.kept])
+        graph, moved = lean
+        body = FunctionBody(graph, self._functions, self._formulas, places)
+        lowered = body.lowered([moved[node] for node in (*found.values.values(), *cut.kept)])
         for member in found.results.members:
-            node = found.values[member.name]
-            place = part("results", found.graph[node].type, arrays.results[member.name])
+            node = moved[found.values[member.name]]
+            place = part("results", graph[node].type, arrays.results[member.name])
             lowered.store(node, place)
         for node, first in zip(cut.kept, firsts, strict=True):
-            lowered.store(node, part("kept", found.graph[node].type, first))
+            lowered.store(moved[node], part("kept", graph[moved[node]].type, first))
         doc = "Computes the results of a stage and keeps what its slopes need of them."
         return body.finished(name, self._real, ("z", "given"), ("results", "kept"), doc)
 

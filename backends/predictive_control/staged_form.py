@@ -36,7 +36,6 @@ def staged_form(problem: ControlProblem, rows: Rows) -> Form:
             "dz": (count, width),
             "gradient": (count, width),
             "adjoint": (count, nx),
-            "next_adjoint": (count, nx),
             "slopes": (count, stages.size, width),
             "curvature": (count, width, width),
             "gain": (problem.horizon, nu, nx),

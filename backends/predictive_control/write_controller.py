@@ -88,12 +88,14 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         results=results,
         sides=len(sides),
         kept=max(stage.kept, terminal.kept),
+        kept_at_end=terminal.kept,
         given=given,
         limits_move=rows.move,
         has_hard=any(hard),
         past_moves=structure == "condensed",
     )
     struct = members(sizes, made.shapes, numbers.real)
+    nothing = f"(const {numbers.real} *)0"
     facts = {
         **made.facts,
         "at": made.addresses,
@@ -108,6 +110,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
             problem.tolerance,
             dtype,
             structure,
+            problem.mode,
             can_be_infinite=stage.can_be_infinite or terminal.can_be_infinite,
             has_hard=any(hard),
         ),
@@ -129,6 +132,9 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
             for r in rows.rates
         ],
         "kept": max(stage.kept, terminal.kept),
+        "last_kept": f"c->kept[{'k' if terminal.kept else 0}]",
+        "given_of_stage": "c->given[k]" if given else nothing,
+        "given_of_all": "c->given[0]" if given else nothing,
         "given": given,
         "fields": fields,
         "state_lines": quantity_lines(problem.states, "x"),
@@ -144,6 +150,7 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "hard": hard if any(hard) else [],
         "resting": resting_controls(rows, nu),
         "can_be_infinite": stage.can_be_infinite or terminal.can_be_infinite,
+        "lacks_steady": stage.lacks_steady,
         "gauss_newton": problem.hessian == "gauss_newton",
         "iterations": problem.iterations,
         "log_terms": 15 if dtype == "float64" else 7,

@@ -28,7 +28,7 @@ from msnn.model.load import load_model
 from msnn.tables import table_text
 
 HERE = Path(__file__).resolve().parent
-FRESH_SEED = 20261124
+FRESH_SEED = 20261126
 FLAGS = ("-O2", "-ffp-contract=off", "-D_POSIX_C_SOURCE=200809L", "-w")
 NAMES = ("condensed", "staged")
 BOARD = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")

@@ -1,6 +1,6 @@
 """Solves random problems by exported controllers, and judges whatever is called solved.
 
-    python benchmarks/mpc/random_problems.py [PROBLEMS] [SEED]
+    python benchmarks/mpc/random_problems.py [PROBLEMS] [SEED] [STRUCTURE]
 
 Plants are drawn (states, controls, horizon, what bends, what is bounded), each is exported,
 compiled and given 100 problems: states far out, weights of 0, limits that are equal or contradict
@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from backends.predictive_control.solution import multipliers_of, plan_of
 from backends.predictive_control.write_controller import controller_texts
 from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge
+from compiler.optimal_control.structure import Chosen
 from compiler.optimal_control.trained import trained
 
 EACH = 100
@@ -128,12 +130,15 @@ class Guarded:
         return bool(np.all(outside == PATTERN))
 
 
-def solve_plant(text: str, count: int, random: np.random.Generator, folder: Path) -> Counter[str]:
+def solve_plant(
+    text: str, count: int, random: np.random.Generator, folder: Path, structure: Chosen | None
+) -> Counter[str]:
     """Draws and solves problems of one plant; what was found, by words."""
     path = folder / "drawn.msnn.yaml"
     path.write_text(text, encoding="utf-8")
     control = msnn.load(path).control
     assert control is not None
+    control = control if structure is None else replace(control, structure=structure)
     problem = trained(control, {})
     for name, written in controller_texts(problem, "drawn", "float64").items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -186,11 +191,15 @@ def solve_plant(text: str, count: int, random: np.random.Generator, folder: Path
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
     random = np.random.default_rng(int(sys.argv[2]) if len(sys.argv) > 2 else 0)
+    structure: Chosen | None = None
+    if len(sys.argv) > 3:
+        structure = "condensed" if sys.argv[3] == "condensed" else "staged"
     found: Counter[str] = Counter()
     begun = time.perf_counter()
     for number in range(0, count, EACH):
         with tempfile.TemporaryDirectory() as place:
-            found += solve_plant(spec(random), min(EACH, count - number), random, Path(place))
+            each = min(EACH, count - number)
+            found += solve_plant(spec(random), each, random, Path(place), structure)
         done = min(number + EACH, count)
         said = ", ".join(f"{n:,} {what}" for what, n in sorted(found.items()))
         print(f"{done:,} problems, {time.perf_counter() - begun:.0f} s: {said}", flush=True)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import by_name
 from compiler.optimal_control.problem import ControlProblem, Limits, PathLimits
@@ -94,8 +95,17 @@ def flat(values: Array) -> Array:
     return values.reshape(len(values), -1)
 
 
+def limits_program(problem: ControlProblem) -> Program:
+    """What of the problem's program computes the limits."""
+    each = (*problem.control_limits, *problem.path_limits)
+    names = {name for one in each for name in (one.limits.minimum, one.limits.maximum)}
+    program = problem.program
+    outputs = tuple(output for output in program.outputs if output.name in names)
+    return replace(program, states=(), outputs=outputs, losses=())
+
+
 def limits_along(problem: ControlProblem, interpreter: Interpreter, given: Given) -> LimitsAlong:
-    """The limits at the references given; `interpreter` runs the problem's program."""
+    """The limits at the references given; `interpreter` runs `limits_program`, or all of it."""
     n, nu = problem.horizon, problem.controls.size
     log = log_of(problem, given, np.zeros((n, nu)))
     states = by_name(problem.states, np.zeros((n + 1, problem.states.size)))

@@ -99,7 +99,20 @@ class NotOptimal:
         )
 
 
-Fault = FarStep | OtherBits | BeyondProof | NoChoice | NotOptimal
+@dataclass(frozen=True, slots=True)
+class SelfTestFails:
+    """A self-test of an export that finds something wrong where it was built."""
+
+    of: str
+    returned: int
+    """What it returned; the comment of the function says what its bits mean."""
+
+    @property
+    def difference(self) -> str:
+        return f"it returns {self.returned}, where 0 says that all is well"
+
+
+Fault = FarStep | OtherBits | BeyondProof | NoChoice | NotOptimal | SelfTestFails
 
 
 def other_bits(counts: Mapping[str, int]) -> tuple[Fault, ...]:

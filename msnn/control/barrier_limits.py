@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiler.optimal_control.horizon import Array, Given
+from compiler.optimal_control.horizon import Array
 from msnn.control.horizon_functions import HorizonFunctions, RowLimits, Values
 
 _NARROW = 1e-7
@@ -16,8 +16,7 @@ _APART = 1e-8
 class BarrierLimits:
     """The limits of the rows h, (N+1, 2m): c = h − low, then c = high − h."""
 
-    def __init__(self, functions: HorizonFunctions, given: Given) -> None:
-        limits = functions.limits(given)
+    def __init__(self, functions: HorizonFunctions, limits: RowLimits) -> None:
         whole = np.concatenate([limits.low, limits.high], axis=1)
         ends = np.concatenate(_with_inside(limits), axis=1)
         self.signs = np.repeat([1.0, -1.0], limits.low.shape[1])

@@ -44,10 +44,11 @@ class CompiledMethod:
         with np.errstate(all="ignore"):
             states, controls = self._functions.scaled(plan)
             values = self._functions.values(given, states, controls)
-            violation = BarrierLimits(self._functions, given).violation(values)
+            violation = BarrierLimits(self._functions, allowed.limits).violation(values)
         return Found(
             status=Status(decision.status),
             plan=plan,
+            values=values,
             multipliers=multipliers_of(self._problem, self._rows, self._c),
             residual=decision.residual,
             violation=violation,

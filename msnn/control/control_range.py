@@ -13,6 +13,7 @@ class ControlRange:
 
     def __init__(self, functions: HorizonFunctions, limits: RowLimits, state: Array) -> None:
         n, nu = functions.horizon, functions.controls
+        self.limits = limits
         self._starts = functions.starts
         self._low, self._high = limits.low[:n, :nu].copy(), limits.high[:n, :nu].copy()
         self._move = limits.high[:n, nu : 2 * nu]

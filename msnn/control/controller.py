@@ -34,7 +34,7 @@ class Controller:
         self.solver = method.name
         """`c` or `python`: who solves."""
         self._functions, self._method = functions, method
-        self._memory = Memory(problem, self._functions.interpreter)
+        self._memory = Memory(problem)
         self._judge: Judge | None = None
         self._applied: Array | None = None
 
@@ -118,18 +118,17 @@ class Controller:
     # ---- one solve
 
     def _told(self, given: Given, allowed: ControlRange, found: Found) -> Solution:
-        f, problem = self._functions, self.problem
+        problem = self.problem
         if found.status is Status.INFEASIBLE:
             return self._kept(Status.INFEASIBLE, allowed, found)
         plan = found.plan
-        states, controls = f.scaled(plan)
-        penalties, excess = f.penalties(given, states, controls)
+        penalties, excess = self._functions.penalties(allowed.limits, found.values)
         return Solution(
             status=found.status,
             control=by_sample(problem.controls, plan.controls[0]),
             controls=by_name(problem.controls, plan.controls),
             states=by_name(problem.states, plan.states),
-            cost=f.values(given, states, controls).cost + penalties,
+            cost=found.values.cost + penalties,
             residual=found.residual,
             violation=found.violation,
             excess=excess,

@@ -25,6 +25,7 @@ from compiler.optimal_control.horizon import (
     block_starts,
     flat,
     limits_along,
+    limits_program,
     log_of,
     previous_places,
     rates,
@@ -84,6 +85,7 @@ class HorizonFunctions:
         self.states, self.controls = problem.states.size, problem.controls.size
         self.starts = block_starts(problem)
         self.interpreter = Interpreter(problem.program)
+        self._limiting = Interpreter(limits_program(problem))
         self._places, self._rates = previous_places(problem), rates(problem)
         self._sizes = [problem.type(path.value).size for path in problem.path_limits]
         self._terminal = problem.terminal
@@ -152,7 +154,7 @@ class HorizonFunctions:
     def limits(self, given: Given) -> RowLimits:
         """The limits at the references given."""
         n, nu = self.horizon, self.controls
-        along = limits_along(self.problem, self.interpreter, given)
+        along = limits_along(self.problem, self._limiting, given)
         size = 2 * nu + sum(self._sizes)
         low, high = np.full((n + 1, size), -np.inf), np.full((n + 1, size), np.inf)
         low[:n, :nu], high[:n, :nu] = along.control_min, along.control_max
@@ -191,10 +193,9 @@ class HorizonFunctions:
             tuple(high[stages_of(self.problem, path), rows] for path, rows in paths),
         )
 
-    def penalties(self, given: Given, states: Array, controls: Array) -> tuple[float, float]:
+    def penalties(self, limits: RowLimits, values: Values) -> tuple[float, float]:
         """What violations of soft limits cost, and the largest of them, scaled."""
-        limits = self.limits(given)
-        rows = self.values(given, states, controls).rows
+        rows = values.rows
         excess = np.maximum(np.maximum(limits.low - rows, rows - limits.high), 0.0)
         soft = np.isfinite(limits.linear)
         excess = excess[:, soft]

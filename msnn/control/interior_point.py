@@ -18,7 +18,7 @@ import numpy as np
 from compiler.optimal_control.horizon import Array, Given
 from msnn.control.barrier_limits import BarrierLimits
 from msnn.control.condensed_step import condensed_step
-from msnn.control.horizon_functions import HorizonFunctions, Values
+from msnn.control.horizon_functions import HorizonFunctions, RowLimits, Values
 from msnn.control.iterate import Direction, Iterate, Point
 from msnn.control.riccati import newton_step
 
@@ -44,9 +44,9 @@ class Outcome:
 class InteriorPoint:
     """The method for one problem and one measurement."""
 
-    def __init__(self, functions: HorizonFunctions, given: Given) -> None:
+    def __init__(self, functions: HorizonFunctions, given: Given, limits: RowLimits) -> None:
         self._f, self._given = functions, given
-        self._limits = BarrierLimits(functions, given)
+        self._limits = BarrierLimits(functions, limits)
         self._held = functions.held
         self._weight = 1e-6
 

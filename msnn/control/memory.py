@@ -20,8 +20,9 @@ from compiler.optimal_control.problem import ControlProblem
 class Memory:
     """The states of the plant by name: measured, predicted from the sample before, or not known."""
 
-    def __init__(self, problem: ControlProblem, interpreter: Interpreter) -> None:
-        self._problem, self._interpreter = problem, interpreter
+    def __init__(self, problem: ControlProblem) -> None:
+        self._problem = problem
+        self._interpreter = Interpreter(replace(problem.program, outputs=()))
         self._registers = problem.registers
         self._shapes = {m.name: Type(m.axes).shape for m in problem.states.members}
         self._known: dict[str, Array] = {}

@@ -7,6 +7,7 @@ from typing import Literal, Protocol
 
 from compiler.optimal_control.horizon import Array, Given, Multipliers, Plan
 from msnn.control.control_range import ControlRange
+from msnn.control.horizon_functions import Values
 from msnn.control.solution import Status
 
 Solver = Literal["c", "python"]
@@ -18,6 +19,8 @@ class Found:
 
     status: Status
     plan: Plan
+    values: Values
+    """Cost, next states and rows of the plan."""
     multipliers: Multipliers
     residual: float
     violation: float

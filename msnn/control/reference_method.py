@@ -34,7 +34,7 @@ class ReferenceMethod:
         self._last, self._is_good = None, False
 
     def solve(self, given: Given, allowed: ControlRange, resting: Array) -> Found:
-        method = InteriorPoint(self._functions, given)
+        method = InteriorPoint(self._functions, given, allowed.limits)
         may_begin_again = self._problem.mode == "converged"
         iterations, tolerance = self._problem.iterations, self._problem.tolerance
         solve = partial(method.solve, iterations=iterations, tolerance=tolerance)
@@ -72,26 +72,30 @@ class ReferenceMethod:
         controls = allowed.nearest(outcome.iterate.controls)
         violation = outcome.violation
         if not is_solved:
-            violation = float(np.maximum(violation, self._violation(given, controls)))
+            violation = float(np.maximum(violation, self._violation(given, allowed, controls)))
         keeps = violation <= max(tolerance, 1e-6)
         status = Status.SOLVED if is_solved else Status.CAPPED
+        states = outcome.iterate.states
+        with np.errstate(all="ignore"):
+            values = f.values(given, states, controls)
         return Found(
             status=status if is_finite and keeps else Status.INFEASIBLE,
-            plan=f.plan(outcome.iterate.states, controls),
+            plan=f.plan(states, controls),
+            values=values,
             multipliers=f.multipliers(outcome.iterate.multipliers),
             residual=outcome.residual,
             violation=violation,
             iterations=outcome.iterations,
         )
 
-    def _violation(self, given: Given, controls: Array) -> float:
+    def _violation(self, given: Given, allowed: ControlRange, controls: Array) -> float:
         """Of hard limits where the controls lead: a plan with gaps may keep them by its gaps."""
         if not any(path.hard for path in self._problem.path_limits):
             return 0.0
         with np.errstate(all="ignore"):
             states = self._functions.rollout(given, controls)
             values = self._functions.values(given, states, controls)
-            return BarrierLimits(self._functions, given).violation(values)
+            return BarrierLimits(self._functions, allowed.limits).violation(values)
 
 
 def _shifted(before: Iterate) -> Iterate:

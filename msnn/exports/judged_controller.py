@@ -25,7 +25,7 @@ from compiler.optimal_control.kkt import Judge
 from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
 from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import Fault, NotOptimal
+from msnn.agreement.faults import Fault, NotOptimal, SelfTestFails
 from msnn.agreement.judgement import FloatType
 from msnn.exports.target import Weights
 
@@ -65,7 +65,7 @@ def compare_controller(
     if not residual <= allowed:
         faults = (NotOptimal("a plan that is called solved", residual, allowed),)
     if bits := library.selftest():
-        faults = (*faults, NotOptimal(f"the self-test ({bits})", float("nan"), allowed))
+        faults = (*faults, SelfTestFails("the self-test of the controller", bits))
     return Agreement(
         target=target,
         dtype=dtype,

@@ -13,7 +13,7 @@ from backends.predictive_control.estimation.golden_filter import golden_steps
 from backends.predictive_control.estimation.library import FilterLibrary
 from compiler.state_estimation.problem import EstimationProblem
 from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import FarStep, Fault, NotOptimal
+from msnn.agreement.faults import FarStep, Fault, SelfTestFails
 from msnn.agreement.judgement import FloatType
 from msnn.exports.target import Weights
 
@@ -56,8 +56,7 @@ def compare_filter(
     if wrong_status or not share <= 1:
         faults = (FarStep("the estimate", worst, allowed),)
     if bits := library.selftest():
-        nan = float("nan")
-        faults = (*faults, NotOptimal(f"the self-test of the filter ({bits})", nan, nan))
+        faults = (*faults, SelfTestFails("the self-test of the filter", bits))
     return Agreement(
         target=target,
         dtype=dtype,

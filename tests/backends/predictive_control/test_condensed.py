@@ -142,6 +142,9 @@ def test_what_is_called_solved_is_optimal_to_the_interpreter(
     assert found.agrees, found.faults
 
 
+_BARRIER = {"BARRIER_SHARE": 0.02, "KEEP": 0.99, "FEWEST": 0.1, "NEARLY": 30.0, "NEAR_PULL": 0.01}
+
+
 @pytest.mark.parametrize("plant", ["filter_and_rates", "network_on_windows"])
 def test_the_first_gain_is_that_of_the_recursion(plant: str, tmp_path: Path) -> None:
     """`feedback` moves the control as a Riccati recursion over all of the memory would."""
@@ -153,8 +156,11 @@ def test_the_first_gain_is_that_of_the_recursion(plant: str, tmp_path: Path) -> 
         write_controller(problem, _weights(problem), out, prefix="plant", dtype="float64")
         source = out / "src" / "plant_mpc.c"
         # the same barrier in both, which the gain hangs on
-        alike = re.sub(r"(BARRIER_SHARE|KEEP) = [0-9.]+", r"\1 = 0.02", source.read_text())
-        source.write_text(alike.replace("KEEP = 0.02", "KEEP = 0.99"))
+        text = source.read_text()
+        for name, value in _BARRIER.items():
+            text, count = re.subn(rf"\b{name} = [^;]*;", f"{name} = {value};", text)
+            assert count == 1
+        source.write_text(text)
         library = ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
         given = _given(problem, np.random.default_rng(1))
         given["x"] = 0.1 * given["x"]

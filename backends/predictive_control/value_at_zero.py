@@ -1,0 +1,121 @@
+"""Rewrites the values of a stage for numbers that are 0, so that sums go without them.
+
+before:  y = Σ w · [u₋₂₉ … u₀]        after, with u₋₂₉ … u₋₁ = 0:  y = w₂₉ u₀
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from compiler.ir import ops
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node
+from compiler.ir.program import Graph, Node, NodeId
+from compiler.ir.types import Type
+from compiler.jacobian.drop_zero_terms import known_number, without_zeros
+from compiler.passes.fold_constants import folded
+
+Zeros = Mapping[str, tuple[bool, ...]]
+"""Of each state, which of its numbers are 0."""
+
+
+def values_at_zero(
+    graph: Graph, roots: Sequence[NodeId], fixed: Sequence[NodeId], zeros: Zeros
+) -> tuple[Graph, dict[NodeId, NodeId]] | None:
+    """The graph of the `roots` where these numbers are 0, and where each root is in it.
+
+    None where that would not spare the sums over them, or where one of the `fixed`, which are to
+    keep their values, depends on them.
+    """
+    if _depends(graph, fixed, zeros):
+        return None
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    for index, node in graph:
+        args = tuple(copies[arg] for arg in node.args)
+        with builder.at(node.span):
+            copies[index] = _copy(builder, replace(node, args=args), zeros)
+    lean = GraphBuilder()
+    wanted = {root: copies[root] for root in roots}
+    moved = without_zeros(builder.graph(), list(wanted.values()), lean)
+    if any(_is_partly_zero(lean, node) for _, node in lean.graph()):
+        return None
+    found, places = folded(lean.graph())
+    return found, {root: places[moved[copy]] for root, copy in wanted.items()}
+
+
+def _depends(graph: Graph, nodes: Sequence[NodeId], zeros: Zeros) -> bool:
+    moved: set[NodeId] = set()
+    for index, node in graph:
+        is_leaf = isinstance(node.op, ops.ReadState) and any(zeros.get(node.op.name, ()))
+        if is_leaf or any(arg in moved for arg in node.args):
+            moved.add(index)
+    return any(node in moved for node in nodes)
+
+
+def _copy(builder: GraphBuilder, node: Node, zeros: Zeros) -> NodeId:
+    match node.op:
+        case ops.ReadState(name) if any(zeros.get(name, ())):
+            return _read(builder, node, zeros[name])
+        case ops.Contract(axis) | ops.Sum(axis):
+            return _summed(builder, node, axis)
+        case ops.Concat(axis):
+            parts = [part for arg in node.args for part in _parts(builder, arg, axis)]
+            return builder.concat(parts, axis)
+        case _:
+            return copy_node(builder, node, node.args)
+
+
+def _zeros(builder: GraphBuilder, type: Type) -> NodeId:
+    return builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
+
+
+def _read(builder: GraphBuilder, node: Node, are_zero: tuple[bool, ...]) -> NodeId:
+    """Runs of zeros and of what is read, along the only axis; all or nothing of other types."""
+    if all(are_zero):
+        return _zeros(builder, node.type)
+    read = copy_node(builder, node, ())
+    if len(node.type.axes) != 1:
+        return read
+    axis = node.type.axes[0]
+    edges = [at for at in range(1, len(are_zero)) if are_zero[at] != are_zero[at - 1]]
+    parts: list[NodeId] = []
+    for start, stop in zip([0, *edges], [*edges, len(are_zero)], strict=True):
+        part = builder.slice(read, axis.name, start, stop)
+        parts.append(_zeros(builder, builder.type(part)) if are_zero[start] else part)
+    return builder.concat(parts, axis.name)
+
+
+def _parts(builder: GraphBuilder, value: NodeId, axis: str) -> tuple[NodeId, ...]:
+    node = builder.node(value)
+    return node.args if node.op == ops.Concat(axis) else (value,)
+
+
+def _summed(builder: GraphBuilder, node: Node, axis: str) -> NodeId:
+    """A sum over the parts of its first concatenation that are not 0."""
+    all_parts = [_parts(builder, arg, axis) for arg in node.args]
+    zeros = [[known_number(builder, part) == 0.0 for part in parts] for parts in all_parts]
+    number = next((at for at, known in enumerate(zeros) if any(known)), None)
+    if number is None:
+        return copy_node(builder, node, node.args)
+    total: NodeId | None = None
+    begin = 0
+    for part, is_zero in zip(all_parts[number], zeros[number], strict=True):
+        of = builder.type(part)
+        size = of.axes[of.position(axis)].size
+        if not is_zero:
+            args = [
+                part if at == number else builder.slice(other, axis, begin, begin + size)
+                for at, other in enumerate(node.args)
+            ]
+            term = copy_node(builder, node, tuple(args))
+            total = term if total is None else builder.add(total, term)
+        begin += size
+    return _zeros(builder, node.type) if total is None else total
+
+
+def _is_partly_zero(builder: GraphBuilder, node: Node) -> bool:
+    return isinstance(node.op, ops.Concat) and any(
+        known_number(builder, arg) == 0.0 for arg in node.args
+    )
