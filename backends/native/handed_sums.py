@@ -50,7 +50,7 @@ class HandedSums:
             raise failure
 
     def _called(self, whole: int, address: int, size: int) -> int:
-        sums = np.frombuffer((ctypes.c_uint8 * size).from_address(address), np.uint8)
+        sums = np.ctypeslib.as_array((ctypes.c_uint8 * size).from_address(address))
         try:
             if whole:
                 self._ranks.hand_on(sums)

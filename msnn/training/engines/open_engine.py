@@ -11,6 +11,7 @@ from backends.native.kernel_cache.folders import kernel_folder
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.errors import training as errors
+from msnn.errors.ranks import no_ranks_in_torch
 from msnn.packages import TORCH
 from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
 from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
@@ -91,6 +92,9 @@ def open_engine(
                 found = errors.no_native_engine(plan.name, str(error), plan.span)
                 raise SpecError((found,)) from None
             notes = (errors.torch_instead(plan.name, str(error), plan.span),)
+    if plan.ranks is not None:
+        reasons = (note.message for note in notes)
+        raise SpecError((no_ranks_in_torch(plan.name, plan.span, tuple(reasons)),))
     for note in notes:  # kernels could not be had, or were wrong: torch is what is left
         TORCH.require(f"must train instead ({note.message})")
     arguments = (plan, *given)

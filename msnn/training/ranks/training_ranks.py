@@ -1,0 +1,56 @@
+"""Says what the processes of one training do together, beside adding their sums."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from backends.native.handed_sums import Ranks
+from msnn.data.dataset import FloatArray
+
+
+class RankLostError(Exception):
+    """Another process of the training has ended or cannot be reached."""
+
+
+class TrainingRanks(Ranks, Protocol):
+    """The processes of one training. Whatever they do together raises RankLostError."""
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this process keeps the run and says how it goes."""
+        ...
+
+    def most(self, values: Sequence[float]) -> list[float]:
+        """The largest of each value over all ranks."""
+        ...
+
+    def agree(self, content: bytes) -> bool:
+        """Whether all ranks have the same content; the answer is the same on each."""
+        ...
+
+    def from_first(self, content: bytes) -> bytes:
+        """The content that the first rank has; that of the others is not looked at."""
+        ...
+
+
+def weights_of_first(
+    ranks: TrainingRanks | None, weights: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Weights with the bits that they have on the first rank: fits depend on the processor."""
+    if ranks is None:
+        return dict(weights)
+    flat = np.frombuffer(ranks.from_first(weight_bytes(weights)), float)
+    ends = np.cumsum([np.size(value) for value in weights.values()])
+    parts = np.split(flat, ends[:-1])
+    return {
+        name: part.reshape(np.shape(value)).copy()
+        for (name, value), part in zip(weights.items(), parts, strict=True)
+    }
+
+
+def weight_bytes(weights: Mapping[str, FloatArray]) -> bytes:
+    """The bits of weights, to compare them between ranks."""
+    return b"".join(np.ascontiguousarray(value).tobytes() for value in weights.values())
