@@ -193,6 +193,7 @@ class Kernel:
             pointer(sums),
             pointer(counts),
         )
+        data.give_back()
         if handed is not None:
             handed.raise_failure()
         return Losses(sums, counts, slope.astype(float))
@@ -232,6 +233,7 @@ class Kernel:
             pointer(sums),
             pointer(counts),
         )
+        data.give_back()
         if handed is not None:
             handed.raise_failure()
         return int(done), sums, counts
