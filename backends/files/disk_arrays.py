@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import mmap
 import tempfile
+import threading
+import time
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +16,10 @@ from numpy.typing import NDArray
 
 AT_ONCE = 1 << 22
 """Rows that are in memory at a time."""
+
+
+PAUSE = 0.05
+"""Seconds after which pages are left to the system."""
 
 
 class DiskArray(np.ndarray[Any, np.dtype[Any]]):
@@ -26,11 +33,6 @@ class DiskArray(np.ndarray[Any, np.dtype[Any]]):
 
     def __array_finalize__(self, made_of: object) -> None:
         self.pages, self.copies = None, {}
-
-    def give_back(self) -> None:
-        """Leaves its pages to the system; those that are read again come from its cache."""
-        if self.pages is not None and hasattr(mmap, "MADV_DONTNEED"):
-            self.pages.madvise(mmap.MADV_DONTNEED)
 
 
 class ArrayFile:
@@ -66,6 +68,7 @@ class ArrayFile:
         found = DiskArray(shape, self._dtype, pages)
         found.pages, found.folder = pages, self._folder
         self._file.close()
+        _GIVING_BACK.watch(pages)
         return found
 
 
@@ -79,7 +82,6 @@ def laid_out(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
         file = ArrayFile(values.folder)
         for block in blocks(values):
             file.append(block.astype(dtype))
-            values.give_back()
         copy = file.array()
         assert isinstance(copy, DiskArray)
         values.copies[dtype.str] = copy
@@ -92,7 +94,39 @@ def blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
         yield values[begin : begin + AT_ONCE]
 
 
-def give_back(values: object) -> None:
-    """Leaves the pages of an array on disk to the system; does nothing with any other."""
-    if isinstance(values, DiskArray):
-        values.give_back()
+class _GivingBack:
+    """Leaves pages to the system while others read: the process holds few, the system the rest.
+
+    A page that is read again comes from the cache of the system, or from the file where somebody
+    else has wanted the memory.
+    """
+
+    def __init__(self) -> None:
+        self._mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
+        self._lock = threading.Lock()
+        self._runs = False
+
+    def watch(self, pages: mmap.mmap) -> None:
+        """Begins with a file; it ends with the last array that is of it."""
+        with self._lock:
+            self._mapped.add(pages)
+            if not self._runs and hasattr(mmap, "MADV_DONTNEED"):
+                self._runs = True
+                threading.Thread(target=self._give_back, daemon=True).start()
+
+    def _give_back(self) -> None:
+        time.sleep(PAUSE)
+        while self._gave_back():
+            time.sleep(PAUSE)
+
+    def _gave_back(self) -> bool:
+        """Whether there is a file; it holds none while it sleeps, so that arrays can go."""
+        with self._lock:
+            mapped = list(self._mapped)
+            self._runs = bool(mapped)
+        for pages in mapped:
+            pages.madvise(mmap.MADV_DONTNEED)
+        return bool(mapped)
+
+
+_GIVING_BACK = _GivingBack()

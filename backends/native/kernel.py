@@ -193,7 +193,6 @@ class Kernel:
             pointer(sums),
             pointer(counts),
         )
-        data.give_back()
         if handed is not None:
             handed.raise_failure()
         return Losses(sums, counts, slope.astype(float))
@@ -233,7 +232,6 @@ class Kernel:
             pointer(sums),
             pointer(counts),
         )
-        data.give_back()
         if handed is not None:
             handed.raise_failure()
         return int(done), sums, counts

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.files.disk_arrays import blocks, give_back, laid_out
+from backends.files.disk_arrays import blocks, laid_out
 from backends.native.kernel_source import KernelSource
 from backends.native.kernel_structs import ProblemStruct, pointers
 
@@ -44,11 +44,6 @@ class KernelData:
             None if table is None else ctypes.cast(table, ctypes.c_void_p),
             skip,
         )
-
-    def give_back(self) -> None:
-        """Leaves the pages of series on disk to the system."""
-        for series in self._series:
-            give_back(series)
 
     def write(self, series: Mapping[str, FloatArray]) -> None:
         """Replaces the numbers of those series that are read, which must be this object's own."""

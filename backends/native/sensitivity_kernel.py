@@ -81,7 +81,6 @@ class SensitivityKernel:
             pointer(counts),
             pointer(found),
         )
-        data.give_back()
         # a mark is 0 or √ of the factor of its row, so that the sum of its squares counts
         marks = found[:, numbers + 1, numbers + 1] if self._marked else np.zeros(losses)
         lower = np.tril(found[:, : numbers + 1, : numbers + 1])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import time
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +14,7 @@ import pyarrow.parquet as parquet
 import pytest
 
 import msnn
-from backends.files.disk_arrays import ArrayFile, DiskArray, laid_out
+from backends.files.disk_arrays import PAUSE, ArrayFile, DiskArray, laid_out
 from msnn.data.dataset import Dataset, whole_file
 from msnn.model.model_data import measured
 from msnn.training.records.run_record import data_hash
@@ -181,6 +184,20 @@ def test_episodes_do_not_depend_on_how_many_rows_are_looked_at_at_once(
             assert data.continues[start + 1 : stop].all()
 
 
+def test_what_nobody_reads_any_more_is_closed(tmp_path: Path) -> None:
+    file = ArrayFile(tmp_path)
+    file.append(np.ones(10))
+    found = file.array()
+    assert isinstance(found, DiskArray)
+    assert found.pages is not None
+    pages = weakref.ref(found.pages)
+    time.sleep(3 * PAUSE)
+    del found
+    time.sleep(3 * PAUSE)
+    gc.collect()
+    assert pages() is None
+
+
 def test_an_array_on_disk_has_one_copy_of_each_type(tmp_path: Path) -> None:
     file = ArrayFile(tmp_path)
     values = np.random.default_rng(0).normal(size=(1000, 3))
@@ -194,5 +211,5 @@ def test_an_array_on_disk_has_one_copy_of_each_type(tmp_path: Path) -> None:
     np.testing.assert_array_equal(copy, values.astype(np.float32))
     assert laid_out(found, np.dtype(np.float32)) is copy
     assert laid_out(found, np.dtype(np.float64)) is found
-    found.give_back()
-    np.testing.assert_array_equal(found, values)
+    time.sleep(3 * PAUSE)
+    np.testing.assert_array_equal(found, values)  # pages that were given back are read again

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from backends.files.disk_arrays import blocks, give_back
+from backends.files.disk_arrays import blocks
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
 from msnn.model.spec_hash import SubmodelFile
@@ -102,7 +102,6 @@ def data_hash(data: Dataset) -> str:
         digest.update(f"{name}{series.shape}".encode())
         for part in blocks(series):
             digest.update(np.ascontiguousarray(part).tobytes())
-            give_back(series)
     digest.update(",".join(data.sets).encode())
     for rows in (data.set_of_row, data.continues, data.usable):
         for part in blocks(rows):

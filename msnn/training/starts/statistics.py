@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from backends.files.disk_arrays import AT_ONCE, blocks, give_back
+from backends.files.disk_arrays import AT_ONCE, blocks
 from compiler.ir.program import Parameter, Program
 from msnn.data.dataset import BoolArray, Dataset, FloatArray
 from msnn.errors import training as errors
@@ -64,4 +64,3 @@ def _known(data: Dataset, name: str) -> Iterator[tuple[FloatArray, BoolArray]]:
         rows = block[data.set_of_row[first : first + len(block)] == code]
         if len(rows):
             yield rows, np.isfinite(rows)
-        give_back(series)
