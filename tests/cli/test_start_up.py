@@ -88,6 +88,7 @@ _NOT_WHOLE = {
     "backends": set[str](),
     "backends.c_language": {"functions", "helper_functions", "literals", "tree"},
     "backends.c_lowering": {"options"},
+    "backends.files": {"disk_arrays"},
     "backends.ports": {"identifiers"},
     "compiler.differentiation": {
         "estimated_starts",
@@ -127,6 +128,7 @@ _NOT_WHOLE = {
         "stage_plan",
         "torch_optimizer_options",
     },
+    "msnn.training.ranks": {"training_ranks"},
     "msnn.validation": {"plan"},
     "spec_schema.robots": {"geometry", "robot"},
 }

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from backends.native.handed_sums import Ranks
 from msnn.data.dataset import FloatArray
 
 
@@ -15,8 +15,29 @@ class RankLostError(Exception):
     """Another process of the training has ended or cannot be reached."""
 
 
-class TrainingRanks(Ranks, Protocol):
-    """The processes of one training. Whatever they do together raises RankLostError."""
+class TrainingRanks(Protocol):
+    """The processes of one training, as kernels know them (`backends.native.handed_sums.Ranks`).
+
+    Whatever they do together raises RankLostError.
+    """
+
+    @property
+    def rank(self) -> int:
+        """Which one this is, from 0."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        ...
+
+    def receive(self, sums: NDArray[np.uint8]) -> None:
+        """Replaces sums by those of the rank before; the first one keeps its own."""
+        ...
+
+    def hand_on(self, sums: NDArray[np.uint8]) -> None:
+        """Gives sums to the next rank and replaces them by those of the last."""
+        ...
 
     @property
     def is_first(self) -> bool:
