@@ -51,7 +51,7 @@ class ArrayFile:
         self._shape, self._dtype = values.shape[1:], values.dtype
         self._rows += len(values)
         if values.size:
-            self._file.write(memoryview(np.ascontiguousarray(values)).cast("B"))
+            self._file.write(np.ascontiguousarray(values).data.cast("B"))
 
     def forget(self) -> None:
         """Drops what was written."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pyarrow as arrow
 import pyarrow.dataset as dataset
@@ -34,7 +35,7 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
     names = tuple(str(name) for name in source.schema.names)
 
     def group(number: int) -> NamedArrays:
-        def column(name: str) -> NDArray[object]:
+        def column(name: str) -> NDArray[Any]:
             part = fragment.subset(row_group_ids=[number])
             table = part.to_table(schema=source.schema, columns=[name], use_threads=False)
             return as_array(table.column(0))
