@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from msnn.api.shown_progress import Hearer
     from msnn.comparison.compare import Listener
     from msnn.data.reading.frames import Frames
+    from msnn.training.ranks.training_ranks import TrainingRanks
     from msnn.training.records.training_options import TrainingOptions
     from msnn.training.stage_loss_module import StageLoss
 
@@ -35,6 +36,7 @@ def train(
     device: str = "cpu",
     weights: Weights | None = None,
     progress: Hearer = None,
+    ranks: TrainingRanks | None = None,
 ) -> ShownTraining:
     """Trains the stages of a spec on its data and returns the best weights of the last.
 
@@ -48,7 +50,9 @@ def train(
     `device` is where torch computes: cpu, cuda, cuda:N or auto; `weights` is where the first stage
     begins, by default the initial values. `progress` None shows lines where somebody watches: a
     terminal, a notebook; True everywhere, False nowhere; a function is given every event, a
-    `StageStart`, `EpochEnd`, `StageEnd` or a warning. Raises SpecError, TrainingDivergedError,
+    `StageStart`, `EpochEnd`, `StageEnd` or a warning. `ranks` are the processes that train
+    together, of which only the first keeps files: `GlooRanks()` of `msnn.training.ranks` in each of
+    those that torchrun has started. Raises SpecError, TrainingDivergedError,
     TrainingInterruptedError and MissingExtraError.
     """
     from msnn.api.results.trainings import shown_training
@@ -59,7 +63,9 @@ def train(
     from msnn.training.run_line import begun, diverged, ended, log
 
     require_what_trains(model.spec.train)
-    options = replace(_options(model, runs, tensorboard, device), resume=resume)
+    if ranks is not None and not ranks.is_first:
+        runs, tensorboard = None, False
+    options = replace(_options(model, runs, tensorboard, device), resume=resume, ranks=ranks)
     first = given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
     line = begun(model, dataset)

@@ -19,6 +19,7 @@ from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_e
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.ranks.training_ranks import TrainingRanks
 from msnn.training.rate_search import searched_rate
 from msnn.training.records.checkpoint import TrainingPosition
 from msnn.training.records.progress import EpochEnd
@@ -57,6 +58,8 @@ class StageRun:
     """Hears of a rate that was searched."""
     spread: float = 0.0
     """ŝ²/n of the present epoch."""
+    ranks: TrainingRanks | None = None
+    """The processes that train with this one."""
     reductions: Reductions = NO_REDUCTIONS
     _began: float = field(init=False, default_factory=time.monotonic)
     _watching: float = field(init=False, default=0.0)
@@ -188,15 +191,23 @@ class StageRun:
             members = order[self.batch * size : (self.batch + several) * size]
             began = time.monotonic()
             sums = self.engine.train_batches(runs, size, members, sums)
-            pace.called(several, time.monotonic() - began)
+            seconds, stops = self._agreed(time.monotonic() - began, self.stop_asked())
+            pace.called(several, seconds)
             self.batch, self.sums = self.batch + several, sums
             self.left_out += self.engine.left_out
-            if self.stop_asked():
+            if stops:
                 raise Interrupted
             self.between(pace.seconds if self.batch < count else self._watching)
         if count and self.left_out == count:  # it would do the same for ever
             raise NonFiniteLossError(runs)
         return sums
+
+    def _agreed(self, seconds: float, stops: bool) -> tuple[float, bool]:
+        """The same on all processes of the training, which must end after the same batch."""
+        if self.ranks is None:
+            return seconds, stops
+        longest, any_stops = self.ranks.most((seconds, float(stops)))
+        return longest, bool(any_stops)
 
     def _find_starts(self, starts: StageStarts, runs: Runs) -> None:
         """Those of an epoch; where they are unknowns of training, those with which it begins."""

@@ -88,6 +88,7 @@ _NOT_WHOLE = {
     "backends": set[str](),
     "backends.c_language": {"literals", "math_library"},
     "backends.c_lowering": {"options"},
+    "backends.files": {"disk_arrays"},
     "backends.ports": {"identifiers"},
     "compiler.differentiation": {"estimated_starts", "sums_of_squares"},
     "compiler.interpreter": {"constant_value", "never_finite", "operations"},
@@ -143,6 +144,7 @@ _NOT_WHOLE = {
         "second_order_checks",
         "stage_plan",
     },
+    "msnn.training.ranks": {"training_ranks"},
     "msnn.validation": {"plan"},
     "spec_schema.robots": {"geometry", "robot"},
 }

@@ -34,7 +34,7 @@ from tests.training.test_starts import NET, Heard, data, run
 
 SourceOf = Callable[..., KernelSource]
 STAGES = "  - {{epochs: 4, batch: 16{more}}}\n"
-RIGHT, WRONG = "gradient[i] += slopes[i];", "gradient[i] += slopes[i] * (real)0.9;"
+RIGHT, WRONG = "all->slopes[i] += slopes[i];", "all->slopes[i] += slopes[i] * (real)0.9;"
 
 
 @pytest.fixture(autouse=True)

@@ -128,8 +128,8 @@ def test_what_is_not_finite_or_zero_is_no_mistake(name: str, logged: Log_of) -> 
 
 CHANGES = {
     "a gradient a part in a thousand too small": (
-        "gradient[i] += slopes[i];",
-        "gradient[i] += slopes[i] * (real)0.999;",
+        "all->slopes[i] += slopes[i];",
+        "all->slopes[i] += slopes[i] * (real)0.999;",
     ),
     "a sum that leaves a lane out": ("half[0] += half[1];", ""),
     "steps that are not skipped": ("p->skip", "0"),

@@ -37,7 +37,11 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
 
 
 def _array(file: Any, name: str) -> NDArray[Any]:
-    column = file.read([name]).column(0)
+    return as_array(file.read([name]).column(0))
+
+
+def as_array(column: Any) -> NDArray[Any]:
+    """The numbers or dates of a column; null is NaN."""
     if arrow.types.is_decimal(column.type):
         column = column.cast(arrow.float64())
     if arrow.types.is_integer(column.type) and column.null_count:

@@ -23,7 +23,6 @@ from msnn.training.engines.learned_numbers import LearnedNumbers
 from msnn.training.engines.normal_equations import Model, in_raw_variables
 from msnn.training.engines.quadratic_terms import QuadraticTerms, quadratic_terms
 from msnn.training.engines.squares import Squares, loss_sums_of
-from msnn.training.plans.epoch_order import shuffled
 from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.sections.training.optimizers import LevenbergMarquardt
@@ -126,8 +125,9 @@ class LevenbergMarquardtEngine:
         return loss_sums_of(products)
 
     def order(self, count: int, key: int) -> IntArray:
-        """As `epoch_order.shuffled`."""
-        return shuffled(count, key)
+        """As they stand: every step takes all rollouts, in the order of their rows."""
+        del key
+        return np.arange(count, dtype=np.int64)
 
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of these rollouts at the current weights, on the rows that count."""

@@ -17,6 +17,7 @@ from msnn.training.plans.curriculum import Phase, plan_curriculum
 from msnn.training.plans.learning_rate import Rule, check_rate
 from msnn.training.plans.penalties import check_priors, with_reached_corners, without_corners
 from msnn.training.plans.second_order_checks import check_keys, check_losses
+from msnn.training.ranks.training_ranks import TrainingRanks
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.names import no_parameter
@@ -77,6 +78,8 @@ class StagePlan:
     attempts: int
     """How often the stage is run, from other initial values each time."""
     span: Span | None
+    ranks: TrainingRanks | None = None
+    """The processes that share its batches; None for one."""
 
     @property
     def whole_from(self) -> int:

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from backends.files.disk_arrays import blocks
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
 from msnn.model.spec_hash import SubmodelFile
@@ -99,8 +100,10 @@ def data_hash(data: Dataset) -> str:
     digest = hashlib.sha256()
     for name, series in sorted(data.series.items()):
         digest.update(f"{name}{series.shape}".encode())
-        digest.update(np.ascontiguousarray(series).tobytes())
+        for part in blocks(series):
+            digest.update(np.ascontiguousarray(part).tobytes())
     digest.update(",".join(data.sets).encode())
     for rows in (data.set_of_row, data.continues, data.usable):
-        digest.update(np.ascontiguousarray(rows).tobytes())
+        for part in blocks(rows):
+            digest.update(np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()

@@ -198,6 +198,7 @@ class KernelObjective:
             physical.detach().to(torch.float64).numpy(),
             self._weights,
             gradient=slope,
+            ranks=self._plan.ranks,
         )
         measures = _measures(self._plan)
         for name, total, count in zip(
