@@ -82,6 +82,7 @@ def run_trial(trial: Trial, setup: Setup, known: Mapping[str, RunLine]) -> Outco
         data = measured(model, setup.data, setup.data_root, "a comparison")
         _require_rows(data, setup.held_out)
         line = begun(model, data, seed=trial.seed, fold=trial.fold, held_out=setup.held_out)
+        line = replace(line, drawn_by=trial.variant.drawn_by)
         if line.key in known and _is_kept(known[line.key], setup):
             return Outcome(_completed(known[line.key], model, data, setup), is_new=False)
         with sources_of(model):
