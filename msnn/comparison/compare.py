@@ -20,6 +20,7 @@ from msnn.comparison.ranking import (
     named_criterion,
     ranked,
 )
+from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Outcome, Setup, Trial, run_trial
 from msnn.comparison.variants import GridAxis, Variant, variants
 from msnn.comparison.workers import outcomes
@@ -159,7 +160,8 @@ def _cost_another(
         return
     first = ended[0]
     trial = replace(ran[first.key], is_costed=True)
-    line = run_trial(trial, setup, {first.key: first}).line
+    readings = Readings(setup.data, setup.data_root)
+    line = run_trial(trial, setup, {first.key: first}, readings).line
     if line != first:
         lines[lines.index(first)] = line
         if log is not None:

@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msnn.comparison.cost import c_cost
+from msnn.comparison.readings import Readings
 from msnn.comparison.variants import Variant
 from msnn.data.dataset import Dataset
 from msnn.data.reading.frames import Frames
 from msnn.errors.comparison import killed_twice, nothing_held_out
 from msnn.errors.failures import MissingExtraError
 from msnn.model.kept_run import WEIGHTS
-from msnn.model.load import load_model, with_seed
+from msnn.model.load import with_seed
 from msnn.model.model import Model
-from msnn.model.model_data import measured, sources_of
+from msnn.model.model_data import sources_of
 from msnn.model.model_weights import redrawn_weights
 from msnn.model.weights_file import read_weights
-from msnn.training.folds import of_fold
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.records.progress import Silent
 from msnn.training.records.run_log import RunLine, measured_in
@@ -69,7 +69,9 @@ class Outcome:
     """False where the log had it."""
 
 
-def run_trial(trial: Trial, setup: Setup, known: Mapping[str, RunLine]) -> Outcome:
+def run_trial(
+    trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
+) -> Outcome:
     """Trains, measures and costs a variant, or takes what is `known` of it by key.
 
     Mistakes of the spec or the data, what is not installed, and a training that diverges are
@@ -78,8 +80,8 @@ def run_trial(trial: Trial, setup: Setup, known: Mapping[str, RunLine]) -> Outco
     line = _unknown(trial)
     setup = replace(setup, counts_cost=setup.counts_cost and trial.is_costed)
     try:
-        model = _model(trial)
-        data = measured(model, setup.data, setup.data_root, "a comparison")
+        model = with_seed(readings.model(trial.variant, trial.fold), trial.seed)
+        data = readings.data(trial.variant, trial.fold)
         _require_rows(data, setup.held_out)
         line = begun(model, data, seed=trial.seed, fold=trial.fold, held_out=setup.held_out)
         line = replace(line, drawn_by=trial.variant.drawn_by)
@@ -112,11 +114,6 @@ def _refused(
     line: RunLine, found: Sequence[Diagnostic], sources: Iterable[SourceText] = ()
 ) -> RunLine:
     return replace(line, state="refused", reason=render(found, "full", sources))
-
-
-def _model(trial: Trial) -> Model:
-    model = with_seed(load_model(trial.variant.spec, trial.variant.settings), trial.seed)
-    return model if trial.fold is None else of_fold(model, trial.fold)
 
 
 def _require_rows(data: Dataset, held_out: str) -> None:
@@ -161,6 +158,7 @@ def _trained(line: RunLine, trial: Trial, setup: Setup, model: Model, data: Data
     options = options_for(model, runs=setup.runs, has_errors=False)
     if setup.runs is not None:
         options = in_folder(options, setup.runs / model.name / _FOLDER / line.key[:_KEY_SHOWN])
+        options = replace(options, ends_in_log=True)
     found = train(model.program, data, model.spec.train, options, heard, first)
     checks, weights = model.spec.checks, found.weights
     held_out, trained_on = (

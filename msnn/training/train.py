@@ -187,6 +187,8 @@ class _Run:
         if self.options.folder is None:
             self.safe.save_weights(now.begin)
             self.folder.become_latest()
+        elif self.options.ends_in_log and not self.safe.is_stale:
+            self.safe.save_weights(now.begin)
         else:
             self.safe.save(now, now.begin)
 

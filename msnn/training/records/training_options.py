@@ -43,6 +43,8 @@ class TrainingOptions:
     """Where torch computes."""
     has_errors: bool = True
     """Whether standard errors are estimated at the end, which takes a kernel of its own."""
+    ends_in_log: bool = False
+    """Whether a log tells of its end: then its last second is trained again, not kept on disk."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
     """Other initial values, by number, for the further runs of a stage with `starts:`."""
 
