@@ -33,6 +33,7 @@ def sweep(
     folds: bool = False,
     runs: str | Path | None = "runs",
     jobs: int = 1,
+    ray: str | None = None,
     by: str | None = None,
     cost: bool = False,
     listener: Listener | None = None,
@@ -50,9 +51,11 @@ def sweep(
     `draw` says by key what values are drawn from: `uniform(0.5, 2)`, `log(1e-3, 1e-1)`,
     `integer(1, 20)`, each with a unit behind it where the value has one, `choice(rk4, euler)`.
     Every one of `draws` (20) is trained with every choice of `grid`. `draw_seed` decides them: the
-    same seed draws the same, and more `draws` leave those before as they are. All else is as of
-    `compare`, whose log it shares: what is there is not trained again. Raises SpecError and
-    TrainingInterruptedError.
+    same seed draws the same, and more `draws` leave those before as they are. `ray` is the address
+    of a Ray cluster that trains in place of `jobs` processes (extra `ray`): `10.0.0.1:6379`,
+    `auto`, or `local` for one on this machine; a connection that is open is used. All else is as
+    of `compare`, whose log it shares: what is there is not trained again. Raises SpecError,
+    MissingExtraError and TrainingInterruptedError.
     """
     from msnn.api.results.comparisons import shown_comparison
     from msnn.comparison.compare import ComparisonOptions, compare
@@ -68,6 +71,7 @@ def sweep(
         folds=folds,
         runs=None if runs is None else Path(runs),
         jobs=jobs,
+        ray=ray,
         criterion=by,
         counts_cost=cost,
     )

@@ -53,6 +53,8 @@ class ComparisonOptions:
     folds: bool = False
     runs: Path | None = Path("runs")
     jobs: int = 1
+    ray: str | None = None
+    """The address of a Ray cluster that trains in place of processes of this machine."""
     criterion: str | None = None
     """`fit`, `x_next.fit` or `x_next.fit:record`; None: what the first entry of `validate` asks."""
     counts_cost: bool = True
@@ -137,7 +139,13 @@ def compare(
     lines: dict[Variant, list[RunLine]] = {variant: [] for variant in compared}
     ran: dict[str, Trial] = {}
     heard.began(len(trials))
-    with closing(outcomes(trials, setup, known, options.jobs)) as ended:
+    if options.ray is not None:
+        from msnn.comparison.ray_workers import ray_outcomes
+
+        running = ray_outcomes(trials, setup, known, options.ray)
+    else:
+        running = outcomes(trials, setup, known, options.jobs)
+    with closing(running) as ended:
         for trial, outcome in ended:
             line = outcome.line
             if log is not None and line.state != "refused" and line != known.get(line.key):

@@ -19,6 +19,8 @@ from msnn.training.records.run_log import RunLine
 from msnn.training.training_result import TrainingInterruptedError
 
 _INTERRUPTED = 130
+_TIMES = "twice"
+"""That a process is killed before its trial is given up."""
 
 
 def outcomes(
@@ -47,7 +49,7 @@ def outcomes(
                     if outcome is not None:
                         yield trial, outcome
                     elif alone:
-                        yield trial, killed(trial)
+                        yield trial, killed(trial, _TIMES)
                     else:  # which of those that ran together was killed, nobody knows
                         suspects.append(trial)
         if alone:

@@ -34,3 +34,13 @@ def nothing_drawn(count: int) -> Diagnostic:
     message = f"{count} draws are asked for, and no value is drawn"
     repair = "say which: `--draw 'parameters.k.init=log(1, 100)'`, or leave out `--draws`"
     return error("E0863", None, message, help=repair)
+
+
+def unusable_cluster(address: str, why: str) -> Diagnostic:
+    """E0864: a Ray cluster that trainings cannot run on."""
+    message = f"trainings cannot run on the Ray cluster `{address}`: {why}"
+    repair = (
+        "give the address that `ray start --head` prints, `auto` on a node of the cluster, or "
+        "`local` to try it here; all nodes need the same msnn, Python and Ray"
+    )
+    return error("E0864", None, message, help=repair)

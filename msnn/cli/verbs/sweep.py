@@ -72,6 +72,14 @@ def sweep(
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Trainings at once; default: one a processor.")
     ] = None,
+    ray: Annotated[
+        str | None,
+        typer.Option(
+            "--ray",
+            metavar="ADDRESS",
+            help="Train on a Ray cluster: 10.0.0.1:6379, auto, or local to try it here.",
+        ),
+    ] = None,
     data_root: DataRoot = None,
     out: Annotated[
         Path,
@@ -107,6 +115,7 @@ def sweep(
             folds=folds,
             runs=out,
             jobs=jobs or os.cpu_count() or 1,
+            ray=ray,
             by=by,
             cost=cost,
             listener=TrialLines(progress_stream(), _PAUSE),
