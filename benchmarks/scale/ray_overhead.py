@@ -1,11 +1,10 @@
-"""Measures what Ray adds to a training: the driver's time, and a task's time around its work.
+"""Measures what Ray adds to a training: one worker of Ray beside this process alone.
 
-    python benchmarks/scale/ray_overhead.py [--draws 40]
+    python benchmarks/scale/ray_overhead.py [--draws 30]
 
-The same sweep as `sweep_speed.py`, on Ray on this machine with one processor. *Driver*: CPU seconds
-of this process a training, which is all that a sweep does in one place: models lowered, tasks sent,
-results written. *Task*: wall seconds from one result to the next less those of the training
-itself, on the one worker, once it is warm.
+The sweep of `sweep_speed.py`, of which one draw is trained first. Figures are medians of the
+seconds from one result to the next, which do without start-up, and the CPU seconds of the driver:
+all that a sweep on a cluster does in one place.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
@@ -25,8 +25,7 @@ import ray
 from sweep_speed import DRAW, EXAMPLE, SETTINGS
 
 import msnn
-from msnn.comparison import ray_workers
-from msnn.comparison.trial import Outcome, ReadyTrial, Setup, Trial
+from msnn.comparison.trial import Outcome, Trial
 
 
 @dataclass
@@ -44,60 +43,44 @@ class Clock:
         self.ends.append(time.monotonic())
 
 
-def timed(ready: ReadyTrial, setup: Setup) -> Outcome:
-    """A task's own work, with its seconds as the reason of the line."""
-    from dataclasses import replace
-
-    began = time.perf_counter()
-    outcome = trained(ready, setup)
-    spent = time.perf_counter() - began
-    return replace(outcome, line=replace(outcome.line, reason=f"{spent}"))
-
-
-trained = ray_workers.train_ready
-
-
-def in_task(*sent: object) -> object:
-    """The task, with its work timed on the worker."""
-    ray_workers.train_ready = timed
-    return own_task(*sent)
-
-
-own_task = ray_workers._in_task
-
-
 def main() -> None:
     """Make the data, start Ray, sweep, print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=40)
     draws = parser.parse_args().draws
-    here = {"env_vars": {"PYTHONPATH": str(Path(__file__).parent)}}
-    ray.init("local", num_cpus=1, log_to_driver=False, runtime_env=here)
-    ray_workers._in_task = in_task
+    ray.init("local", num_cpus=1, log_to_driver=False)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         spec = Path(shutil.copy(EXAMPLE / "msd_physical.msnn.yaml", folder))
         generate = [sys.executable, str(EXAMPLE / "generate_data.py"), "--out", "data"]
         subprocess.run(generate, cwd=folder, check=True, stdout=subprocess.DEVNULL)
-        clock, before = Clock(), time.process_time()
-        found = msnn.sweep(
-            spec,
-            draw=DRAW,
-            draws=draws,
-            settings=SETTINGS,
-            folds=True,
-            runs=folder / "runs",
-            ray="local",
-            listener=clock,
-        )
-        driver = time.process_time() - before
-    spent = [float(line.reason) for entry in found.entries for line in entry.lines]
-    gaps = [later - sooner for sooner, later in zip(clock.ends, clock.ends[1:], strict=False)]
-    print(
-        f"{len(spent)} trainings: driver {1e3 * driver / len(spent):.1f} ms of CPU each; "
-        f"median work {1e3 * median(spent):.1f} ms, median between results "
-        f"{1e3 * median(gaps):.1f} ms (load {os.getloadavg()[0]:.1f})"
+        for seed in (1, 2):
+            for address in (None, "local"):
+                gap, cpu = measured(spec, address, draws, seed)
+                where = "this process" if address is None else "a worker of Ray"
+                print(
+                    f"{where}: {1e3 * gap:.1f} ms from result to result, {1e3 * cpu:.1f} ms of "
+                    f"CPU each in this process (load {os.getloadavg()[0]:.1f})"
+                )
+
+
+def measured(spec: Path, address: str | None, draws: int, seed: int) -> tuple[float, float]:
+    """The median of seconds between two results, and CPU seconds of this process a training."""
+    clock, before = Clock(), time.process_time()
+    found = msnn.sweep(
+        spec,
+        draw=DRAW,
+        draws=draws,
+        draw_seed=seed,
+        settings=SETTINGS,
+        folds=True,
+        runs=spec.parent / f"{address}",
+        ray=address,
+        listener=clock,
     )
+    spent = time.process_time() - before
+    gaps = [later - sooner for sooner, later in pairwise(clock.ends)]
+    return median(gaps), spent / sum(len(entry.lines) for entry in found.entries)
 
 
 if __name__ == "__main__":
