@@ -10,6 +10,9 @@ from typing import Any
 import pytest
 
 from msnn.cli.application import run
+from msnn.verification.host import levels
+from msnn.verification.online.exported_controller import read_exported_controller
+from msnn.verification.online.host import online_host_checks
 from msnn.verification.tools import ARM_GCC, ARM_QEMU, CLANG, GCC, LIBFUZZER, Tool
 from tests.conditions import miss
 
@@ -130,16 +133,41 @@ FAULTS = {
 }
 
 
+@pytest.fixture(autouse=True)
+def two_levels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All five have their turn in `test_verify.py` and where controllers are compiled."""
+    monkeypatch.setattr(levels, "LEVELS", ("-O0", "-O2"))
+
+
 @pytest.mark.parametrize("name", FAULTS)
-def test_faults_are_found(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_faults_are_found(name: str, tmp_path: Path) -> None:
+    """By the one check that is for them; the others are not run."""
+    require(GCC)
+    folder, finding = spoiled(tmp_path, name)
+    model = read_exported_controller(folder)
+    assert model is not None
+    check = FAULTS[name][3]
+    (step,) = [s for s in online_host_checks(model) if (s.name, s.target) == (check, "gcc")]
+    found = step.result(tmp_path / "checked")
+    assert found.verdict == "found"
+    assert any(finding in line for line in found.findings), found
+
+
+def test_a_fault_ends_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require(GCC, CLANG)
-    file, before, after, check, finding = FAULTS[name]
-    folder = exported(tmp_path)
-    source = folder / "src" / file
+    folder, finding = spoiled(tmp_path, "another rounding")
+    code, said = verified(capsys, folder)
+    assert code == 1
+    for compiler in ("gcc", "clang"):
+        assert any(finding in line for line in said["golden solves", compiler]["findings"])
+
+
+def spoiled(folder: Path, name: str) -> tuple[Path, str]:
+    """An export with a fault, and what shall be said of it."""
+    file, before, after, _, finding = FAULTS[name]
+    export = exported(folder)
+    source = export / "src" / file
     text = source.read_text(encoding="utf-8")
     assert text.count(before) >= 1, name
     source.write_text(text.replace(before, after, 1), encoding="utf-8")
-    code, said = verified(capsys, folder)
-    assert code == 1
-    (found,) = [r for (c, t), r in said.items() if c == check and t == "gcc"]
-    assert any(finding in line for line in found["findings"]), found
+    return export, finding

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,10 @@ import pytest
 from backends.c.selftest.selftest_text import FROM_INIT
 from compiler.kernels.table import KERNELS
 from msnn.cli.application import run
-from msnn.verification.host import host_checks
-from msnn.verification.host.host_checks import LEVELS
+from msnn.verification.exported_c import read_exported_c
+from msnn.verification.host import levels
+from msnn.verification.host.coverage import coverage_check
+from msnn.verification.host.levels import LEVELS
 from msnn.verification.proof.kernel_bounds import KNOWN
 from msnn.verification.tools import (
     ARM_GCC,
@@ -65,9 +69,9 @@ def verified(
     return code, json.loads(capsys.readouterr().out)
 
 
-def unreached(said: dict[str, Any]) -> set[str]:
+def unreached(results: Iterable[dict[str, Any]]) -> set[str]:
     """What golden steps and self-test do not reach, without the names of files."""
-    (coverage,) = [result for result in said["results"] if result["check"] == "coverage"]
+    (coverage,) = [result for result in results if result["check"] == "coverage"]
     assert coverage["detail"]
     return {note.split(": ", 1)[1] for note in coverage["notes"]}
 
@@ -79,7 +83,7 @@ def test_the_reference_model_on_every_target(
     folder = exported(spec_of(GALLERY, "reference"), tmp_path)
     code, said = verified(capsys, folder, "--targets", "all", "--proof", "--misra")
     assert code == 0, said
-    assert unreached(said) == set(UNREACHED.get("reference", {}))
+    assert unreached(said["results"]) == set(UNREACHED.get("reference", {}))
     figures = {r["target"]: r["figures"][0] for r in said["results"] if r["figures"]}
     assert len(figures) == 10
     for board in figures.values():
@@ -101,19 +105,27 @@ PROVED = ("two_tanks", "battery", "arm_friction")
 all of them, which takes minutes."""
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "reference"])
-def test_the_gallery_has_nothing_to_find_and_is_reached_but_for_what_has_a_reason(
+@pytest.mark.parametrize("name", PROVED)
+def test_models_of_the_gallery_have_nothing_to_find(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     require(*HOST)
-    # the reference model has all levels; of the others each has two, so that all have their turn
-    turn = NAMES.index(name) % len(LEVELS)
-    monkeypatch.setattr(host_checks, "LEVELS", (LEVELS[turn], LEVELS[turn - 2]))
+    # the reference model has all levels; of these each has two
+    turn = PROVED.index(name)
+    monkeypatch.setattr(levels, "LEVELS", (LEVELS[turn], LEVELS[turn + 2]))
     folder = exported(spec_of(GALLERY, name), tmp_path)
-    proof = ("--proof",) if name in PROVED else ()
-    code, said = verified(capsys, folder, "--misra", *proof)
+    code, said = verified(capsys, folder, "--misra", "--proof")
     assert code == 0, said
-    assert unreached(said) == set(UNREACHED.get(name, {}))
+    assert unreached(said["results"]) == set(UNREACHED.get(name, {}))
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("reference", *PROVED)])
+def test_the_gallery_is_reached_but_for_what_has_a_reason(name: str, tmp_path: Path) -> None:
+    """What else is checked of exports is so in `tests/backends/c`, of programs of every kind."""
+    require(GCC, GCOV)
+    model = read_exported_c(exported(spec_of(GALLERY, name), tmp_path))
+    result = coverage_check(model).result(tmp_path / "checked")
+    assert unreached([asdict(result)]) == set(UNREACHED.get(name, {}))
 
 
 @pytest.mark.parametrize("name", ["reference", "tyre", "two_tanks"])

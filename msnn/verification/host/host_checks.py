@@ -9,33 +9,25 @@ from pathlib import Path
 from msnn.verification.builds.golden_run import differences
 from msnn.verification.builds.harness import write_harness
 from msnn.verification.exported_c import ExportedC
+from msnn.verification.host.levels import LEVELS, STANDARD, levels_check, sanitizers_check
 from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
-from msnn.verification.proof_step import (
-    ProofStep,
-    Result,
-    ToolFailedError,
-    ToolTimedOutError,
-    run_tool,
-)
+from msnn.verification.proof_step import ProofStep, Result, run_tool
 from msnn.verification.sources import Sources, includes
 from msnn.verification.tools import CLANG, CPPCHECK, GCC, GPP, NM, Tool
-
-LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
-STANDARD = ("-std=c99", "-ffp-contract=off")
-SANITIZERS = (
-    "-O1",
-    "-g",
-    "-fsanitize=address,undefined,float-cast-overflow",
-    "-fno-sanitize-recover=all",
-)
 
 
 def host_checks(model: ExportedC) -> Iterator[ProofStep]:
     """All that a machine with gcc and clang can say in seconds."""
     yield from source_checks(model)
+
+    def faults(tool: Tool, flags: Sequence[str], folder: Path) -> list[str]:
+        return differences(model, _replay(tool.command, flags, model, folder))
+
+    bits = "0 bits differ" if model.exact else "within the tolerance"
+    promise = f"{len(model.expected)} golden steps at {' '.join(LEVELS)}: {bits}"
     for tool in (GCC, CLANG):
-        yield _golden(tool, model)
-    yield _sanitized(model)
+        yield levels_check("golden vectors", tool, faults, promise)
+    yield sanitizers_check("the golden steps", faults)
 
 
 def source_checks(model: Sources, accepted: Sequence[str] = ()) -> Iterator[ProofStep]:
@@ -119,38 +111,7 @@ def _memory(model: Sources) -> ProofStep:
     return check
 
 
-def _golden(tool: Tool, model: ExportedC) -> ProofStep:
-    def run(folder: Path) -> Result:
-        found: list[str] = []
-        for level in LEVELS:
-            answer = _replay(tool.command, [level], model, folder)
-            found += [f"{tool.command} {level}: {fault}" for fault in differences(model, answer)]
-        steps = len(model.expected)
-        promise = "0 bits differ" if model.exact else "within the tolerance"
-        detail = f"{steps} golden steps at {' '.join(LEVELS)}: {promise}"
-        return check.of(found, "golden steps differ" if found else detail)
-
-    check = ProofStep("golden vectors", tool.command, (tool,), run)
-    return check
-
-
-def _sanitized(model: ExportedC) -> ProofStep:
-    def run(folder: Path) -> Result:
-        try:
-            answer = _replay(GCC.command, list(SANITIZERS), model, folder)
-        except ToolTimedOutError:
-            raise
-        except ToolFailedError as error:
-            return check.of(error.lines, "a sanitizer stopped the golden steps")
-        return check.of(
-            differences(model, answer), "address, undefined behaviour, float-cast-overflow"
-        )
-
-    check = ProofStep("sanitizers", "gcc", (GCC,), run)
-    return check
-
-
-def _replay(compiler: str, flags: list[str], model: ExportedC, folder: Path) -> str:
+def _replay(compiler: str, flags: Sequence[str], model: ExportedC, folder: Path) -> str:
     write_harness("replay.h", model, folder)
     main = write_harness("host_main.c", model, folder)
     program = folder / "replay"

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from msnn.verification.builds.harness import write_template
-from msnn.verification.host.host_checks import LEVELS, SANITIZERS, STANDARD, source_checks
+from msnn.verification.host.host_checks import source_checks
+from msnn.verification.host.levels import (
+    LEVELS,
+    SANITIZERS,
+    STANDARD,
+    levels_check,
+    sanitizers_check,
+)
 from msnn.verification.online.exported_controller import ControlLimits, ExportedController
 from msnn.verification.proof_step import (
     ProofStep,
@@ -33,9 +40,14 @@ _SAID = re.compile(r"^(\w+) ([0-9a-f]{8})$", re.MULTILINE)
 def online_host_checks(model: ExportedController) -> Iterator[ProofStep]:
     """All that a machine with gcc and clang can say in seconds."""
     yield from source_checks(model, _ACCEPTED)
+
+    def faults(tool: Tool, flags: Sequence[str], folder: Path) -> list[str]:
+        return selftest_faults(model, _selftest(tool, model, folder, flags))
+
+    said = f"self-tests at {' '.join(LEVELS)}: {promise(model)}"
     for tool in (GCC, CLANG):
-        yield _golden(tool, model)
-    yield _sanitized(model)
+        yield levels_check("golden solves", tool, faults, said)
+    yield sanitizers_check("the self-test", faults)
     yield _drawn(model)
 
 
@@ -90,35 +102,6 @@ def selftest_faults(model: ExportedController, said: str) -> list[str]:
 def promise(model: ExportedController) -> str:
     """What self-tests that return 0 say."""
     return "0 bits differ" if model.has_bits else "no bits were recorded: refusals and limits"
-
-
-def _golden(tool: Tool, model: ExportedController) -> ProofStep:
-    def run(folder: Path) -> Result:
-        found: list[str] = []
-        for level in LEVELS:
-            said = _selftest(tool, model, folder, [level])
-            found += [f"{tool.command} {level}: {fault}" for fault in selftest_faults(model, said)]
-        detail = f"self-tests at {' '.join(LEVELS)}: {promise(model)}"
-        return check.of(found, "golden solves differ" if found else detail)
-
-    check = ProofStep("golden solves", tool.command, (tool,), run)
-    return check
-
-
-def _sanitized(model: ExportedController) -> ProofStep:
-    def run(folder: Path) -> Result:
-        try:
-            said = _selftest(GCC, model, folder, SANITIZERS)
-        except ToolTimedOutError:
-            raise
-        except ToolFailedError as error:
-            return check.of(error.lines, "a sanitizer stopped the self-test")
-        return check.of(
-            selftest_faults(model, said), "address, undefined behaviour, float-cast-overflow"
-        )
-
-    check = ProofStep("sanitizers", "gcc", (GCC,), run)
-    return check
 
 
 def _drawn(model: ExportedController) -> ProofStep:

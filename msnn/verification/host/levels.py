@@ -1,0 +1,52 @@
+"""Runs the self-tests of an export at every level of a compiler, and under sanitizers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from msnn.verification.proof_step import ProofStep, Result, ToolFailedError, ToolTimedOutError
+from msnn.verification.tools import GCC, Tool
+
+LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
+STANDARD = ("-std=c99", "-ffp-contract=off")
+SANITIZERS = (
+    "-O1",
+    "-g",
+    "-fsanitize=address,undefined,float-cast-overflow",
+    "-fno-sanitize-recover=all",
+)
+
+Faults = Callable[[Tool, Sequence[str], Path], list[str]]
+"""Builds by a compiler with flags, in a folder, runs, and says what the self-tests found."""
+
+
+def levels_check(what: str, tool: Tool, faults: Faults, promise: str) -> ProofStep:
+    """`what`, such as "golden steps", answers the same at all levels."""
+
+    def run(folder: Path) -> Result:
+        found = [
+            f"{tool.command} {level}: {fault}"
+            for level in LEVELS
+            for fault in faults(tool, [level], folder)
+        ]
+        return check.of(found, f"{what} differ" if found else promise)
+
+    check = ProofStep(what, tool.command, (tool,), run)
+    return check
+
+
+def sanitizers_check(what: str, faults: Faults) -> ProofStep:
+    """The same program by gcc, stopped where it does what C does not define."""
+
+    def run(folder: Path) -> Result:
+        try:
+            found = faults(GCC, SANITIZERS, folder)
+        except ToolTimedOutError:
+            raise
+        except ToolFailedError as error:
+            return check.of(error.lines, f"a sanitizer stopped {what}")
+        return check.of(found, "address, undefined behaviour, float-cast-overflow")
+
+    check = ProofStep("sanitizers", GCC.command, (GCC,), run)
+    return check
