@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import tempfile
 from collections.abc import Generator, Mapping, Sequence
@@ -10,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from backends.files.atomic_write import write_bytes
+from backends.files.atomic_write import write_bytes, write_text
 from msnn.comparison.readings import Readings
 from msnn.comparison.trial import (
     Outcome,
@@ -24,7 +25,7 @@ from msnn.comparison.trial import (
 )
 from msnn.data.dataset import Dataset
 from msnn.errors.sweeps import unusable_cluster
-from msnn.model.kept_run import CHECKPOINT, PARTS
+from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, PARTS, WEIGHTS, read_json, spec_places
 from msnn.packages import RAY
 from msnn.training.records.run_log import RunLine
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -149,7 +150,11 @@ class _Cluster:
             return
         folder = self.setup.runs / line.folder
         for name, content in files.items():
-            write_bytes(folder / name, content)
+            write_bytes(folder / name, content, durable=name == WEIGHTS)
+        record = read_json(folder / DESCRIPTION)
+        spec = str(ready.model.path)  # seen from here, not from the node
+        record |= {"spec": spec, "spec_places": spec_places(spec, folder)}
+        write_text(folder / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
         for part in ready.model.parts:
             if part.file is not None:
                 place = folder / PARTS / f"{part.name}.safetensors"

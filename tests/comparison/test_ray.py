@@ -97,6 +97,11 @@ def test_every_result_is_there_once_though_a_node_is_killed(msnn: CommandLine):
         other = found[line.key]
         assert (line.held_out, line.training) == (other.held_out, other.training)
         assert (line.spec, line.settings, line.folder) == (other.spec, other.settings, other.folder)
+        kept = [
+            json.loads((Path(runs) / str(line.folder) / "run.json").read_text())
+            for runs in ("local", "cluster")
+        ]
+        assert kept[0]["spec_places"] == kept[1]["spec_places"]
         weights = [
             (Path(runs) / str(line.folder) / "weights.safetensors").read_bytes()
             for runs in ("local", "cluster")
