@@ -1,6 +1,6 @@
 """Measures trainings of a sweep a second: 200 draws of two first guesses by 5 folds.
 
-    python benchmarks/scale/sweep_speed.py [--draws 200] [--jobs 2] [--ray ADDRESS] [--keep]
+    python benchmarks/scale/sweep_speed.py [--draws 200] [--jobs 2] [--lm]
 
 The model is `examples/mass_spring_damper/msd_physical.msnn.yaml` as it stands (20 epochs of Adam, 2
 of L-BFGS with 20 iterations each, 26 records of 151 rows to train on). A first sweep of two draws

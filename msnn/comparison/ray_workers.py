@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -83,9 +84,7 @@ class _Cluster:
 
     def __enter__(self) -> _Cluster:
         RAY.require("trains on a cluster")
-        import ray
-
-        self._ray = ray
+        ray = self._ray = import_module("ray")
         self._is_ours = not ray.is_initialized()
         if self._is_ours:
             try:
