@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -34,15 +35,23 @@ class Finished:
     errors: str
 
 
-def run_compiler(command: Sequence[str], source: str = "", folder: Path | None = None) -> Finished:
+def run_compiler(
+    command: Sequence[str],
+    source: str = "",
+    folder: Path | None = None,
+    *,
+    longest: float = math.inf,
+) -> Finished:
     """Runs the command with `source` as its input; temporary files lie in `folder`.
+
+    It has `compiler_limit()` seconds, `longest` where that is less.
 
     The compiler has a session of its own: Ctrl-C of a terminal reaches this process alone, which
     may want to finish something. Whatever ends the waiting ends the compiler and all that it
     started. Raises CompilerTooSlowError, KeyboardInterrupt, and OSError where the command cannot be
     started or the folder takes no file.
     """
-    limit = compiler_limit()
+    limit = min(longest, compiler_limit())
     # files and no pipes: what outlives the compiler keeps nobody waiting
     with tempfile.TemporaryDirectory(prefix="msnn-compiler-", dir=folder) as place:
         given, output, errors = (Path(place) / name for name in ("source", "output", "errors"))

@@ -17,6 +17,8 @@ from backends.fmu.sources import Version
 HEADERS = Path(templates.__path__[0]) / "fmu" / "headers"
 """FMI's own, as the standard publishes them."""
 
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared")
+
 
 @dataclass(frozen=True, slots=True)
 class Platform:
@@ -61,8 +63,7 @@ def _compiled(sources: tuple[tuple[str, str], ...], compiler: tuple[str, ...]) -
         for name, text in sources:
             (folder / name).write_text(text, encoding="utf-8")
         library = folder / "unit.library"
-        flags = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared")
         texts = [str(folder / name) for name, _ in sources if name.endswith(".c")]
         arguments = ["-s", f"-I{HEADERS}", f"-I{folder}", *texts]
-        compile_with([*compiler, *flags], arguments, library)
+        compile_with([*compiler, *FLAGS], arguments, library)
         return library.read_bytes()

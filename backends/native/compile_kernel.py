@@ -20,8 +20,6 @@ from backends.native.kernel_cache.stored_kernel import StoredKernel
 
 FLAGS = (
     "-std=gnu11",
-    "-O3",
-    "-funroll-loops",
     "--param=lra-max-considered-reload-pseudos=50",
     "-march=native",
     "-ffp-contract=off",
@@ -40,6 +38,22 @@ each compiler fuses other products. The emitter itself writes long sums as sever
 gcc gives registers to the long blocks of large models in about a fifth less of its time where it
 looks at 50 values that it might spill instead of 500, and its code is as fast
 (benchmarks/kernel_build); clang ignores it."""
+
+FAST = ("-O3", "-funroll-loops")
+
+LANES_BY_GCC = (
+    "-O1",
+    "-ftree-vectorize",
+    "-fvect-cost-model=dynamic",
+    "-fstrict-aliasing",
+    "-fipa-ra",
+    "-fcaller-saves",
+    "-frename-registers",
+    "-fpeel-loops",
+)
+"""How gcc optimises functions on lanes, long blocks of vectors: what of its highest level makes
+them faster. The rest of that level takes two fifths of its time and makes more values wait in
+memory (decision 292)."""
 
 
 class KernelBuildError(Exception):
@@ -72,20 +86,19 @@ class Built:
         self._stored.mark_checked(self._digest)
 
 
-def compiled_kernel(source: str) -> Built:
+def compiled_kernel(source: str, *, on_lanes: bool = False) -> Built:
     """The loaded kernel of a source, compiled if it was not yet.
 
     The first folder that is trusted and has the kernel or room for it keeps it. Raises
     CompilerMissingError and KernelBuildError.
     """
     compiler = find_compiler()
-    described = "\n".join(
-        (source, *FLAGS, *compiler, _version(compiler, installed_as(compiler)), _processor())
-    )
+    command = (*compiler, *kernel_flags(compiler, on_lanes=on_lanes))
+    described = "\n".join((source, *command, _version(compiler), _processor()))
     key = hashlib.sha256(described.encode()).hexdigest()[:32]
 
     def build(library: Path, folder: Path) -> None:
-        _compile(compiler, source, library, folder)
+        _compile(compiler, command, source, library, folder)
 
     for folder in candidates():
         with suppress(OSError):  # full, closed, or nothing there may be executed
@@ -103,33 +116,45 @@ def compiled_kernel(source: str) -> Built:
         ) from None
 
 
+def kernel_flags(compiler: tuple[str, ...], *, on_lanes: bool) -> tuple[str, ...]:
+    """The flags that this compiler makes kernels with. Raises CompilerMissingError."""
+    # gcc goes by many names, and others go by its name, but its copyright is its own
+    is_gcc = "Free Software Foundation" in _told(compiler, installed_as(compiler))
+    return (*(LANES_BY_GCC if on_lanes and is_gcc else FAST), *FLAGS)
+
+
 def _loaded(stored: StoredKernel, build: Callable[[Path, Path], None]) -> Built:
     digest = stored.whole() or stored.built(build)
     return Built(stored.load(), stored, digest)
 
 
-def _compile(compiler: tuple[str, ...], source: str, library: Path, folder: Path) -> None:
+def _compile(
+    compiler: tuple[str, ...], command: tuple[str, ...], source: str, library: Path, folder: Path
+) -> None:
     """Compiles a source. Raises OSError where the folder is what is wrong."""
-    done = _run(compiler, source, library, folder)
+
+    def run(text: str) -> Finished:
+        reading = ["-o", str(library), "-x", "c", "-", "-lm"]
+        return _ended(compiler, [*command, *reading], text, folder)
+
+    done = run(source)
     if done.code == 0:
         return
     has_room(folder)
-    tried = _run(compiler, "int answer(void) { return 42; }\n", library, folder)
-    if tried.code != 0:
+    if run("int answer(void) { return 42; }\n").code != 0:
         raise CompilerMissingError(f"`{shlex.join(compiler)}` compiles nothing")
     raise KernelBuildError(done.errors[-2000:] or f"it ended with code {done.code}")
 
 
-def _run(compiler: tuple[str, ...], source: str, library: Path, folder: Path) -> Finished:
-    command = [*compiler, *FLAGS, "-o", str(library), "-x", "c", "-", "-lm"]
-    return _ended(compiler, command, source, folder)
+def _version(compiler: tuple[str, ...]) -> str:
+    return _told(compiler, installed_as(compiler)).partition("\n")[0]
 
 
 @cache
-def _version(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
+def _told(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
     """What the compiler says of itself, asked once as long as its file stays."""
     del file
-    return _ended(compiler, [*compiler, "--version"]).output.partition("\n")[0]
+    return _ended(compiler, [*compiler, "--version"]).output
 
 
 def _ended(

@@ -80,7 +80,7 @@ class Kernel:
         self.dtype = np.dtype(dtype)
         self.lanes = LANES[dtype]
         self.group_type = group_type(self.lanes, self.dtype)
-        built = compiled_kernel(self.source.text)
+        built = compiled_kernel(self.source.text, on_lanes=True)
         self.built = built
         self._library = built.library
         self._library.msnn_work_bytes.restype = ctypes.c_int64

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import shlex
-import subprocess
 from dataclasses import dataclass
 from functools import cache
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler, installed_as
-from backends.native.compile_kernel import FLAGS
+from backends.files.run_compiler import CompilerTooSlowError, run_compiler
+from backends.native.compile_kernel import kernel_flags
 
 _FEATURES = {
     "__FMA__": "FMA",
@@ -23,7 +23,8 @@ _FEATURES = {
 _FUSE = {"FMA", "AArch64"}
 """Features with which templates/native/prelude.c defines HAS_FMA."""
 
-_SECONDS = 30
+_SECONDS = 30.0
+"""Far more than a compiler needs to say it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ def kernel_description() -> KernelDescription | None:
     try:
         compiler = find_compiler()
         told = _macros(compiler, installed_as(compiler))
-    except (CompilerMissingError, OSError, subprocess.SubprocessError):
+    except (CompilerMissingError, CompilerTooSlowError, OSError):
         return None
     macros = dict(re.findall(r"^#define (\w+) ?(.*)$", told, re.MULTILINE))
     family = "clang" if "__clang__" in macros else "gcc"
@@ -55,7 +56,7 @@ def kernel_description() -> KernelDescription | None:
     return KernelDescription(
         compiler=version if family in version.lower() else f"{family} {version}",
         command=shlex.join(compiler),
-        flags=FLAGS,
+        flags=kernel_flags(compiler, on_lanes=True),
         features=tuple(found),
     )
 
@@ -64,13 +65,8 @@ def kernel_description() -> KernelDescription | None:
 def _macros(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
     """What the compiler defines for kernels, asked once as long as its file stays."""
     del file
-    told = subprocess.run(
-        [*compiler, *FLAGS, "-dM", "-E", "-x", "c", "-"],
-        input="",
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=_SECONDS,
-        start_new_session=True,
-    )
-    return told.stdout
+    command = [*compiler, *kernel_flags(compiler, on_lanes=True), "-dM", "-E", "-x", "c", "-"]
+    told = run_compiler(command, longest=_SECONDS)
+    if told.code != 0:
+        raise CompilerMissingError(f"`{shlex.join(compiler)}` says nothing of itself")
+    return told.output

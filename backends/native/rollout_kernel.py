@@ -41,7 +41,7 @@ class RolloutKernel:
         made = rollout_source(program)
         self.program, self.source, self._width = program, made.source, made.width
         self.lanes, self.dtype = _LANES, _DTYPE
-        self.built = compiled_kernel(self.source.text)
+        self.built = compiled_kernel(self.source.text, on_lanes=True)
         self._library = self.built.library
         self._library.msnn_work_lanes.restype = ctypes.c_int64
         self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]

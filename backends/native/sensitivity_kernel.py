@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +24,14 @@ _DTYPE = np.dtype(np.float64)
 
 
 STACK = 4 * 2**20
-"""Bytes that slopes may take on the stack: half of what threads usually have: compilers spill."""
+"""Bytes that slopes may take on any stack: half of what threads usually have: compilers spill."""
+
+LARGEST_STACK = 64 * 2**20
+"""Bytes that they may take on one of their own."""
 
 
 class StackTooSmallError(Exception):
-    """The slopes of one step need more stack than a thread usually has."""
+    """The slopes of one step need more stack than a thread is given."""
 
 
 class SensitivityKernel:
@@ -42,10 +46,10 @@ class SensitivityKernel:
         self.numbers = found.numbers
         self.dtype, self.lanes = _DTYPE, LANES["float64"]
         self._groups = group_type(LANES["float64"], _DTYPE)
-        needed = _stack(self.source.text, self.lanes * _DTYPE.itemsize)
-        if needed > STACK:
-            raise StackTooSmallError(f"a step needs {needed / 2**20:.1f} MiB of stack")
-        self.built = compiled_kernel(self.source.text)
+        self._stack = _stack(self.source.text, self.lanes * _DTYPE.itemsize)
+        if self._stack > LARGEST_STACK:
+            raise StackTooSmallError(f"a step needs {self._stack / 2**20:.1f} MiB of stack")
+        self.built = compiled_kernel(self.source.text, on_lanes=True)
         self._library = self.built.library
         self._library.msnn_work_lanes.restype = ctypes.c_int64
         self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
@@ -71,16 +75,20 @@ class SensitivityKernel:
         lanes = self._library.msnn_work_lanes(int(steps.max()))
         work = aligned(lanes * LANES["float64"] * _DTYPE.itemsize)
         theta = np.ascontiguousarray(physical, _DTYPE)
-        self._library.msnn_products(
-            ctypes.byref(data.problem),
-            pointer(groups),
-            ctypes.c_int64(len(groups)),
-            pointer(theta),
-            pointer(work),
-            pointer(sums),
-            pointer(counts),
-            pointer(found),
-        )
+
+        def add() -> None:
+            self._library.msnn_products(
+                ctypes.byref(data.problem),
+                pointer(groups),
+                ctypes.c_int64(len(groups)),
+                pointer(theta),
+                pointer(work),
+                pointer(sums),
+                pointer(counts),
+                pointer(found),
+            )
+
+        _with_stack(self._stack, add)
         # a mark is 0 or √ of the factor of its row, so that the sum of its squares counts
         marks = found[:, numbers + 1, numbers + 1] if self._marked else np.zeros(losses)
         lower = np.tril(found[:, : numbers + 1, : numbers + 1])
@@ -96,6 +104,23 @@ class SensitivityKernel:
             )
             for i, name in enumerate(self.source.losses)
         }
+
+
+def _with_stack(needed: int, run: Callable[[], None]) -> None:
+    """Runs it with twice as much stack as its arrays need: here, or in a thread that has so much.
+
+    What a thread was not given it does not take: pages of a stack are there when they are touched.
+    """
+    if needed <= STACK:
+        run()
+        return
+    usual = threading.stack_size(2 * needed)
+    try:
+        thread = threading.Thread(target=run)
+        thread.start()
+    finally:
+        threading.stack_size(usual)
+    thread.join()
 
 
 def _stack(text: str, lanes: int) -> int:

@@ -42,7 +42,7 @@ def _measured(joints: int) -> str:
     source = kernel_source(step, "float32")
     own = time.process_time() - began
     before = _children()
-    compiled_kernel(source.text)
+    compiled_kernel(source.text, on_lanes=True)
     compiler = _children() - before
     nodes = f"{len(step.program.step):,} / {len(step.reverse_step.graph):,}"
     return f"| {joints} | {nodes} | {own:.2f} | {compiler:.2f} |"

@@ -1,8 +1,9 @@
 """Kills trainings, trainings of folds and exports at random moments, by SIGKILL, SIGTERM, SIGINT.
 
 `run.py [COUNT [SEED [MOST_LOST [EPOCHS]]]]`. Case n has the seed SEED + n and is the same in every
-call, so that a run of many is divided into several. Prints a table: kills, seconds of work lost at
-most, how many cases became to the bit what nobody disturbed. Exit code 1 where one did not.
+call, so that a run of many is divided into several. Prints a line a case and a table, of what was
+done where Ctrl-C ends it: kills, seconds of work lost at most, how many cases became to the bit
+what nobody disturbed. Exit code 1 where one did not.
 Undisturbed trainings shall be some times longer than MOST_LOST: EPOCHS makes them so.
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from benchmarks.kills.cases import Outcome, killed, subjects
@@ -27,12 +29,14 @@ def main() -> int:
         for each in found.values():
             print(f"{each.kind}: {each.seconds:.1f} s undisturbed", flush=True)
         kinds = tuple(found)
-        for number in range(seed, seed + count):
-            subject = found[kinds[number % len(kinds)]]
-            outcome = killed(subject, Path(place) / f"case_{number}", number)
-            outcomes.append(outcome)
-            if not (outcome.right and outcome.latest_stayed and outcome.lost <= most_lost):
-                print(f"seed {number}: {outcome}", flush=True)
+        with suppress(KeyboardInterrupt):
+            for number in range(seed, seed + count):
+                subject = found[kinds[number % len(kinds)]]
+                outcome = killed(subject, Path(place) / f"case_{number}", number)
+                outcomes.append(outcome)
+                right = outcome.right and outcome.latest_stayed and outcome.lost <= most_lost
+                said = f"{outcome.kind}, {outcome.kills} kills, {outcome.lost:.1f} s lost"
+                print(f"seed {number}: {said if right else outcome}", flush=True)
     rows = [
         (
             kind,

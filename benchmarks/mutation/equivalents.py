@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from benchmarks.mutation.leg_equivalents import LEG, NO_ZERO
 from benchmarks.mutation.mutants import Mutant
 from tests.verification.unreached import UNREACHED
 
@@ -15,13 +16,24 @@ _SAME = "the entry is that number already"
 _TOGETHER = "it is infinite or NaN together with another element, which sets the same bit"
 _OUTSIDE = "what is flagged is outside already: it is below any number that is not below 0"
 _TWICE = "another entry has the same value, and the test of that one sets the same bit"
-_PUT_RIGHT = "an interval that is one too high is put right by the comparison that follows"
+_PUT_RIGHT = "a wrong interval is put right by the comparisons that follow"
+_CLIPPED = "the number was clipped to its range: only NaN is outside"
+_NOT_TAKEN = "the choice beside it takes what is changed nowhere where it differs"
+_FLAT_SIDE = (
+    "what the outermost set has on its flat side is multiplied by 0, and a parameter is finite"
+)
+_ABOVE_0 = "only whether it is above 0 is asked"
+_ZEROS = "only the sign of a zero differs"
+_0_OR_MORE = "the number is 0 or far above 0.001"
+_TOLD_AGAIN = "the last entry is tested in another matrix, too, which sets the same bit"
+_IN_ROOM = "sign is multiplied by 0 unless its argument is beyond the room of 0.08"
 
 _SETS_PLACE = "const reference_real sets_place = (s->v + 45.0f) * 0.06666667f;"
 _BELOW = "sets_here = ((s->v + 45.0f) * 0.0f) + 1.0f;"
 _ABOVE = "sets_next = ((s->v - 45.0f) * 0.0f) + 1.0f;"
 
-_FLAGGED = re.compile(r"_flagged\([^,]*, 0\.0f, ")
+_FLAGGED = re.compile(r"_(?:flagged|held)\([^,]*, 0\.0f, ")
+_CHECK = re.compile(r"if \(!\(fabsf\(s->[^)]*\) <= 3\.4028235e\+38f\)\) \{")
 _TEST = re.compile(r"^if \(!\(fabsf\((jac->\w+\[[^\]]*\])\) <= 3\.4028235e\+38f\)\) \{")
 _STORE = re.compile(r"^ +(jac->\w+\[[^\]]*\]) = ([^;]*);", re.MULTILINE)
 _CONSTANT = re.compile(r"^ +const \w+_real (\w+) = ", re.MULTILINE)
@@ -33,6 +45,9 @@ def _stores(places: str, why: str) -> dict[tuple[str, str], str]:
     """Deleted stores to entries of the Jacobian, one a line."""
     return {(line, f"{line} -> ;"): why for line in places.strip().splitlines()}
 
+
+_SIGN = "return (x > 0.0f) ? 1.0f : ((x < 0.0f) ? (-1.0f) : ((x >= 0.0f) ? 0.0f : x));"
+_ZERO, _ONE = "0.0f -> 0.001f", "1.0f -> 1.011f"
 
 EQUIVALENTS: dict[str, dict[tuple[str, str], str]] = {
     "arm_friction": _stores(
@@ -63,9 +78,64 @@ jac->C[40U] = part_11;
 """,
         _SAME,
     ),
-    "battery": _CLAMPED_LOW,
+    "battery": _CLAMPED_LOW
+    | {
+        (_SIGN, f"{_ZERO} (3)"): _ZEROS,
+        ("if (s->charge >= 0.3f) {", "0.3f -> 0.304f"): _PUT_RIGHT,
+        ("if (!((s->charge >= 0.0f) && (s->charge <= 1.0f))) {", "&& -> ||"): _CLIPPED,
+        ("if (!((s->charge >= 0.0f) && (s->charge <= 1.0f))) {", _ONE): _CLIPPED,
+        ("0.1f, 0.3f, 0.6f, 0.9f, 1.0f, 1.0f", f"{_ONE} (2)"): _TIMES_ZERO,
+        ("0.0f, 0.0f, 0.1f, 0.3f, 0.6f, 0.9f", f"{_ZERO} (1)"): _TIMES_ZERO,
+        ("0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f", _ONE): _ABOVE_0,
+        ("1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f", _ONE): _ABOVE_0,
+        (
+            ">= (((s->charge - constants_2[i]) * constants_3[i]) + constants_4[i])) ? 0.0f",
+            "+ -> -",
+        ): _FLAT_SIDE,
+        (
+            (
+                "+ constants_7[i]) >= 0.0f) ? (voltage_now_part[i] ? "
+                "p->open_circuit_y[i] : 0.0f) : "
+                "0.0f;"
+            ),
+            "+ -> -",
+        ): _FLAT_SIDE,
+    },
     "engine_map": _CLAMPED_LOW,
-    "heater": _CLAMPED_LOW,
+    "heater": _CLAMPED_LOW
+    | {
+        ("if (!(fabsf(s->error_sum) <= 500.0f)) {", "500.0f -> 505.001f"): _CLIPPED,
+        (
+            (
+                ": (heater_exp(heater_minimum(ageing_part, 0.0f)) - 1.0f)) + heater_cosh(s->oven / "
+                "400.0f);"
+            ),
+            _ZERO,
+        ): _NOT_TAKEN,
+        (
+            "* heater_exp(ageing_part_2 ? 0.5f : heater_minimum(ageing_part, 0.0f)));",
+            _ZERO,
+        ): _NOT_TAKEN,
+        (
+            "+ ((ageing_part <= 0.0f) ? part : 0.0f)) * p->wear_weight[0U]) / 200.0f;",
+            f"{_ZERO} (1)",
+        ): "part is 0 where the argument is above 0",
+        (
+            "? ((heater_maximum(asked_part_2, 0.0f) <= 1.0f) ? 1.0f : 0.0f) : 0.0f;",
+            f"{_ZERO} (1)",
+        ): "only whether it is above 1 is asked",
+    },
+    "leg": LEG,
+    "tyre": {
+        (
+            (
+                ": (((fabsf(force_now_part_2) <= 0.0f) ? 0.0f : (peak * "
+                "force_now_part_2)) * p->shape);"
+            ),
+            f"{_ZERO} (2)",
+        ): NO_ZERO,
+    },
+    "quarter_car": {(_SIGN, f"{_ZERO} ({number})"): _IN_ROOM for number in range(1, 5)},
     "lane_keeper": _stores(
         """
 jac->A[41U] = anticipated_part_6[0U];
@@ -81,15 +151,42 @@ jac->B[40U] = anticipated_part_5[2U];
 jac->D[0U] = anticipated_part_5[2U];
 """,
         _AGAIN,
-    ),
+    )
+    | {
+        (
+            "if (!(fabsf(s->steering_tape[4U]) <= 3.4028235e+38f)) {",
+            "3.4028235e+38f -> 3.4368517349999996e+38f",
+        ): _CLIPPED,
+        ("const lane_keeper_real calm_part_3 = lane_keeper_maximum(0.0f, calm_part);", _ZERO): (
+            "only whether it is above 1 is asked"
+        ),
+        (
+            (
+                "const lane_keeper_real steering_next_part_8 = "
+                "(fabsf(steering_next_part_3) <= 0.0f) ? "
+                "0.0f"
+            ),
+            f"{_ZERO} (1)",
+        ): _0_OR_MORE,
+        ("const bool correction_part_4 = fabsf(steering_next_part_7) <= 0.0f;", _ZERO): _0_OR_MORE,
+        (
+            "const lane_keeper_real calm_part_12 = (((0.0f >= calm_part) ? 0.0f",
+            f"{_ZERO} (1)",
+        ): _NOT_TAKEN,
+        ("for (uint32_t i = 0U; i < 5U; i++) {", "5 -> 4"): _TOLD_AGAIN,
+        ("for (uint32_t i = 0U; i < 8U; i++) {", "8 -> 7"): _TOLD_AGAIN,
+    },
     "two_tanks": _CLAMPED_LOW,
     "reference": {
         ("for (uint32_t i = 0U; i < 24U; i++) {", "24 -> 23"): _FILLED,
         ("s->u_history[i] = 0.0f;", "0.0f -> 0.001f"): _FILLED,
         ("for (uint32_t i = 0U; i < 24U; i += 4U) {", "24 -> 23"): "20 is the last i of both",
+        ("for (uint32_t i = 0U; i < 25U; i++) {", "25 -> 24"): _AGAIN,
+        ("-45.0f, -45.0f, -30.0f, -15.0f, 0.0f, 15.0f, 30.0f", "45.0f -> 45.451f (1)"): _TIMES_ZERO,
+        ("-30.0f, -15.0f, 0.0f, 15.0f, 30.0f, 45.0f, 45.0f", "45.0f -> 45.451f (2)"): _TIMES_ZERO,
         (_ABOVE, "- -> +"): _TIMES_ZERO,
         (_ABOVE, "45.0f -> 45.451f"): _TIMES_ZERO,
-        (_BELOW, "+ -> -"): _TIMES_ZERO,
+        (_BELOW, "+ -> - (1)"): _TIMES_ZERO,
         (_BELOW, "45.0f -> 45.451f"): _TIMES_ZERO,
         (_SETS_PLACE, "45.0f -> 45.451f"): _PUT_RIGHT,
         (_SETS_PLACE, "0.06666667f -> 0.0683333367f"): _PUT_RIGHT,
@@ -120,8 +217,14 @@ def reason(prefix: str, mutant: Mutant) -> str | None:
     if _is_told_twice(mutant):
         return _TWICE
     condition, bit, rest = mutant.line.partition(" status |= ")
-    if mutant.kind == "deleted" and condition in _COUPLED.get(mutant.function, ()):
+    # a check of which nothing is left may be missing altogether
+    beyond = mutant.kind == "value" and _CHECK.fullmatch(condition) is not None
+    if (mutant.kind == "deleted" or beyond) and condition in _COUPLED.get(mutant.function, ()):
         return _TOGETHER
+    if beyond and mutant.change.startswith("3.4028235e+38f -> "):
+        never = UNREACHED.get(prefix, {})
+        place = f"{mutant.function}: 1 branch not reached: {condition}"
+        return never.get(place) or EQUIVALENTS.get(prefix, {}).get((mutant.line, mutant.change))
     if mutant.kind == "deleted" and bit:
         unreached, where = UNREACHED.get(prefix, {}), mutant.function
         if f"{where}: line not reached: status |= {rest}" in unreached:

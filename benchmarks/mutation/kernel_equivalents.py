@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from benchmarks.mutation.mutants import Mutant
 
 _CHOSEN_AWAY = "the slope of the choice between a number and a missing target chooses it away"
@@ -64,9 +66,11 @@ KERNEL_EQUIVALENTS: dict[str, dict[tuple[str, str], str]] = {
         **{(line, _EDGE): _SIGN for line in _EDGES},
     },
 }
-"""By model: the line and the change. Equal lines share an entry; it counts where none is found."""
+"""By model: the line and the change. Equal lines share an entry, and so do equal changes of a line;
+it counts where none is found."""
 
 
 def kernel_reason(name: str, mutant: Mutant) -> str | None:
     """Why a change changes no answer; None where it is not known to be so."""
-    return KERNEL_EQUIVALENTS.get(name, {}).get((mutant.line, mutant.change))
+    change = re.sub(r" \(\d+\)$", "", mutant.change)
+    return KERNEL_EQUIVALENTS.get(name, {}).get((mutant.line, change))

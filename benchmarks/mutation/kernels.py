@@ -214,13 +214,12 @@ def _source(source: KernelSource) -> Iterator[None]:
 @contextmanager
 def _fast_compiler() -> Iterator[None]:
     """Changed kernels run once: building them takes longer than running them."""
-    before = compile_kernel.FLAGS
-    quick = ("-O1" if flag == "-O3" else flag for flag in before if flag != "-funroll-loops")
-    compile_kernel.FLAGS = tuple(quick)
+    before = compile_kernel.LANES_BY_GCC
+    compile_kernel.LANES_BY_GCC = ("-O1",)
     try:
         yield
     finally:
-        compile_kernel.FLAGS = before
+        compile_kernel.LANES_BY_GCC = before
 
 
 if __name__ == "__main__":

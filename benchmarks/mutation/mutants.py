@@ -37,6 +37,7 @@ class Mutant:
     line: str
     """Where a bit of the status is set, with its condition."""
     change: str
+    """What becomes what, and the how manyth of the line where more than one can."""
 
 
 def mutants(export: Path, prefix: str) -> Iterator[Mutant]:
@@ -62,17 +63,28 @@ def _mutants(
     kind: str, file: str, source: str, changes: Callable[[str], Iterator[tuple[Change, ...]]]
 ) -> Iterator[Mutant]:
     code = _COMMENT.sub(lambda comment: re.sub(r"[^\n]", " ", comment[0]), source)
-    for places in sorted(set(changes(code))):
-        begin, end, instead = places[0]
-        here = source.rfind("\n", 0, begin)
-        line = source[here + 1 : source.find("\n", begin)].strip()
-        if line.startswith("status |= "):
-            line = f"{source[source.rfind(chr(10), 0, here) + 1 : here].strip()} {line}"
+    every = sorted(set(changes(code)))
+    told = [_line_and_change(source, places[0]) for places in every]
+    count: dict[tuple[int, str], int] = {}
+    for places, (here, line, change) in zip(every, told, strict=True):
+        same = [other for other in told if (other[0], other[2]) == (here, change)]
+        count[here, change] = count.get((here, change), 0) + 1
+        if len(same) > 1:
+            change = f"{change} ({count[here, change]})"
         text = source
         for first, last, other in sorted(places, reverse=True):
             text = text[:first] + other + text[last:]
-        change = f"{source[begin:end].strip()} -> {instead.strip()}"
-        yield Mutant(kind, file, _function(code, begin), text, line, " ".join(change.split()))
+        yield Mutant(kind, file, _function(code, places[0][0]), text, line, change)
+
+
+def _line_and_change(source: str, place: Change) -> tuple[int, str, str]:
+    """Where the line of a change begins, the line, and what becomes what."""
+    begin, end, instead = place
+    here = source.rfind("\n", 0, begin)
+    line = source[here + 1 : source.find("\n", begin)].strip()
+    if line.startswith("status |= "):
+        line = f"{source[source.rfind(chr(10), 0, here) + 1 : here].strip()} {line}"
+    return here, line, " ".join(f"{source[begin:end].strip()} -> {instead.strip()}".split())
 
 
 def _function(code: str, place: int) -> str:

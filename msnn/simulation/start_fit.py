@@ -166,6 +166,8 @@ class _Sums:
         """One evaluation of some of these runs."""
         values = {name: value[some] for name, value in values.items()}
         members, runs = members[some], int(some.sum())
+        if not runs:  # all of them are in rows that do not decide
+            return
         error = values[f"{_RESIDUAL}{loss}"].reshape(runs, -1)
         slopes = values[f"{_SLOPES}{loss}"].reshape(runs, self.slope.shape[1], -1)
         self.squares[members] += np.sum(error * error, axis=1)

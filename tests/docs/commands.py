@@ -12,7 +12,7 @@ from typer.models import ArgumentInfo, CommandInfo, ParameterInfo
 
 from msnn.cli.application import application
 from msnn.cli.manners import ADDED
-from tests.docs.markdown import apart, paragraph, table
+from tests.docs.markdown import apart, paragraph, prose, table
 
 Row = tuple[str, str, str]
 
@@ -46,7 +46,7 @@ def _verb(command: CommandInfo) -> str:
             arguments.append((f"`{info.metavar}`", paragraph(info.help), ""))
         elif name not in ADDED:
             options.append(_option(name, parameter))
-    text = paragraph(inspect.getdoc(command.callback))
+    text = prose(inspect.getdoc(command.callback))
     rows = [*arguments, *options]
     listed = [table(("", "", "default"), rows)] if rows else []
     return apart(f"## `{' '.join(usage)}`", text, *listed)

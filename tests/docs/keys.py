@@ -23,7 +23,7 @@ from spec_schema.sections.training.curriculum import Curriculum
 from spec_schema.sections.training.optimizers import OptionValue
 from spec_schema.units.quantity import Quantity, Range
 from spec_schema.units.unit import Unit
-from tests.docs.markdown import apart, paragraph, table
+from tests.docs.markdown import apart, paragraph, prose, table, wrapped
 
 _WORDS: Mapping[Any, str] = {
     Expression: "expression",
@@ -69,7 +69,7 @@ def _fields(entry: type[Entry]) -> dict[str, FieldInfo]:
 
 
 def _section(entry: type[Entry]) -> str:
-    parts = [f"## {_title(entry)}", paragraph(entry.__doc__)]
+    parts = [f"## {_title(entry)}", prose(entry.__doc__)]
     if entry.shorthand:
         parts.append(f"A lone value is its `{entry.shorthand}`.")
     is_variant = issubclass(entry, Variant)
@@ -87,7 +87,7 @@ def _section(entry: type[Entry]) -> str:
         parts.append("No keys.")
     if entry.later:
         reserved = ", ".join(f"`{key}`" for key in sorted(entry.later))
-        parts.append(f"Reserved, not in this version: {reserved}.")
+        parts.append(wrapped(f"Reserved, not in this version: {reserved}."))
     return apart(*parts)
 
 

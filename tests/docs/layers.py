@@ -18,7 +18,7 @@ from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.spec import Spec
 from spec_schema.units.unit import Unit
 from tests.docs.keys import options
-from tests.docs.markdown import apart, paragraph, table
+from tests.docs.markdown import apart, paragraph, prose, table, wrapped
 
 _FOLDER = Path(compiler.layers.__file__).parent
 _EXAMPLES = Path(__file__).with_name("layers.yaml")
@@ -38,8 +38,8 @@ def _layer(kind: str) -> str:
     (entry,) = kinds_of(Layer.model_fields[kind].annotation)
     return apart(
         f"## `{kind}`",
-        about[:1].upper() + about[1:],
-        paragraph(ast.get_docstring(function)),
+        wrapped(about[:1].upper() + about[1:]),
+        prose(ast.get_docstring(function)),
         options(entry),
         _example(kind),
     )
@@ -71,9 +71,9 @@ def _example(kind: str) -> str:
     states = (state for state in program.states if state.name.startswith(of_layer))
     rows += [_memory(state, program.start) for state in states]
     if not rows:
-        return f"{parts[0]} no arrays."
+        return wrapped(f"{parts[0]} no arrays.")
     header = ("array", "shape", "unit", "initially", "bounds", "")
-    return apart(f"{parts[0]}:", table(header, rows))
+    return apart(wrapped(f"{parts[0]}:"), table(header, rows))
 
 
 def _array(parameter: Parameter, redrawn: Parameter) -> tuple[str, ...]:

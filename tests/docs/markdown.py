@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 _BLOCK = re.compile(r"<!-- generated: ([a-z ]+) -->\n.*?<!-- end -->", re.DOTALL)
 
+_MARK_OF_A_LINE = re.compile(r"[-+*=]+|#+|\d+[.)]|[|>].*|~~~.*")
+
 
 def block_names(text: str) -> list[str]:
     """The generated blocks of a page: from `<!-- generated: name -->` to `<!-- end -->`."""
@@ -29,9 +31,32 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def paragraph(docstring: str | None) -> str:
-    """A docstring as paragraphs of one line each, the way the pages are written."""
+    """A docstring as paragraphs of one line each, as tables need it."""
     parts = re.split(r"\n\s*\n", (docstring or "").strip())
     return apart(*(" ".join(part.split()) for part in parts))
+
+
+def prose(docstring: str | None) -> str:
+    """A docstring as paragraphs in lines of 100 columns, for what stands outside of tables."""
+    return apart(*map(wrapped, paragraph(docstring).split("\n\n")))
+
+
+def wrapped(text: str, first: str = "", rest: str = "") -> str:
+    """A paragraph in lines of 100 columns, the first of which begins with `first`.
+
+    Code and what looks like a mark at the beginning of a line stay where they mean the same.
+    """
+    lines, line = list[str](), ""
+    for word in re.findall(r"(?:`[^`]*`|\S)+", text):
+        begun = first if not lines else rest
+        if not line:
+            line = begun + word
+        elif len(line) + 1 + len(word) <= 100 or _MARK_OF_A_LINE.fullmatch(word):
+            line += f" {word}"
+        else:
+            lines.append(line)
+            line = rest + word
+    return "\n".join([*lines, line])
 
 
 def apart(*parts: str) -> str:

@@ -11,7 +11,7 @@ from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.spec import Spec
 from tests.docs.diagnostics import all_messages
 from tests.docs.keys import known_keys, link
-from tests.docs.markdown import apart, table
+from tests.docs.markdown import apart, table, wrapped
 
 _COMMANDS = Path(__file__).parents[2] / "docs" / "cli.md"
 
@@ -52,4 +52,4 @@ def _keys() -> list[tuple[str, str]]:
 
 
 def _linked(pairs: Iterable[tuple[str, str]]) -> str:
-    return " · ".join(f"[`{name}`]({target})" for name, target in pairs)
+    return wrapped(" · ".join(f"[`{name}`]({target})" for name, target in pairs))

@@ -60,6 +60,14 @@ def test_the_index_has_every_verb_layer_key_and_message():
     assert set(re.findall(r"`(\w+)`", messages)) == {each.code for each in all_messages()}
 
 
+def test_every_page_is_in_the_navigation():
+    listed = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
+    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "how-to").glob("*.md")]
+    for page in pages:
+        named = f": {page.relative_to(ROOT / 'docs')}\n"
+        assert named in listed, f"name {page.name} in mkdocs.yml"
+
+
 def test_the_commands_of_the_front_page(tmp_path: Path):
     folder = tmp_path / "models"
     shutil.copytree(ROOT / "examples" / "ci", folder)
@@ -72,7 +80,7 @@ def test_the_commands_of_the_front_page(tmp_path: Path):
         assert said.code == 0, said.err
 
 
-@pytest.mark.parametrize("page", ["index.html", "names.html"])
+@pytest.mark.parametrize("page", ["index.html", "names.html", "tutorial.html"])
 @pytest.mark.parametrize(("width", "dark"), SIZES)
 def test_everybody_can_use_it(site: Path, page: str, width: int, dark: bool):
     """axe-core finds nothing, nothing is wider than the screen, nothing was fetched in vain."""

@@ -8,16 +8,21 @@ import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from backends.native import compile_kernel, sensitivity_kernel
 from backends.native.sensitivity_kernel import SensitivityKernel, StackTooSmallError
-from compiler.differentiation.sensitivities import sensitivities
+from compiler.differentiation.sensitivities import Sensitivities, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from msnn.cli.application import run
+from msnn.data.starts import Runs
 from msnn.model.load import load_model
+from msnn.training.engines.native.kernel_check import check_sensitivities
 from msnn.training.plans.stage_plan import plan_stages
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
+from tests.native.test_kernel import initial
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "z1_friction"
 
@@ -40,13 +45,31 @@ def test_the_tables_of_the_page_are_those_of_the_results(
         assert figure.stat().st_size < (100_000 if figure.suffix == ".png" else 150_000)
 
 
-def test_slopes_that_overflow_the_stack_have_no_kernel() -> None:
-    """Those of a step of the arm in all 73 numbers took 8.1 MiB, and the process ended."""
+def _sensitivities() -> Sensitivities:
     model = load_model(EXAMPLE / "z1_friction.msnn.yaml")
     plan = plan_stages(model.program, model.spec.train, Findings())[-1]
-    program = with_compared_squares(plan.rollout.program)
+    return sensitivities(with_compared_squares(plan.rollout.program), plan.trained)
+
+
+def test_slopes_that_overflow_a_usual_stack_get_one_of_their_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Those of a step of the arm in all 73 numbers took 8.1 MiB, and the process ended."""
+    require_tool("gcc", install="apt-get install gcc")
+    monkeypatch.setattr(compile_kernel, "LANES_BY_GCC", ("-O0",))  # the arrays are as large
+    found = _sensitivities()
+    kernel = SensitivityKernel(found)
+    rng = np.random.default_rng(1)
+    log = {name: rng.uniform(-1, 1, (12, 6)) for name in ("tau", "q", "dq")}
+    weights = initial(found.program)
+    runs = Runs(np.arange(2), np.full(2, 3), 0, 12)
+    check_sensitivities(kernel, found, log, runs, weights)
+
+
+def test_slopes_that_overflow_every_stack_have_no_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sensitivity_kernel, "LARGEST_STACK", 4 * 2**20)
     with pytest.raises(StackTooSmallError, match=r"a step needs 5\.\d MiB of stack"):
-        SensitivityKernel(sensitivities(program, plan.trained))
+        SensitivityKernel(_sensitivities())
 
 
 def test_the_friction_compensator_is_c_without_the_robot(

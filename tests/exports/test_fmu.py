@@ -333,6 +333,28 @@ def test_slopes_are_those_of_finite_differences(exported: Written) -> None:
             assert unit.messages[-1] == "there are slopes of outputs in inputs, and no others"
 
 
+def test_an_input_that_states_alone_read_has_slope_0(tmp_path: Path) -> None:
+    spec = tmp_path / "held.msnn.yaml"
+    text = """
+    msnn: 1
+    name: held
+    sample_time: 0.1 s
+    inputs: {u: {}, v: {}}
+    states: {x: {next: v, init: 0}}
+    outputs: {y: 3 * u + x}
+    """
+    spec.write_text(dedent(text), encoding="utf-8")
+    plan = plan_of(spec)
+    written = write_export(plan, initial_weights(plan.program), tmp_path)
+    with units(written) as both:
+        for unit in both:
+            unit.initialise()
+            unit.begin()
+            for name, slope in {"u": 3.0, "v": 0.0}.items():
+                found = unit.slopes({reference(unit, "y"): 1}, {reference(unit, name): np.ones(1)})
+                assert np.array_equal(found, [slope])
+
+
 def test_a_million_steps_leave_memory_where_it_was(exported: Written) -> None:
     with units(exported) as both:
         for unit in both:

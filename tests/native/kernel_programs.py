@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from backends.c_language.literals import Dtype
-from backends.native.compile_kernel import FLAGS
+from backends.native.compile_kernel import kernel_flags
 from backends.native.kernel_source import kernel_source
 from backends.raw_parameters import mapping_of, raw_value
 from compiler.differentiation.training_step import training_step
@@ -125,7 +125,8 @@ def kernel_program(program: Program, dtype: Dtype, *, reproducible: bool = False
 
 def output(text: str, machine: Machine, folder: Path) -> str:
     """What the program prints where it was compiled by the flags of kernels."""
-    flags = [flag for flag in FLAGS if flag not in {"-shared", "-fPIC", "-march=native"}]
+    known = kernel_flags(machine.compiler, on_lanes=True)
+    flags = [flag for flag in known if flag not in {"-shared", "-fPIC", "-march=native"}]
     made = folder / "program"
     command = [*machine.compiler, *flags, "-static", "-o", str(made), "-x", "c", "-", "-lm"]
     subprocess.run(command, input=text, check=True, text=True, timeout=300)

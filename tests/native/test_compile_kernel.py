@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from backends.files.c_compiler import CompilerMissingError
-from backends.native.compile_kernel import KernelBuildError, compiled_kernel
+from backends.native.compile_kernel import KernelBuildError, compiled_kernel, kernel_flags
 from tests.conditions import require_tool
 
 SLOW = f"""#!{sys.executable}
@@ -20,6 +20,16 @@ import sys, time, subprocess, pathlib
 if "--version" not in sys.argv:
     pathlib.Path({{started!r}}).touch()
     time.sleep(1)
+sys.exit(subprocess.run(["gcc", *sys.argv[1:]]).returncode)
+"""
+
+OTHER = f"""#!{sys.executable}
+import sys, subprocess
+if "--version" in sys.argv:
+    print("a compiler 1.0")
+    sys.exit(0)
+if "-fipa-ra" in sys.argv:
+    sys.exit("unknown argument: -fipa-ra")
 sys.exit(subprocess.run(["gcc", *sys.argv[1:]]).returncode)
 """
 
@@ -39,6 +49,27 @@ def test_a_source_that_is_refused_is_a_bug_of_ours() -> None:
     require_tool("gcc", install="apt install gcc")
     with pytest.raises(KernelBuildError, match="error"):
         compiled_kernel("int f(void) { return }")
+
+
+def test_a_compiler_that_is_not_gcc_gets_no_flags_of_gcc(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Clang refuses -fipa-ra, and makes slow kernels of what gcc makes fast ones of."""
+    require_tool("gcc", install="apt install gcc")
+    compiler = tmp_path / "gcc"
+    compiler.write_text(OTHER)
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    assert "-O1" in kernel_flags(("gcc",), on_lanes=True)
+    assert "-O3" in kernel_flags((str(compiler),), on_lanes=True)
+    built = compiled_kernel("int f(void) { return 1; }", on_lanes=True)
+    assert built.library.f() == 1
+
+
+def test_exported_c_is_compiled_at_the_highest_level() -> None:
+    """Controllers and steppers are loops and small functions: less makes them slower."""
+    require_tool("gcc", install="apt install gcc")
+    assert "-O3" in kernel_flags(("gcc",), on_lanes=False)
 
 
 def test_ctrl_c_does_not_reach_the_compiler(

@@ -23,6 +23,10 @@ import sys
 from backends.native.compile_kernel import compiled_kernel
 print(compiled_kernel({SOURCE!r}).library.f())
 """
+DESCRIBED = """
+from backends.native.kernel_description import kernel_description
+print(kernel_description())
+"""
 PLANTED = "int f(void) { return 13; }\n"
 FEW_BYTES = 4096
 
@@ -269,20 +273,33 @@ def test_a_compiler_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.Monk
     assert list((tmp_path / "cache").iterdir()) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_ends_a_compiler_that_hangs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+def test_a_compiler_that_hangs_when_asked_what_it_is_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compiler, started = slow_compiler(tmp_path, hangs=True)
     monkeypatch.setenv("CC", str(compiler))
-    code = f"from msnn.cli.interrupts import interrupt_on_signals\ninterrupt_on_signals(){ASKED}"
+    monkeypatch.setenv("MSNN_COMPILER_SECONDS", "0.7")
+    command = [sys.executable, "-c", DESCRIBED]
+    said = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (said.stdout, said.stderr) == ("None\n", "")
+    assert are_gone(started)
+
+
+@pytest.mark.parametrize("code", [ASKED, DESCRIBED], ids=["kernel", "description"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_a_compiler_that_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals, code: str
+) -> None:
+    compiler, started = slow_compiler(tmp_path, hangs=True)
+    monkeypatch.setenv("CC", str(compiler))
+    code = f"from msnn.cli.interrupts import interrupt_on_signals\ninterrupt_on_signals(){code}"
     process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
     until(started)
     process.send_signal(number)
     _, said = process.communicate(timeout=30)
     assert "KeyboardInterrupt" in said
     assert are_gone(started)
-    assert list((tmp_path / "cache").iterdir()) == []
+    assert not list((tmp_path / "cache").glob("*"))
 
 
 def test_ctrl_c_ends_a_training_whose_compiler_hangs(

@@ -57,7 +57,7 @@ def test_lane_kernel(name: str, dtype: Literal["float32", "float64"]) -> None:
         arguments.append(aligned(values.astype(dtype)))
     expected = evaluate(name, *arguments)
     found = aligned(np.zeros(1600, dtype))
-    library = compiled_kernel(source(name, dtype)).library
+    library = compiled_kernel(source(name, dtype), on_lanes=True).library
     lanes = 16 if dtype == "float32" else 8
     pointers = [ctypes.c_void_p(array.ctypes.data) for array in (*arguments, found)]
     library.apply(*pointers, ctypes.c_int64(1600 // lanes))

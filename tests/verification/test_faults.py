@@ -6,8 +6,10 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from backends.c.selftest.matrix_checksums import checksums
 from msnn.cli.application import run
 from msnn.verification.exported_c import read_exported_c
 from msnn.verification.host.fuzz import FuzzerFoundError, fuzz
@@ -186,3 +188,13 @@ def test_the_fuzzer_judges_policies(
     with pytest.raises(FuzzerFoundError) as caught:
         _fuzzed(folder, tmp_path)
     assert any(said in line for line in caught.value.lines)
+
+
+@pytest.mark.parametrize("changed", [2, 3, 24])
+def test_slopes_with_the_other_sign_have_another_checksum(changed: int) -> None:
+    """Of two changed signs one must not hide the other, as in a product of words modulo 2^32."""
+    right = np.random.default_rng(0).normal(size=(5, 4, 25)).astype(np.float32)
+    wrong = right.reshape(5, 100).copy()
+    wrong[:, :changed] *= -1.0
+    pairs = zip(checksums({"A": right}), checksums({"A": wrong.reshape(5, 4, 25)}), strict=True)
+    assert all(a != b for a, b in pairs)

@@ -24,7 +24,7 @@ def vector_functions(interface: Interface, jacobian: JacobianInterface) -> dict[
                 functions["get_state"] = _get_state(interface, vector)
                 functions["set_state"] = _set_state(interface, vector)
             case "u":
-                fields = [input.field for input in interface.inputs]
+                fields = [i.field for i in interface.inputs if vector.has(i.field.name)]
                 functions["get_inputs"] = _get(interface, vector, "in", "inputs", fields)
             case "y":
                 functions["get_outputs"] = _get(

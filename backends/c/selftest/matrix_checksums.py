@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-START, _FACTOR = 2166136261, 16777619
-"""Of FNV-1a in 32 bits (Fowler, Noll, Vo 1991)."""
+START, _FACTOR, _DIGITS = 2166136261, 16777619, 15
+"""Of FNV-1a in 32 bits (Fowler, Noll, Vo 1991), and by how many digits a hash is moved over itself
+after each word: a product takes the topmost digit nowhere else, so that two changed signs would
+cancel."""
 
 
 def checksums(matrices: Mapping[str, NDArray[Any]]) -> list[int]:
-    """FNV-1a of the words of all matrices (steps, rows, columns) in float32, for each step.
+    """FNV-1a, mixed, of the words of all matrices (steps, rows, columns) in float32, for each step.
 
     Entries go in the order of the struct; one NaN is as good as another, and so is one zero: C
     leaves out terms that are 0, and with them what they do to the sign of a sum that is 0.
@@ -26,4 +28,5 @@ def checksums(matrices: Mapping[str, NDArray[Any]]) -> list[int]:
     hashes = np.full(steps, START, np.uint64)
     for word in entries.view(np.uint32).astype(np.uint64).T:
         hashes = ((hashes ^ word) * np.uint64(_FACTOR)) & np.uint64(0xFFFFFFFF)
+        hashes ^= hashes >> np.uint64(_DIGITS)
     return [int(value) for value in hashes]

@@ -13,7 +13,7 @@ from backends.predictive_control.recorded import compiled_texts
 
 
 def recorded_bits(golden: GoldenSteps, texts: Mapping[str, str], name: str) -> int | None:
-    """FNV-1a of the words of all estimates and deviations; None where nothing compiles them."""
+    """Mixed FNV-1a of the words of all estimates and deviations; None where nothing compiles."""
     built = compiled_texts(texts)
     if built is None:
         return None
@@ -26,4 +26,5 @@ def recorded_bits(golden: GoldenSteps, texts: Mapping[str, str], name: str) -> i
         for values in (found.x, found.std):
             for word in values.view(np.uint32).tolist():
                 hashed = ((hashed ^ word) * 16777619) & 0xFFFFFFFF
+                hashed ^= hashed >> 15
     return hashed

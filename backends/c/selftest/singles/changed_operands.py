@@ -27,7 +27,7 @@ from compiler.ir.program import Graph, NodeId
 
 Kind = Literal["moved", "negated", "flipped"]
 
-_ELEMENTS = 4
+_ELEMENTS = 8
 """Of an operand with more numbers the first, the last and one between are changed."""
 
 
