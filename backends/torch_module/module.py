@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -70,10 +71,17 @@ class TorchModel(nn.Module):
         self.program = prepared(program)
         self.dtype, self.device = dtype, device
         self._names = self._add_parameters()
-        self._step = _Evaluator(self.program.step, _step_roots(self.program), dtype, device)
-        self._start = _Evaluator(
-            self.program.start, [state.start for state in self.program.states], dtype, device
-        )
+
+    @cached_property
+    def _step(self) -> _Evaluator:
+        """Lowered when it is first run: what a kernel computes needs the variables alone."""
+        roots = _step_roots(self.program)
+        return _Evaluator(self.program.step, roots, self.dtype, self.device)
+
+    @cached_property
+    def _start(self) -> _Evaluator:
+        roots = [state.start for state in self.program.states]
+        return _Evaluator(self.program.start, roots, self.dtype, self.device)
 
     def _add_parameters(self) -> dict[str, str]:
         taken = set(dir(self))

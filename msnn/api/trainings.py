@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,13 +12,14 @@ from msnn.model.given_weights import Weights
 from msnn.model.model import Model
 from msnn.model.model_data import given_in, measured, sources_of
 from msnn.packages import TORCH
-from spec_schema.reading.python_values import Settings, setting_texts, value_text
+from spec_schema.reading.python_values import Settings, setting_texts
 
 if TYPE_CHECKING:
     from msnn.api.results.comparisons import ShownComparison
     from msnn.api.results.trainings import ShownFolds, ShownTraining
     from msnn.api.shown_progress import Hearer
     from msnn.comparison.compare import Listener
+    from msnn.comparison.variants import Grid
     from msnn.data.reading.frames import Frames
     from msnn.training.ranks.training_ranks import TrainingRanks
     from msnn.training.records.training_options import TrainingOptions
@@ -166,7 +167,7 @@ def stage_loss(
 def compare(
     specs: str | Path | Sequence[str | Path],
     *,
-    grid: Sequence[str] | Mapping[str, Sequence[object]] = (),
+    grid: Grid = (),
     settings: Settings = (),
     data: Frames | None = None,
     data_root: str | Path | None = None,
@@ -193,10 +194,10 @@ def compare(
     a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
     there is not repeated. Raises SpecError and TrainingInterruptedError.
     """
-    from msnn.api.results.comparisons import ShownComparison
+    from msnn.api.results.comparisons import shown_comparison
     from msnn.comparison.compare import ComparisonOptions
     from msnn.comparison.compare import compare as run
-    from msnn.comparison.variants import GridAxis, grid_axis
+    from msnn.comparison.variants import grid_axes
 
     named = [specs] if isinstance(specs, str | Path) else specs
     options = ComparisonOptions(
@@ -211,14 +212,8 @@ def compare(
         criterion=by,
         counts_cost=cost,
     )
-    axes = (
-        [GridAxis(path, tuple(map(value_text, values))) for path, values in grid.items()]
-        if isinstance(grid, Mapping)
-        else [grid_axis(each) for each in grid]
-    )
-    found = run([Path(spec) for spec in named], axes, options, listener)
-    known = {field.name: getattr(found, field.name) for field in fields(found)}
-    return ShownComparison(**known)
+    found = run([Path(spec) for spec in named], grid_axes(grid), options, listener)
+    return shown_comparison(found)
 
 
 def _options(

@@ -47,8 +47,8 @@ def unknown_criterion(text: str, known: Sequence[str]) -> Diagnostic:
     return error("E0976", None, message, notes=notes, help="name one of these with `--by`")
 
 
-def killed_twice(label: str) -> Diagnostic:
+def killed_again(label: str, times: str) -> Diagnostic:
     """E0977: a training of a comparison whose process was killed, also when it was tried again."""
-    message = f"the training of `{label}` was killed twice"
+    message = f"the training of `{label}` was killed {times}"
     repair = "the system may be out of memory: try `--jobs 1`, fewer rows or a smaller `batch`"
     return error("E0977", None, message, help=repair)

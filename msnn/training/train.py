@@ -203,11 +203,14 @@ class _Run:
 
     def _finish(self, now: Checkpoint) -> None:
         """Keeps the weights of the end; a fold also that it is over, until all folds are."""
-        if self.options.folder is not None:
-            self.safe.save(now, now.begin)
-        elif self.folder is not None:
+        if self.options.folder is None:
+            if self.folder is not None:
+                self.safe.save_weights(now.begin)
+                self.folder.become_latest()
+        elif self.options.ends_in_log and not self.safe.is_stale:
             self.safe.save_weights(now.begin)
-            self.folder.become_latest()
+        else:
+            self.safe.save(now, now.begin)
 
     def _attempts(
         self,

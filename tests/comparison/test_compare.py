@@ -273,12 +273,12 @@ from pathlib import Path
 import msnn.comparison.workers as workers
 from msnn.cli.main import main
 own = workers.run_trial
-def fragile(trial, setup, known):
+def fragile(trial, setup, known, readings):
     mark = Path({str(place)!r})
     if trial.seed == 1 and len(list(mark.iterdir())) < {times}:
         (mark / str(os.getpid())).touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return own(trial, setup, known)
+    return own(trial, setup, known, readings)
 workers.run_trial = fragile
 if __name__ == "__main__":
     main()

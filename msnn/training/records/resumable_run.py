@@ -28,7 +28,7 @@ def open_run(
         folder = (
             new_run_folder(program, options.runs)
             if options.folder is None
-            else own_folder(program, options.folder)
+            else own_folder(program, options.folder, is_durable=not options.ends_in_log)
         )
         begun = {
             "spec": options.spec_file,

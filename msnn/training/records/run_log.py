@@ -95,6 +95,8 @@ class RunLine:
     version: str = ""
     """Of msnn."""
     warnings: tuple[str, ...] = ()
+    drawn_by: int | None = None
+    """The seed of a sweep that drew some of the settings."""
 
 
 def append(log: Path, line: RunLine) -> None:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from importlib.metadata import version
 from typing import Any, cast
 
@@ -35,12 +36,7 @@ def run_record(
         "program": program.name,
         "spec_sha256": program.spec_hash,
         "parts": {part.name: part.record() for part in parts},
-        "versions": {
-            "msnn": __version__,
-            "python": platform.python_version(),
-            "numpy": version("numpy"),
-            **({TORCH.name: version(TORCH.name)} if TORCH.is_installed else {}),
-        },
+        "versions": _versions(),
         "bits": bits_record(program, plans),
         "stages": [stage_record(plan) for plan in plans],
         "data": {
@@ -48,6 +44,16 @@ def run_record(
             "rows": {name: int(data.in_set(name).sum()) for name in data.sets},
             "sha256": data_hash(data),
         },
+    }
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {
+        "msnn": __version__,
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        **({TORCH.name: version(TORCH.name)} if TORCH.is_installed else {}),
     }
 
 

@@ -46,6 +46,8 @@ class TrainingOptions:
     """Whether standard errors are estimated at the end, which takes a kernel of its own."""
     ranks: TrainingRanks | None = None
     """The processes that train together; only the first one has `runs`."""
+    ends_in_log: bool = False
+    """Whether a log tells of its end: then its last second is trained again, not kept on disk."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
     """Other initial values, by number, for the further runs of a stage with `starts:`."""
 
