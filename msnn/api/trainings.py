@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msnn.data.dataset import Dataset
-from msnn.model.given_weights import Weights
 from msnn.model.model import Model
 from msnn.model.model_data import given_in, measured, sources_of
+from msnn.model.weights.given_weights import Weights
 from msnn.packages import TORCH
 from spec_schema.reading.python_values import Settings, setting_texts
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msnn.comparison.variants import Variant
-from msnn.errors import comparison as errors
+from msnn.errors.results import comparison as errors
 from msnn.training.records.run_log import Measured, RunLine
 from spec_schema.diagnostics.diagnostic import SpecError
 

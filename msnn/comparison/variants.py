@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import TypeAlias
 
-from msnn.errors import comparison as errors
+from msnn.errors.results import comparison as errors
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.reading.python_values import value_text

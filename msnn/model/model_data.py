@@ -12,8 +12,8 @@ from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.commands import no_data_section
 from msnn.errors.disk_data import not_on_disk
-from msnn.model.given_weights import Weights, weights_path
 from msnn.model.model import Model
+from msnn.model.weights.given_weights import Weights, weights_path
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:
@@ -93,8 +93,8 @@ def measured(
 
 def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
     """The weights that are given, by default the initial values, as far as these are known."""
-    from msnn.model.given_weights import known_weights
     from msnn.model.trained_model import refuse_other_model
+    from msnn.model.weights.given_weights import known_weights
 
     with sources_of(model):
         if isinstance(weights, str | Path):

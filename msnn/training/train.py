@@ -9,16 +9,14 @@ from pathlib import Path
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors import run_ends, second_order
-from msnn.errors import stages as stage_errors
-from msnn.errors import training as errors
-from msnn.errors import weights as weight_errors
+from msnn.errors.learning import run_ends, second_order
+from msnn.errors.learning import stages as stage_errors
+from msnn.errors.learning import training as errors
+from msnn.errors.learning import weights as weight_errors
 from msnn.training.divergence import explain_divergence
 from msnn.training.engines.devices import on_device
 from msnn.training.engines.engine import Engine, NonFiniteLossError
 from msnn.training.engines.open_engine import open_engine, try_optimizers
-from msnn.training.late_jumps import LateJumps
-from msnn.training.multi_start import StageAttempts
 from msnn.training.parameter_warnings import parameter_warnings
 from msnn.training.plans.stage_data import StageData, stage_data
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
@@ -27,7 +25,9 @@ from msnn.training.ranks.training_ranks import weights_of_first
 from msnn.training.reached import Reached
 from msnn.training.records.checkpoint import Checkpoint
 from msnn.training.records.interrupts import end_on_interrupt
-from msnn.training.records.parameters_record import parameters_record
+from msnn.training.records.learned.parameters_record import parameters_record
+from msnn.training.records.learned.standard_errors import standard_errors, without_errors
+from msnn.training.records.learned.zero_slices import zero_slices
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageStart
 from msnn.training.records.resumable_run import NotedProgress, open_run
 from msnn.training.records.run_folder import RunFolder
@@ -35,18 +35,18 @@ from msnn.training.records.run_lock import held
 from msnn.training.records.run_record import run_record
 from msnn.training.records.safekeeping import Safekeeping
 from msnn.training.records.stage_record import stage_end
-from msnn.training.records.standard_errors import standard_errors, without_errors
 from msnn.training.records.tensorboard_curves import Curves, require_tensorboard
 from msnn.training.records.training_options import TrainingOptions
-from msnn.training.records.zero_slices import zero_slices
 from msnn.training.same_on_all import (
     check_same_engine,
     check_same_training,
     check_same_weights,
     checkpoint_of_first,
 )
-from msnn.training.stage_run import Interrupted, StageRun
-from msnn.training.stage_starts import stage_starts
+from msnn.training.stages.late_jumps import LateJumps
+from msnn.training.stages.multi_start import StageAttempts
+from msnn.training.stages.stage_run import Interrupted, StageRun
+from msnn.training.stages.stage_starts import stage_starts
 from msnn.training.starts.data_scales import with_data_scales
 from msnn.training.starts.drawn_weights import begins_alike, drawn_weights
 from msnn.training.starts.initial_weights_of_run import first_weights

@@ -9,9 +9,9 @@ import numpy as np
 
 from compiler.ir.program import Role
 from msnn.data.dataset import Dataset, FloatArray, IntArray
-from msnn.validation.correlations import Residuals, lags_of, residuals
 from msnn.validation.ready_check import ReadyCheck
-from msnn.validation.regions import Extrapolation, Region, extrapolation, regions
+from msnn.validation.statistics.correlations import Residuals, lags_of, residuals
+from msnn.validation.statistics.regions import Extrapolation, Region, extrapolation, regions
 
 TRAINED_ON = "train"
 _MOST_SIGNALS = 40

@@ -14,10 +14,10 @@ from msnn.validation.doubt import metric_in_doubt
 from msnn.validation.error_sums import CurveSums, ErrorRange, RowErrors
 from msnn.validation.judged_errors import judged_errors
 from msnn.validation.measurement import METRICS, Measurement
-from msnn.validation.metrics import Errors, Scores, score
 from msnn.validation.plan import CheckPlan
 from msnn.validation.ready_check import ReadyCheck
 from msnn.validation.rows_text import rows_text
+from msnn.validation.statistics.metrics import Errors, Scores, score
 from spec_schema.sections.validation import Metric
 
 _AT_ONCE = 1 << 16

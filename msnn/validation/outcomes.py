@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from compiler.ir.program import Loss, Output, Program
-from compiler.passes.drop_unused import drop_unused
+from compiler.passes.simplify.drop_unused import drop_unused
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.engines.engine import Advance, Engine, OpenedRollouts, RolloutEngine

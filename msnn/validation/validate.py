@@ -9,8 +9,8 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors.validation import extrapolates
-from msnn.model.covariance_file import Covariance
+from msnn.errors.results.validation import extrapolates
+from msnn.model.weights.covariance_file import Covariance
 from msnn.simulation.engines.engine import Engine
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.validation.covered import coverages, residual_variances

@@ -216,8 +216,8 @@ def test_rooms_of_what_a_spec_does_not_have_stay_closed(project: Path):
     for closed in (
         "compiler.elaboration.control",  # `mpc`
         "compiler.elaboration.estimation",  # `estimator`
-        "compiler.elaboration.implicit_part",  # `integrator: linear_implicit`
-        "compiler.elaboration.linear_implicit",
+        "compiler.elaboration.integrators.implicit_part",  # `integrator: linear_implicit`
+        "compiler.elaboration.integrators.linear_implicit",
         "compiler.differentiation.gradient_nodes",  # `grad`
         "compiler.layers.fir",
         "compiler.layers.local_model",

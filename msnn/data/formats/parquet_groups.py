@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.parquet_file import as_array
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
 

@@ -15,7 +15,7 @@ from msnn.data.formats.table_of_formats import (
     require_reader,
 )
 from msnn.data.reading.splits import split_source
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
 from msnn.errors.workflow import unknown_set
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.suggest import nearest

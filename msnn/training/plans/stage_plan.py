@@ -9,8 +9,8 @@ from typing import Literal
 
 from compiler.ir.program import Program
 from compiler.passes.draw_dropout import Mask, draw_dropout
-from msnn.errors import runs
-from msnn.errors import training as errors
+from msnn.errors.learning import runs
+from msnn.errors.learning import training as errors
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
 from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.curriculum import Phase, plan_curriculum

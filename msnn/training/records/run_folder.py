@@ -14,7 +14,6 @@ from typing import Any, cast
 from backends.files.atomic_write import naming, sync, write_bytes, write_text
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.model.covariance_file import COVARIANCE, Covariance, write_covariance
 from msnn.model.kept_run import (
     CHECKPOINT,
     DESCRIPTION,
@@ -27,7 +26,8 @@ from msnn.model.kept_run import (
     read_json,
 )
 from msnn.model.spec_hash import SubmodelFile
-from msnn.model.weights_file import write_weights
+from msnn.model.weights.covariance_file import COVARIANCE, Covariance, write_covariance
+from msnn.model.weights.weights_file import write_weights
 
 METRICS = "metrics.jsonl"
 

@@ -14,8 +14,8 @@ from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from backends.files.atomic_write import naming
 from msnn.training.records.run_folder import finite
+from msnn.validation.reports.words import rollout_text
 from msnn.validation.validate import ValidationReport
-from msnn.validation.words import rollout_text
 from spec_schema.reading.endless_files import refuse_endless
 
 LOG = "runs.jsonl"

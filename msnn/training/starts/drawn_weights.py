@@ -8,7 +8,7 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from msnn.training.plans.stage_plan import StagePlan
 
 Weights = Mapping[str, FloatArray]

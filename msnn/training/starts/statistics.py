@@ -9,7 +9,7 @@ import numpy as np
 from backends.files.disk_arrays import AT_ONCE, blocks
 from compiler.ir.program import Parameter, Program
 from msnn.data.dataset import BoolArray, Dataset, FloatArray
-from msnn.errors import training as errors
+from msnn.errors.learning import training as errors
 from msnn.training.plans.stage_data import TRAIN
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 

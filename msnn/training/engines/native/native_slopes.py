@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from backends.gauss_newton_products import Products
-from backends.native.sensitivity_kernel import SensitivityKernel
+from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
 from backends.native.variables import flat
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
