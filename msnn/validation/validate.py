@@ -95,7 +95,8 @@ def validate(
     what simulates (`open_rollouts`); a limit that lies within what engines differ in is judged by
     the interpreter. With the `covariance` of what was learned each measurement says how often
     targets lie inside prediction intervals. Without `judges_errors` nothing says what the errors
-    correlate with, and no input that leaves the range of the training rows is warned of. Raises SpecError where an entry and data do not fit.
+    correlate with, and no input that leaves the range of the training rows is warned of. Raises
+    SpecError where an entry and data do not fit.
     """
     findings = Findings()
     plans = plan_checks(program, checks, findings)
