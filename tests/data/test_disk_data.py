@@ -213,3 +213,20 @@ def test_an_array_on_disk_has_one_copy_of_each_type(tmp_path: Path) -> None:
     assert laid_out(found, np.dtype(np.float64)) is found
     time.sleep(3 * PAUSE)
     np.testing.assert_array_equal(found, values)  # pages that were given back are read again
+
+
+@pytest.mark.parametrize("records", ["file", "row_group"])
+def test_dates_of_row_groups_have_the_zone_of_their_column(fleet: Path, records: str) -> None:
+    for path in fleet.rglob("*.parquet"):
+        table = parquet.read_table(path)
+        moments = np.datetime64("2026-11-22T10:00") + 100 * np.arange(300).astype("timedelta64[ms]")
+        dates = arrow.array(moments, arrow.timestamp("ms", "Europe/Berlin"))
+        parquet.write_table(table.set_column(0, "time", dates), path, row_group_size=100)
+    more = "\n  from: "
+    noon = spec(fleet, "disk", records, more=f"{more}2026-11-22T09:00Z")
+    assert sum(measured(noon, None, None, "training").usable) == 900
+    with pytest.raises(SpecError) as caught:
+        measured(
+            spec(fleet, "disk", records, more=f"{more}2026-11-22 09:00"), None, None, "training"
+        )
+    assert {found.code for found in caught.value.diagnostics} == {"E0979"}
